@@ -1,0 +1,1 @@
+"""Run, score, compare. Built by a later issue; see the README."""

@@ -1,0 +1,1 @@
+"""From a moving model to pixels and their ground truth."""

@@ -1,0 +1,159 @@
+"""What to render, as one object: the command line, the function's argument and `dataset.json`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Range = tuple[float, float]
+FACTORS = ("motion", "camera", "lights", "materials", "textures", "background", "image")
+"""Each factor draws from its own random stream, so that two datasets can differ in one only."""
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """Joint motion (angles in degrees here, radians everywhere else)."""
+
+    total: Range = (10.0, 70.0)
+    """|displacement| of a scored revolute joint over the sequence, deg."""
+    total_prismatic: Range = (0.1, 0.9)
+    """|displacement| of a scored prismatic joint, as a share of its range."""
+    max_step: float = 6.0
+    """Largest motion of a joint between two frames, deg."""
+    fps: float = 30.0
+    """Frames per second of `times`."""
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """Camera position on a shell around the robot, looking at it."""
+
+    azimuth: Range = (-180.0, 180.0)
+    """deg about the world's z."""
+    elevation: Range = (5.0, 50.0)
+    """deg above the horizon."""
+    fov: Range = (35.0, 55.0)
+    """Vertical field of view, deg."""
+    fill: Range = (0.5, 0.9)
+    """Size of the robot's projected bounding box in the first frame, as a share of the image's
+    smaller side; sets the distance."""
+    jitter: float = 0.08
+    """The look-at point moves by up to this share of the robot's size."""
+    roll: Range = (-5.0, 5.0)
+    """deg about the optical axis."""
+
+
+@dataclass(frozen=True)
+class LightsConfig:
+    """Directional lights and a constant ambient light."""
+
+    number: tuple[int, int] = (1, 3)
+    """How many, both ends included."""
+    elevation: Range = (20.0, 80.0)
+    """deg above the horizon."""
+    intensity: Range = (2.0, 5.0)
+    """Of all the lights together (pyrender's unit: radiance factor)."""
+    warmth: Range = (-0.15, 0.15)
+    """Red against blue of each light's colour."""
+    ambient: Range = (0.15, 0.4)
+    shadows: bool = False
+    """Directional shadows (costs about twice the time)."""
+
+
+@dataclass(frozen=True)
+class MaterialsConfig:
+    """Changes to the model's own materials; a drawn value applies to a material of all parts."""
+
+    hue: float = 0.03
+    """Hue shift of up to this share of the colour circle."""
+    value: Range = (0.8, 1.2)
+    """Factor on the brightness."""
+    roughness: Range = (0.35, 0.9)
+    metallic: Range = (0.0, 0.4)
+
+
+@dataclass(frozen=True)
+class TexturesConfig:
+    """Textures on the robot's parts; UVs are made by box projection where a mesh has none."""
+
+    probability: float = 0.0
+    """Chance that a part carries a drawn texture (`ur5-textured` sets 1)."""
+    kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood")
+    """Procedural kinds to draw from."""
+    folder: str = ""
+    """Draw from the images of this folder instead."""
+    size: int = 512
+    """Side of a procedural texture, px."""
+    scale: Range = (0.15, 0.4)
+    """Size of a texture's tile, as a share of the robot's size."""
+
+
+@dataclass(frozen=True)
+class BackgroundConfig:
+    """What is behind the robot."""
+
+    room: float = 0.5
+    """Share of sequences with a room (textured floor and walls that have depth) instead of an
+    image, which has none."""
+    kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood", "clutter")
+    """Procedural images to draw from."""
+    folder: str = ""
+    """Draw images from this folder instead."""
+    color: tuple[float, float, float] = (0.85, 0.85, 0.85)
+    """sRGB of the plain studio (`--randomize none`)."""
+    room_size: Range = (2.5, 4.0)
+    """Distance of the walls from the robot's centre, in units of the camera's distance... the
+    camera is always inside."""
+
+
+@dataclass(frozen=True)
+class ImageConfig:
+    """Camera imperfections; off by default. They touch the RGB images only."""
+
+    noise: Range = (0.0, 0.0)
+    """Standard deviation of additive Gaussian noise, grey levels of 255."""
+    blur: Range = (0.0, 0.0)
+    """Standard deviation of a Gaussian blur, px."""
+    exposure: Range = (0.0, 0.0)
+    """Exposure change, stops."""
+
+
+@dataclass(frozen=True)
+class RandomizationConfig:
+    """Ranges of every factor. `--randomize none` replaces all of it by a plain studio."""
+
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    lights: LightsConfig = field(default_factory=LightsConfig)
+    materials: MaterialsConfig = field(default_factory=MaterialsConfig)
+    textures: TexturesConfig = field(default_factory=TexturesConfig)
+    background: BackgroundConfig = field(default_factory=BackgroundConfig)
+    image: ImageConfig = field(default_factory=ImageConfig)
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """A dataset: sequence i is a function of this and i alone."""
+
+    robot: str = "ur5"
+    """A name of `gcbench robots`, or a path to a .urdf file."""
+    package: tuple[str, ...] = ()
+    """NAME=DIR: where `package://NAME/...` of a URDF is."""
+    seed: int = 0
+    stream: Literal["test", "train"] = "test"
+    """Suites hold sequences of `test` only; a learned method trains on `train`."""
+    frames: int = 15
+    width: int = 640
+    height: int = 480
+    scored_joints: tuple[str, ...] = ()
+    """Joints that move and are scored; default: the bottom three (or those of the catalogue)."""
+    randomize: Literal["full", "none"] = "full"
+    vary: tuple[str, ...] = FACTORS
+    """Factors that change from sequence to sequence; the others keep the draw of sequence 0."""
+    keep_unobservable: bool = False
+    """Keep sequences whose motion cannot be seen (the rule is in the docs)."""
+    allow_missing: bool = False
+    """Load a model although meshes are missing; they are listed in the dataset."""
+    samples: int = 4
+    """Multisampling of the RGB image."""
+    randomization: RandomizationConfig = field(default_factory=RandomizationConfig)

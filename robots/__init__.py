@@ -1,0 +1,1 @@
+"""Articulated models: shape, joints, motion. Imports nothing of the other rooms."""

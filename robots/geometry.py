@@ -1,0 +1,83 @@
+"""Rigid motions and screws, vectorised over leading axes.
+
+A screw is six numbers `(l, m)`: the unit direction l of an axis and its moment m = p x l for any
+point p on it. Turning by theta about it is exp([l, m] theta). A prismatic screw is the direction
+and zeros (dataset contract), which is why its motion has a function of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
+    """4x4 matrix from a rotation [... 3 3] (default identity) and a translation [... 3] (zero)."""
+    r = np.eye(3) if rotation is None else np.asarray(rotation, np.float64)
+    t = np.zeros(3) if translation is None else np.asarray(translation, np.float64)
+    shape = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
+    out = np.zeros((*shape, 4, 4))
+    out[..., :3, :3] = r
+    out[..., :3, 3] = t
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def inverse(a_from_b: ArrayLike) -> Array:
+    """b_from_a [... 4 4] of rigid a_from_b [... 4 4]."""
+    m = np.asarray(a_from_b, np.float64)
+    r = np.swapaxes(m[..., :3, :3], -1, -2)
+    return transform(r, -np.einsum("...ij,...j->...i", r, m[..., :3, 3]))
+
+
+def apply(a_from_b: ArrayLike, points_in_b: ArrayLike) -> Array:
+    """Points [... N 3] of frame b in frame a; a_from_b is [... 4 4]."""
+    m, p = np.asarray(a_from_b, np.float64), np.asarray(points_in_b, np.float64)
+    return p @ np.swapaxes(m[..., :3, :3], -1, -2) + m[..., None, :3, 3]
+
+
+def rotation_about(direction: ArrayLike, angle: ArrayLike) -> Array:
+    """Rotation [... 3 3] by `angle` [...] rad about the unit `direction` [... 3] (Rodrigues)."""
+    l = np.asarray(direction, np.float64)
+    a = np.asarray(angle, np.float64)[..., None, None]
+    k = np.zeros((*l.shape[:-1], 3, 3))
+    k[..., 0, 1], k[..., 0, 2] = -l[..., 2], l[..., 1]
+    k[..., 1, 0], k[..., 1, 2] = l[..., 2], -l[..., 0]
+    k[..., 2, 0], k[..., 2, 1] = -l[..., 1], l[..., 0]
+    return np.eye(3) + np.sin(a) * k + (1.0 - np.cos(a)) * (k @ k)
+
+
+def rotation_from_rpy(rpy: ArrayLike) -> Array:
+    """Rotation [... 3 3] from URDF roll, pitch, yaw [... 3] rad: Rz(yaw) Ry(pitch) Rx(roll)."""
+    e = np.asarray(rpy, np.float64)
+    x, y, z = np.eye(3)
+    rx, ry, rz = (rotation_about(np.broadcast_to(d, e.shape), e[..., i])
+                  for i, d in enumerate((x, y, z)))
+    return rz @ ry @ rx
+
+
+def revolute_motion(screw: ArrayLike, angle: ArrayLike) -> Array:
+    """exp(screw * angle) [... 4 4]: turn by `angle` [...] rad about the line `screw` [... 6]."""
+    s = np.asarray(screw, np.float64)
+    l, m = s[..., :3], s[..., 3:]
+    r = rotation_about(l, angle)
+    point = np.cross(l, m)  # the point of the line that is nearest to the origin
+    return transform(r, point - np.einsum("...ij,...j->...i", r, point))
+
+
+def prismatic_motion(screw: ArrayLike, distance: ArrayLike) -> Array:
+    """Shift [... 4 4] by `distance` [...] m along the direction of `screw` [... 6]."""
+    s = np.asarray(screw, np.float64)
+    return transform(None, s[..., :3] * np.asarray(distance, np.float64)[..., None])
+
+
+def move_screw(a_from_b: ArrayLike, screw_in_b: ArrayLike, prismatic: ArrayLike = False) -> Array:
+    """The screw [... 6] of frame b in frame a. `prismatic` [...] keeps zeros for the moment."""
+    m, s = np.asarray(a_from_b, np.float64), np.asarray(screw_in_b, np.float64)
+    l = np.einsum("...ij,...j->...i", m[..., :3, :3], s[..., :3])
+    moment = np.einsum("...ij,...j->...i", m[..., :3, :3], s[..., 3:])
+    moment = moment + np.cross(m[..., :3, 3], l)
+    moment = np.where(np.asarray(prismatic, bool)[..., None], 0.0, moment)
+    return np.concatenate([l, moment], axis=-1)
