@@ -62,7 +62,10 @@ class LightsConfig:
 
 @dataclass(frozen=True)
 class MaterialsConfig:
-    """Changes to the model's own materials; a drawn value applies to a material of all parts."""
+    """Changes to the model's own materials; each distinct material has its own draw."""
+
+    probability: float = 1.0
+    """Chance that a material is changed."""
 
     hue: float = 0.03
     """Hue shift of up to this share of the colour circle."""
@@ -101,9 +104,9 @@ class BackgroundConfig:
     """Draw images from this folder instead."""
     color: tuple[float, float, float] = (0.85, 0.85, 0.85)
     """sRGB of the plain studio (`--randomize none`)."""
-    room_size: Range = (2.5, 4.0)
-    """Distance of the walls from the robot's centre, in units of the camera's distance... the
-    camera is always inside."""
+    room_size: Range = (1.5, 3.0)
+    """Distance of each wall from the robot's centre, in units of the camera's distance from it;
+    never so small that the camera or the robot's reach comes near a wall."""
 
 
 @dataclass(frozen=True)
