@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence as Stack
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,19 @@ from ..robots.geometry import Array
 FORMAT = "gcbench/1"
 BACKGROUND, VISIBLE, OCCLUDED, OUT_OF_IMAGE = 0, 1, 2, 3
 """Values of a visibility image."""
+
+
+Item = TypeVar("Item", bound=np.generic, covariant=True)
+
+
+class Stack(Protocol[Item]):
+    """Images of a sequence, one a frame: an array, or a `LazyStack` that decodes when indexed."""
+
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[NDArray[Item]]: ...
+    def __getitem__(self, index: int | slice, /) -> NDArray[Item]:
+        """An int gives one image, a slice a stacked array."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -96,17 +109,17 @@ class Sequence:
 
     meta: Meta
     state: State
-    rgb: Stack[NDArray[np.uint8]]
+    rgb: Stack[np.uint8]
     """T x [H W 3]"""
-    depth: Stack[NDArray[np.float32]]
+    depth: Stack[np.float32]
     """T x [H W] m, 0 = no surface"""
-    part: Stack[NDArray[np.uint16]]
+    part: Stack[np.uint16]
     """T x [H W]"""
-    flow: Stack[NDArray[np.float32]]
+    flow: Stack[np.float32]
     """T-1 x [H W 2], entry t: t -> t+1"""
-    flow_backward: Stack[NDArray[np.float32]]
+    flow_backward: Stack[np.float32]
     """T-1 x [H W 2], entry t: t+1 -> t"""
-    visibility: Stack[NDArray[np.uint8]]
+    visibility: Stack[np.uint8]
     """T-1 x [H W]"""
 
     def __len__(self) -> int:

@@ -1,0 +1,246 @@
+"""`meta.json` and `state.npz`: a sequence's facts as bytes, and back, checked."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import math
+import zipfile
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import GcbenchError
+from .archive import ArchiveWriter
+from .codec import MAX_PIXELS
+from .sequence import FORMAT, Meta, State
+
+MAX_FRAMES = 1_000_000
+MAX_JSON = 2**26
+"""Bytes of a JSON file."""
+UNITS = {
+    "length": "m",
+    "angle": "rad",
+    "time": "s",
+    "flow": "px",
+    "depth": "depth_unit * value, m, z in the camera frame",
+    "pixel": "(u, v), centre of the top-left pixel at (0, 0)",
+}
+JOINT_TYPES = ("revolute", "continuous", "prismatic")
+
+
+def dump_json(tree: Any) -> bytes:
+    """JSON of dicts, lists, tuples, numbers, strings and NumPy values, for people to read too.
+
+    Raises ValueError for NaN and infinity, which JSON does not have.
+    """
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.generic | np.ndarray):
+            return value.tolist()
+        if isinstance(value, Mapping):
+            return dict(cast("Mapping[str, Any]", value))
+        raise TypeError(f"{type(value).__name__} has no place in a JSON file")
+
+    return (json.dumps(tree, indent=1, allow_nan=False, default=plain) + "\n").encode()
+
+
+def parse_json(data: bytes, where: str) -> dict[str, Any]:
+    """The object in `data`. Raises GcbenchError that begins with `where`."""
+
+    def refuse(constant: str) -> float:
+        raise ValueError(f"{constant} is not JSON")
+
+    try:
+        tree = json.loads(data, parse_constant=refuse)
+    except (ValueError, RecursionError) as error:
+        raise GcbenchError(f"{where}: not JSON ({error})") from error
+    if not isinstance(tree, dict):
+        raise GcbenchError(f"{where}: not a JSON object")
+    return cast("dict[str, Any]", tree)
+
+
+def dump_meta(meta: Meta) -> bytes:
+    """The bytes of `meta.json`."""
+    tree = {field.name: getattr(meta, field.name) for field in dataclasses.fields(meta)}
+    tree["units"] = dict(meta.units or UNITS)
+    return dump_json({"format": tree.pop("format"), **tree})
+
+
+def parse_meta(data: bytes, where: str) -> Meta:
+    """Meta from the bytes of `meta.json`; keys that this version does not know are ignored.
+
+    Raises GcbenchError, beginning with `where`, if a value is missing or not what it must be.
+    """
+    tree = parse_json(data, where)
+    if tree.get("format") != FORMAT:
+        raise GcbenchError(f"{where}: format {tree.get('format')!r}, this version reads {FORMAT!r}")
+    for key, (fits, expected) in _META.items():
+        if key not in tree:
+            raise GcbenchError(f"{where}: no {key!r}")
+        if not fits(tree[key]):
+            raise GcbenchError(f"{where}: {key} is {_short(tree[key])}, expected {expected}")
+    values: dict[str, Any] = {
+        key: _frozen(tree[key]) if key in _TUPLES else tree[key] for key in _META
+    }
+    meta = Meta(**values, format=FORMAT)
+    joints = len(meta.joint_names)
+    if not len(meta.joint_types) == len(meta.joint_limits) == joints:
+        raise GcbenchError(f"{where}: joint names, types and limits differ in number")
+    if unknown := set(meta.scored_joints) - set(meta.joint_names):
+        raise GcbenchError(f"{where}: scored joint {min(unknown)!r} is not in joint_names")
+    if meta.width * meta.height > MAX_PIXELS:
+        raise GcbenchError(f"{where}: {meta.width}x{meta.height} px are more than {MAX_PIXELS}")
+    return meta
+
+
+def dump_state(state: State) -> bytes:
+    """The bytes of `state.npz`."""
+    buffer = io.BytesIO()
+    archive = ArchiveWriter(buffer)
+    for field in dataclasses.fields(state):
+        member = io.BytesIO()
+        dtype = np.int64 if field.name in _INTEGERS else np.float64
+        array = np.ascontiguousarray(getattr(state, field.name), dtype)
+        np.lib.format.write_array(member, array, version=(1, 0), allow_pickle=False)
+        archive.add(f"{field.name}.npy", member.getvalue())
+    archive.close()
+    return buffer.getvalue()
+
+
+def parse_state(data: bytes, meta: Meta, where: str) -> State:
+    """State from the bytes of `state.npz`; arrays that this version does not know are ignored.
+
+    Raises GcbenchError, beginning with `where`, unless the arrays fit `meta` and are finite.
+    """
+    shapes = state_shapes(meta)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            arrays = {key: _array(archive, key, shapes[key], where) for key in shapes}
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError) as error:
+        raise GcbenchError(f"{where}: not a whole NPZ file ({error})") from error
+    parts = len(meta.part_names)
+    bounds = {
+        "joint_parent_part": (0, parts),
+        "joint_child_part": (1, parts),
+        "part_pixels": (0, meta.width * meta.height),
+    }
+    for key, (low, high) in bounds.items():
+        if arrays[key].size and not low <= arrays[key].min() <= arrays[key].max() <= high:
+            raise GcbenchError(f"{where}: {key} is not within {low}..{high}")
+    return State(**arrays)
+
+
+def check_state(state: State, meta: Meta) -> None:
+    """Raises ValueError unless the arrays have the shapes that belong to `meta`."""
+    for key, shape in state_shapes(meta).items():
+        if np.shape(getattr(state, key)) != shape:
+            raise ValueError(f"{key} has shape {np.shape(getattr(state, key))}, expected {shape}")
+
+
+def state_shapes(meta: Meta) -> dict[str, tuple[int, ...]]:
+    """Shape of each array of `state.npz`."""
+    frames, joints, parts = meta.frames, len(meta.joint_names), len(meta.part_names)
+    return {
+        "times": (frames,),
+        "joint_positions": (frames, joints),
+        "intrinsics": (3, 3),
+        "cam_from_world": (frames, 4, 4),
+        "world_from_part": (frames, parts, 4, 4),
+        "joint_screw": (frames, joints, 6),
+        "joint_parent_part": (joints,),
+        "joint_child_part": (joints,),
+        "part_pixels": (frames, parts),
+    }
+
+
+_INTEGERS = ("joint_parent_part", "joint_child_part", "part_pixels")
+
+
+def _array(archive: zipfile.ZipFile, key: str, shape: tuple[int, ...], where: str) -> NDArray[Any]:
+    """One array, whose declared shape and dtype are looked at before anything is allocated."""
+    size = 8 * math.prod(shape) + 4096  # and a header
+    try:
+        with archive.open(f"{key}.npy") as file:
+            data = file.read(size + 1)
+        member = io.BytesIO(data)
+        version = np.lib.format.read_magic(member)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else None
+        read = np.lib.format.read_array_header_2_0 if version == (2, 0) else read
+        if read is None:
+            raise GcbenchError(f"{where}: {key} has an NPY version that is not known")
+        declared, _, dtype = read(member)
+        kinds = "iu" if key in _INTEGERS else "f"
+        if declared != shape or dtype.kind not in kinds or dtype.itemsize > 8:
+            raise GcbenchError(
+                f"{where}: {key} is {dtype} {list(declared)}, "
+                f"expected {'int64' if key in _INTEGERS else 'float64'} {list(shape)}"
+            )
+        member.seek(0)
+        array = np.lib.format.read_array(member, allow_pickle=False)
+    except KeyError as error:
+        raise GcbenchError(f"{where}: no {key!r}") from error
+    except (ValueError, TypeError, SyntaxError) as error:
+        raise GcbenchError(f"{where}: {key} is damaged") from error
+    if not np.isfinite(array).all():
+        raise GcbenchError(f"{where}: {key} is not finite")
+    return array.astype(np.int64 if key in _INTEGERS else np.float64)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_int(low: int, high: float = math.inf) -> Callable[[Any], bool]:
+    return lambda v: isinstance(v, int) and not isinstance(v, bool) and low <= v <= high
+
+
+def _is_object(value: Any) -> bool:
+    return isinstance(value, dict)
+
+
+def _is_list(of: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda v: isinstance(v, list) and all(of(x) for x in cast("list[Any]", v))
+
+
+def _is_limit(value: Any) -> bool:
+    return value is None or (_is_list(_is_number)(value) and len(value) == 2)
+
+
+_META: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "name": (_is_text, "a string"),
+    "asset": (_is_object, "an object"),
+    "joint_names": (_is_list(_is_text), "a list of strings"),
+    "joint_types": (_is_list(lambda v: v in JOINT_TYPES), f"a list of {', '.join(JOINT_TYPES)}"),
+    "joint_limits": (_is_list(_is_limit), "a list of [low, high] or null"),
+    "part_names": (_is_list(_is_text), "a list of strings"),
+    "scored_joints": (_is_list(_is_text), "a list of strings"),
+    "width": (_is_int(1, MAX_PIXELS), "a positive integer"),
+    "height": (_is_int(1, MAX_PIXELS), "a positive integer"),
+    "frames": (_is_int(1, MAX_FRAMES), f"an integer in 1..{MAX_FRAMES}"),
+    "seed": (_is_int(0), "an integer from 0"),
+    "index": (_is_int(0), "an integer from 0"),
+    "randomization": (_is_object, "an object"),
+    "renderer": (_is_object, "an object"),
+    "observability": (_is_object, "an object"),
+    "depth_unit": (lambda v: _is_number(v) and 0 < v < 1, "m per unit, between 0 and 1"),
+    "camera_model": (lambda v: v == "pinhole", "'pinhole'"),
+    "units": (_is_object, "an object"),
+}
+_TUPLES = ("joint_names", "joint_types", "joint_limits", "part_names", "scored_joints")
+
+
+def _frozen(values: list[Any]) -> tuple[Any, ...]:
+    return tuple(tuple(cast("list[Any]", v)) if isinstance(v, list) else v for v in values)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
