@@ -115,7 +115,8 @@ def test_prismatic_joints_move_a_share_of_their_range() -> None:
 def test_a_small_range_still_gives_three_centimetres() -> None:
     model = replace(chain(("drawer",)), limits=np.array([[0.0, 0.1]]))  # 10 % would be 1 cm
     for seed in range(100):
-        q = sample_trajectory(model, ("drawer",), 15, rng=np.random.default_rng(seed)).positions[:, 0]
+        rng = np.random.default_rng(seed)
+        q = sample_trajectory(model, ("drawer",), 15, rng=rng).positions[:, 0]
         assert abs(q[-1] - q[0]) >= 0.03 * 0.99
 
 
