@@ -7,9 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import GcbenchError
 from .geometry import Array, move_screw, prismatic_motion, revolute_motion
 
 FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
+
+
+class ModelError(GcbenchError):
+    """A model's file cannot be used; the message names the file, the reason and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,7 @@ class ArticulatedModel:
     sha256: str = ""
     """Of the model's file, hexadecimal; empty for a generated model."""
     notes: tuple[str, ...] = field(default=())
-    """What the reader had to decide (frozen joints, meshes allowed to be missing), one line each."""
+    """What the reader had to decide (frozen joints, missing meshes), one line each."""
 
     def subtree(self, part: int) -> NDArray[np.bool_]:
         """[P] whether each part is `part` or hangs on it."""
