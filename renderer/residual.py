@@ -1,0 +1,103 @@
+"""What a verification found: residuals against bounds, as data and as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+@dataclass(frozen=True)
+class Check:
+    """One law, tested on `samples` values; it holds if the worst residual is within the bound."""
+
+    name: str
+    worst: float
+    mean: float
+    bound: float
+    unit: str
+    samples: int
+    where: str = ""
+    """Sequence, frame and pixel (or joint, part) of the worst residual."""
+    note: str = ""
+
+    @property
+    def ok(self) -> bool:
+        return self.worst <= self.bound  # a NaN is not within any bound
+
+
+def check(name: str, residuals: ArrayLike, bound: float, unit: str,
+          where: Callable[[int], str] | str = "", note: str = "",
+          samples: int | None = None) -> Check:
+    """The check of residuals of any shape; one that is not finite counts as infinite.
+
+    `where` tells the place of a flat index. `samples` is given where a residual stands for many.
+    """
+    r = np.asarray(residuals, np.float64).ravel()
+    if r.size == 0:
+        return Check(name, 0.0, 0.0, bound, unit, samples or 0, "", note)
+    r = np.where(np.isfinite(r), np.abs(r), np.inf)
+    worst = int(r.argmax())
+    place = where if isinstance(where, str) else where(worst)
+    return Check(name, float(r[worst]), float(r.mean()), bound, unit,
+                 r.size if samples is None else samples, place, note)
+
+
+def share(name: str, wrong: ArrayLike, bound: float, where: Callable[[int], str],
+          samples: int | None = None) -> Check:
+    """The check that at most a share `bound` of the flags `wrong` is set.
+
+    `samples` is the number that the flags were drawn from, if only suspects are given.
+    """
+    w = np.asarray(wrong, bool).ravel()
+    n = w.size if samples is None else samples
+    part = float(w.sum()) / n if n else 0.0
+    return Check(name, part, part, bound, "share", n, where(int(w.argmax())) if part else "")
+
+
+def merge(checks: Iterable[Check]) -> tuple[Check, ...]:
+    """One check per name, in order of first appearance: the worst of all, the mean over samples."""
+    found: dict[str, Check] = {}
+    for new in checks:
+        old = found.get(new.name)
+        if old is None:
+            found[new.name] = new
+            continue
+        n = old.samples + new.samples
+        mean = (old.mean * old.samples + new.mean * new.samples) / n if n else 0.0
+        worse = new if new.worst > old.worst else old
+        found[new.name] = replace(worse, mean=mean, samples=n)
+    return tuple(found.values())
+
+
+@dataclass(frozen=True)
+class Report:
+    """Every check of a sequence or a dataset. Warnings do not fail it."""
+
+    checks: tuple[Check, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        return all(c.ok for c in self.checks)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Names of the checks that do not hold."""
+        return tuple(c.name for c in self.checks if not c.ok)
+
+    def table(self) -> str:
+        """One line per check, then the warnings."""
+        head = ("", "check", "worst", "mean", "bound", "unit", "samples", "worst at")
+        rows = [("ok" if c.ok else "FAIL", c.name, f"{c.worst:.2g}", f"{c.mean:.2g}",
+                 f"{c.bound:.2g}", c.unit, f"{c.samples:,}",
+                 " ".join(x for x in (c.where, f"({c.note})" if c.note else "") if x))
+                for c in self.checks]
+        width = [max(len(r[i]) for r in (head, *rows)) for i in range(len(head) - 1)]
+        left = {0, 1, 5}  # words; the rest are numbers
+        lines = ["  ".join([r[i].ljust(w) if i in left else r[i].rjust(w)
+                            for i, w in enumerate(width)] + [r[-1]]).rstrip()
+                 for r in (head, *rows)]
+        return "\n".join([*lines, *(f"warning: {w}" for w in self.warnings)])

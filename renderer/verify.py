@@ -1,0 +1,172 @@
+"""Is a dataset what it promises to be? Every sequence, every frame, every pixel.
+
+`verify_sequence` tests a sequence in memory or on disk, `verify_dataset` a folder; both return a
+`Report`, whose `table()` a person reads and whose `ok` decides the exit status.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from collections.abc import Iterator, Mapping
+from collections.abc import Sequence as Stack
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+from zipfile import BadZipFile
+
+import numpy as np
+
+from .. import GcbenchError
+from ..robots.model import ArticulatedModel
+from .residual import Check, Report, check, merge
+from .sequence import FORMAT, Sequence
+from .verify_images import verify_images
+from .verify_observability import verify_observability
+from .verify_state import verify_state
+
+__all__ = ["Check", "Reference", "Report", "reference_of", "verify_dataset", "verify_sequence"]
+
+_POOL = 4  # sequences that are verified sooner than processes start
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What poses are compared with, beside the sequence itself. Either may be missing."""
+
+    model: ArticulatedModel | None = None
+    urdf: Path | None = None
+    """Read a second time, by another reader."""
+
+
+def verify_sequence(sequence: Sequence, model: ArticulatedModel | None = None,
+                    urdf: Path | None = None) -> Report:
+    """All checks of one sequence; without a model, joints are tested against their own screws.
+
+    Raises what the sequence raises if it cannot be decoded.
+    """
+    with np.errstate(all="ignore"):  # a broken value becomes an infinite residual, not a warning
+        checks = verify_state(sequence, model, urdf)
+        if all(c.ok for c in checks[:2]):  # shapes and finite: without them nothing can be computed
+            checks += verify_images(sequence)
+            checks += verify_observability(sequence, model)
+    return Report(merge(checks))
+
+
+def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) -> Report:
+    """All checks of every sequence of a dataset, and of the dataset as a whole.
+
+    Raises GcbenchError if there is no readable dataset at `path`; a sequence that is not readable
+    is a check that fails.
+    """
+    path = Path(path)
+    description = _description(path)
+    config = cast("Mapping[str, Any]", description.get("config", description))
+    files, warnings = _sequence_files(path)
+    reference, notes = reference_of(config)
+    seed = config.get("seed")
+    jobs = [(file, reference, int(seed) if seed is not None else None) for file in files]
+    checks = _whole(files, description)
+    for found in _run(jobs, workers, progress):
+        checks += found
+    return Report(merge(checks), (*warnings, *notes))
+
+
+def reference_of(config: Mapping[str, Any]) -> tuple[Reference, list[str]]:
+    """The model of a dataset's config, without surfaces, and why it or its URDF is not at hand.
+
+    Nothing is downloaded: to verify a dataset is to read it.
+    """
+    from ..robots import catalog
+
+    robot = str(config.get("robot", ""))
+    try:
+        packages = catalog.parse_packages([str(p) for p in config.get("package", ())])
+        urdf = Path(robot)
+        if not catalog.is_path(robot):
+            entry = catalog.find(robot)
+            if not catalog.is_fetched(entry):
+                raise GcbenchError(f"{robot} is not in the cache")
+            urdf = catalog.fetch(entry) / entry.urdf
+        model = catalog.load(robot, packages, bool(config.get("allow_missing", False)))
+    except (GcbenchError, OSError) as error:
+        return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
+    return Reference(replace(model, visuals=()), urdf if urdf.is_file() else None), []
+
+
+def _description(path: Path) -> dict[str, Any]:
+    """`dataset.json`. Raises GcbenchError."""
+    file = path / "dataset.json"
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise GcbenchError(f"no dataset at {path}: cannot read {file.name}: {error}") from error
+    if not isinstance(found, dict):
+        raise GcbenchError(f"no dataset at {path}: {file.name} holds no object")
+    return cast("dict[str, Any]", found)
+
+
+def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
+    """Sequences in order, and a warning for everything else that lies beside them."""
+    folder = path / "sequences"
+    entries = sorted(folder.iterdir()) if folder.is_dir() else []
+    named = {e: e.name.removesuffix(".zip") for e in entries}
+    files = [e for e, name in named.items()
+             if name.isdecimal() and (e.is_dir() or e.suffix == ".zip")]
+    strays = [e.name for e in entries if e not in files]
+    warnings = [f"not a sequence, perhaps left by a run that was killed: {x}" for x in strays]
+    return files, warnings
+
+
+def _whole(files: Stack[Path], description: Mapping[str, Any]) -> list[Check]:
+    """Checks of the dataset apart from its sequences."""
+    indices = [int(f.stem) for f in files]
+    missing = sorted({*range(max(indices, default=0) + 1)} - {*indices})
+    form = str(description.get("format", ""))
+    return [
+        check("dataset format", form != FORMAT, 0, "", f"dataset.json: {form!r}, not {FORMAT!r}"),
+        check("no sequence missing", len(missing), 0, "sequences",
+              f"first: {missing[0]:06d}" if missing else "", samples=len(files)),
+        check("no sequence twice", len(indices) - len({*indices}), 0, "sequences",
+              "a ZIP and a folder", samples=len(files))]
+
+
+_Job = tuple[Path, Reference, "int | None"]
+
+
+def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check]]:
+    """The checks of each sequence, in order."""
+    from tqdm import tqdm
+
+    bar = tqdm(total=len(jobs), desc="verify", unit="sequence", delay=2, disable=not progress)
+    with bar:
+        if workers <= 1 or len(jobs) <= _POOL:
+            for job in jobs:
+                yield _verify_file(job)
+                bar.update()
+            return
+        # spawn: a forked OpenCV or BLAS may hang on locks of threads that were not copied
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
+            for found in pool.map(_verify_file, jobs):
+                yield found
+                bar.update()
+
+
+def _verify_file(job: _Job) -> list[Check]:
+    """The checks of one file, with its name in front of every place."""
+    from .dataset import open_sequence
+
+    file, reference, seed = job
+    try:
+        sequence = open_sequence(file)
+        meta = sequence.meta
+        found = [check("readable", 0, 0, "sequences"),
+                 check("seed and index", (seed is not None and meta.seed != seed)
+                       or meta.index != int(file.stem), 0, "sequences",
+                       f"seed {meta.seed}, index {meta.index}")]
+        found += verify_sequence(sequence, reference.model, reference.urdf).checks
+    except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]
+    return [replace(c, where=f"{file.stem} {c.where}".rstrip()) for c in found]
