@@ -172,10 +172,11 @@ def _bytes_below(folder: Path) -> int:
 def _reason(log: Path) -> str:
     """The line of pip's messages that tells most."""
     lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
-    if any("Retrying" in line for line in lines):
-        return "the package index does not answer"
     errors = [line for line in lines if line.startswith("ERROR:")]
-    return (errors or lines or ["it said nothing"])[-1].removeprefix("ERROR:").strip()[:200]
+    last = (errors or lines or ["it said nothing"])[-1].removeprefix("ERROR:").strip()
+    if "No matching distribution" in last and any("Retrying" in line for line in lines):
+        return "the package index does not answer"  # pip words it as if the wheel did not exist
+    return last[:200]
 
 
 def _check(files: WheelFiles, wheel: Path) -> None:
