@@ -6,22 +6,22 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Stack
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
 from .. import GcbenchError
 from ..robots.model import ArticulatedModel
+from .config import RenderConfig
 from .residual import Check, Report, check, merge
-from .sequence import FORMAT, Sequence
+from .sequence import Sequence
 from .verify_images import verify_images
 from .verify_observability import verify_observability
 from .verify_state import verify_state
@@ -60,51 +60,40 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
     Raises GcbenchError if there is no readable dataset at `path`; a sequence that is not readable
     is a check that fails.
     """
+    from .dataset import open_dataset
+
     path = Path(path)
-    description = _description(path)
-    config = cast("Mapping[str, Any]", description.get("config", description))
+    dataset = open_dataset(path)
     files, warnings = _sequence_files(path)
-    reference, notes = reference_of(config)
-    seed = config.get("seed")
-    jobs = [(file, reference, int(seed) if seed is not None else None) for file in files]
-    checks = _whole(files, description)
+    reference, notes = reference_of(dataset.config)
+    jobs = [(file, reference, dataset.config.seed) for file in files]
+    checks = _whole(files, dataset.info.counts)
     for found in _run(jobs, workers, progress):
         checks += found
     return Report(merge(checks), (*warnings, *notes))
 
 
-def reference_of(config: Mapping[str, Any]) -> tuple[Reference, list[str]]:
+def reference_of(config: RenderConfig) -> tuple[Reference, list[str]]:
     """The model of a dataset's config, without surfaces, and why it or its URDF is not at hand.
 
     Nothing is downloaded: to verify a dataset is to read it.
     """
     from ..robots import catalog
 
-    robot = str(config.get("robot", ""))
+    robot = config.robot
+    pairs = (text.partition("=") for text in config.package)
+    packages = {name: Path(folder) for name, _, folder in pairs}
     try:
-        packages = catalog.parse_packages([str(p) for p in config.get("package", ())])
         urdf = Path(robot)
         if not catalog.is_path(robot):
             entry = catalog.find(robot)
             if not catalog.is_fetched(entry):
                 raise GcbenchError(f"{robot} is not in the cache")
             urdf = catalog.fetch(entry) / entry.urdf
-        model = catalog.load(robot, packages, bool(config.get("allow_missing", False)))
+        model = catalog.load(robot, packages, config.allow_missing)
     except (GcbenchError, OSError) as error:
         return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
     return Reference(replace(model, visuals=()), urdf if urdf.is_file() else None), []
-
-
-def _description(path: Path) -> dict[str, Any]:
-    """`dataset.json`. Raises GcbenchError."""
-    file = path / "dataset.json"
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise GcbenchError(f"no dataset at {path}: cannot read {file.name}: {error}") from error
-    if not isinstance(found, dict):
-        raise GcbenchError(f"no dataset at {path}: {file.name} holds no object")
-    return cast("dict[str, Any]", found)
 
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
@@ -119,20 +108,22 @@ def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
     return files, warnings
 
 
-def _whole(files: Stack[Path], description: Mapping[str, Any]) -> list[Check]:
-    """Checks of the dataset apart from its sequences."""
+def _whole(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[Check]:
+    """Checks of the dataset apart from its sequences; `counts` is what it says of itself."""
     indices = [int(f.stem) for f in files]
     missing = sorted({*range(max(indices, default=0) + 1)} - {*indices})
-    form = str(description.get("format", ""))
+    said = int(counts["sequences"]) if counts and "sequences" in counts else len(files)
     return [
-        check("dataset format", form != FORMAT, 0, "", f"dataset.json: {form!r}, not {FORMAT!r}"),
+        check("sequences present", int(not files), 0, "datasets", "there is none"),
+        check("sequences counted", said - len({*indices}), 0, "sequences",
+              f"dataset.json says {said}"),
         check("no sequence missing", len(missing), 0, "sequences",
               f"first: {missing[0]:06d}" if missing else "", samples=len(files)),
         check("no sequence twice", len(indices) - len({*indices}), 0, "sequences",
               "a ZIP and a folder", samples=len(files))]
 
 
-_Job = tuple[Path, Reference, "int | None"]
+_Job = tuple[Path, Reference, int]
 
 
 def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check]]:
@@ -163,9 +154,8 @@ def _verify_file(job: _Job) -> list[Check]:
         sequence = open_sequence(file)
         meta = sequence.meta
         found = [check("readable", 0, 0, "sequences"),
-                 check("seed and index", (seed is not None and meta.seed != seed)
-                       or meta.index != int(file.stem), 0, "sequences",
-                       f"seed {meta.seed}, index {meta.index}")]
+                 check("seed and index", (meta.seed, meta.index) != (seed, int(file.stem)), 0,
+                       "sequences", f"says seed {meta.seed}, index {meta.index}")]
         found += verify_sequence(sequence, reference.model, reference.urdf).checks
     except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]

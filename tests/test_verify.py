@@ -7,8 +7,12 @@ from dataclasses import replace
 import gcbench.renderer.verify_state as verify_state
 import numpy as np
 import pytest
+from gcbench import GcbenchError
+from gcbench.renderer.config import RenderConfig
+from gcbench.renderer.provenance import describe, write_provenance
 from gcbench.renderer.residual import check, merge, share
-from gcbench.renderer.verify import Report, verify_sequence
+from gcbench.renderer.storage import SequenceWriter
+from gcbench.renderer.verify import Report, verify_dataset, verify_sequence
 
 from . import analytic
 
@@ -264,6 +268,61 @@ def test_poses_come_from_the_urdf_itself(tmp_path):
         np.testing.assert_allclose(poses["c"][t, :3, 3], c, atol=1e-12)
         np.testing.assert_allclose(poses["e"][t, :3, 3], c - second * along + [0, 0, 1], atol=1e-12)
         np.testing.assert_allclose(poses["e"][t, :3, 0], along, atol=1e-12)
+
+
+@pytest.fixture
+def dataset(right, tmp_path):
+    """Two sequences on disk."""
+    write_provenance(tmp_path, describe(RenderConfig(robot="gone.urdf", seed=3)))
+    for index in (0, 1):
+        write(tmp_path, right, index)
+    return tmp_path
+
+
+def write(folder, sequence, index, **changes):
+    with SequenceWriter(folder, index, sequence.meta.depth_unit) as writer:
+        for frame in sequence:
+            writer.add(frame)
+        changes = {"seed": 3, "index": index, **changes}
+        return writer.finish(replace(sequence.meta, **changes), sequence.state)
+
+
+def test_dataset_on_disk_passes(dataset):
+    report = verify_dataset(dataset, progress=False)
+    assert report.ok, report.table()
+    assert "own screws only" in report.warnings[0] and len(report.warnings) == 1
+    (flow,) = (c for c in report.checks if c.name == "flow forward")
+    assert flow.where.startswith("00000") and "frame" in flow.where
+
+
+def test_leftovers_only_warn(dataset):
+    (dataset / "sequences" / ".000002.17.tmp").write_bytes(b"half")
+    report = verify_dataset(dataset, progress=False)
+    assert report.ok and any(".000002.17.tmp" in w for w in report.warnings)
+
+
+def test_dataset_failures_are_named(dataset, right):
+    folder = dataset / "sequences"
+    write(dataset, images(right, flow=lambda f: f * np.float32(1.01)), 3)
+    write(dataset, right, 4, seed=4)
+    data = (folder / "000001.zip").read_bytes()
+    (folder / "000001.zip").write_bytes(data[: len(data) // 2])
+    report = verify_dataset(dataset, progress=False)
+    where = {c.name: c.where for c in report.checks if not c.ok}
+    assert set(where) >= {"readable", "no sequence missing", "flow forward", "seed and index"}
+    assert where["readable"].startswith("000001") and where["flow forward"].startswith("000003")
+    assert "000002" in where["no sequence missing"] and where["seed and index"].startswith("000004")
+
+
+def test_several_processes_find_the_same(dataset, right):
+    for index in range(2, 6):
+        write(dataset, right, index)
+    assert verify_dataset(dataset, 2, progress=False) == verify_dataset(dataset, 1, progress=False)
+
+
+def test_no_dataset_is_an_error_of_the_user(tmp_path):
+    with pytest.raises(GcbenchError):
+        verify_dataset(tmp_path)
 
 
 def test_worst_and_mean_survive_merging():
