@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from .. import GcbenchError
 from . import film
 from .page import write_page as write_page
 from .sequence import Sequence
@@ -22,27 +21,26 @@ def show(
 ) -> list[Path]:
     """Write what is asked for, and return the paths of what was written.
 
-    `path` is a sequence (ZIP or folder) or a dataset, of which sequence `index` is shown; the
-    contact sheet of a dataset shows its first sequences. With nothing asked for the page goes
-    to `<sequence>.html` in the current folder. Raises GcbenchError if `path` is neither, if the
-    dataset has no such sequence, or if a file cannot be written.
+    `path` is a sequence (ZIP or folder) or a dataset, of which the sequence named by `index` is
+    shown; the contact sheet of a dataset shows its first sequences. With nothing asked for the
+    page goes to `<sequence>.html` in the current folder. Raises GcbenchError if `path` is neither,
+    if the dataset has no such sequence, or if a file cannot be written.
     """
     path = Path(path)
     many: Iterable[Sequence] | None = None
     if (path / "dataset.json").is_file():
         from .dataset import open_dataset
+        from .storage import sequence_name
 
         dataset = open_dataset(path)
-        if not 0 <= index < len(dataset):
-            raise GcbenchError(f"{path} has no sequence {index}: it holds {len(dataset)} of them")
-        sequence = dataset[index]
-        many = (dataset[i] for i in range(min(len(dataset), film.SHEET_SEQUENCES)))
+        sequence = dataset[sequence_name(index)]
+        many = iter(dataset)
     else:
         from .storage import open_sequence
 
         sequence = open_sequence(path)
     if not (out or contact_sheet or gif or mp4):
-        out = re.sub(r"[^\w.-]+", "_", sequence.meta.name) + ".html"
+        out = re.sub(r"[^\w.-]+", "_", sequence.meta.name)[:100] + ".html"
     jobs: list[tuple[str | Path | None, Callable[[Path], Path]]] = [
         (out, lambda to: write_page(sequence, to)),
         (contact_sheet, lambda to: film.contact_sheet(many or sequence, to)),

@@ -17,9 +17,12 @@ from gcbench import GcbenchError
 from gcbench.renderer import film, page, pictures
 from gcbench.renderer.axes import axis_image, joint_axes
 from gcbench.renderer.camera import project
+from gcbench.renderer.config import RenderConfig
 from gcbench.renderer.describe import joint_table, sections
+from gcbench.renderer.provenance import describe, write_provenance
 from gcbench.renderer.sequence import Sequence
 from gcbench.renderer.show import show
+from gcbench.renderer.storage import SequenceWriter
 
 from .analytic import render
 
@@ -304,6 +307,38 @@ def test_sheet_gif_and_mp4_can_be_read_back(sequence: Sequence, tmp_path: Path) 
     assert shapes == [wanted.shape] * len(sequence)
     assert sorted(p.name for p in tmp_path.iterdir()) \
         == ["film.gif", "film.mp4", "many.png", "one.png"], "no temporary file is left"
+
+
+@pytest.fixture
+def dataset(sequence: Sequence, tmp_path: Path) -> Path:
+    """With sequences 0 and 2."""
+    folder = tmp_path / "dataset"
+    for index in (0, 2):
+        with SequenceWriter(folder, index) as writer:
+            for frame in sequence:
+                writer.add(frame)
+            name = f"{index:06d}"
+            writer.finish(dataclasses.replace(sequence.meta, name=name, index=index),
+                          sequence.state)
+    write_provenance(folder, describe(RenderConfig()))
+    return folder
+
+
+def test_show_of_a_dataset_and_of_a_file(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert show(dataset, index=2) == [Path("000002.html")]
+    assert read_data(Path("000002.html").read_text())["name"] == "000002"
+    assert show(dataset / "sequences" / "000000.zip", gif="a.gif") == [Path("a.gif")]
+    assert not Path("000000.html").exists(), "only what was asked for"
+    written = show(dataset, out="a.html", contact_sheet="a.png", mp4="a.mp4")
+    assert written == [Path("a.html"), Path("a.png"), Path("a.mp4")]
+    sheet = cv2.imread("a.png")
+    assert sheet is not None
+    assert sheet.shape[1] == 10 + 2 * 170, "two sequences side by side"
+    with pytest.raises(GcbenchError, match="there are: 000000 to 000002"):
+        show(dataset, index=1)
 
 
 def test_failures_name_what_to_mend(sequence: Sequence, tmp_path: Path) -> None:
