@@ -100,6 +100,10 @@ def open_archive(path: Path) -> Archive:
             raise GcbenchError(f"{path}: neither a ZIP file nor a folder")
         with zipfile.ZipFile(path) as file:
             members = file.infolist()
+            end = 22 + len(file.comment)
+        if not _tail(path, end).startswith(b"PK\x05\x06"):
+            # Of a file that is cut off, zipfile would open the last ZIP inside: state.npz.
+            raise zipfile.BadZipFile("its end is missing")
     except OSError as error:
         raise GcbenchError(f"{path}: {error.strerror or error}") from error
     except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
@@ -112,6 +116,12 @@ def open_archive(path: Path) -> Archive:
         _check_member(path, info, size, entries)
         entries[info.filename] = _Entry(info.header_offset, info.file_size, info.CRC)
     return Archive(path, entries)
+
+
+def _tail(path: Path, size: int) -> bytes:
+    with path.open("rb") as file:
+        file.seek(-size, 2)
+        return file.read()
 
 
 def _check_member(path: Path, info: zipfile.ZipInfo, size: int, seen: Iterable[str]) -> None:

@@ -7,9 +7,9 @@ Written under a temporary name that does not end in `.zip`, flushed, renamed: a 
 from __future__ import annotations
 
 import os
-import re
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +19,7 @@ import numpy as np
 
 from . import codec
 from .archive import ArchiveWriter, open_archive
+from .atomic import temporary_name
 from .metadata import MAX_JSON, check_state, dump_meta, dump_state, parse_meta, parse_state
 from .sequence import Frame, Meta, Sequence, State
 from .stack import Decoder, Item, LazyStack
@@ -26,7 +27,6 @@ from .stack import Decoder, Item, LazyStack
 FOLDER = "sequences"
 """Of a dataset, holds the sequences."""
 _AHEAD = 4  # frames that rendering may be ahead of encoding; bounds the memory
-_TEMPORARY = re.compile(r"\.(?P<name>\d{6,})\.(?P<pid>\d+)\.tmp")
 
 
 def sequence_name(index: int) -> str:
@@ -59,7 +59,7 @@ class SequenceWriter:
         folder.mkdir(parents=True, exist_ok=True)
         name = sequence_name(index)
         self.path = folder / f"{name}.zip"
-        self._temporary = folder / f".{name}.{os.getpid()}.tmp"
+        self._temporary = temporary_name(self.path)
         self._file = self._temporary.open("wb")
         self._archive = ArchiveWriter(self._file)
         self._index, self._depth_unit = index, depth_unit
@@ -109,6 +109,8 @@ class SequenceWriter:
     def discard(self) -> None:
         """Stop, and remove what was written; does nothing after `finish`."""
         self._thread.shutdown(cancel_futures=True)
+        with suppress(OSError):  # no room for what is to be deleted
+            self._archive.close()
         self._file.close()
         self._temporary.unlink(missing_ok=True)
 
@@ -140,24 +142,6 @@ class SequenceWriter:
     def _add(self, member: str, data: bytes) -> None:
         self._members.add(member)
         self._archive.add(member, data)
-
-
-def remove_leftovers(dataset: Path) -> None:
-    """Delete temporary files of processes that are gone; those of living ones stay."""
-    for path in (dataset / FOLDER).glob(".*.tmp"):
-        match = _TEMPORARY.fullmatch(path.name)
-        if match and not _is_alive(int(match["pid"])):
-            path.unlink(missing_ok=True)
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # somebody else's
-        return True
-    return True
 
 
 def read_meta(path: Path) -> Meta:

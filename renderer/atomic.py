@@ -1,0 +1,42 @@
+"""Files that are whole or not there, after a kill at any moment."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+_TEMPORARY = re.compile(r"\..+\.(?P<pid>\d+)\.tmp")
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Create or replace a file: a reader sees the old one or the new one, whole."""
+    temporary = temporary_name(path)
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete temporary files of processes that are gone; those of living ones stay."""
+    for path in folder.glob(".*.tmp"):
+        match = _TEMPORARY.fullmatch(path.name)
+        if match and not _is_alive(int(match["pid"])):
+            path.unlink(missing_ok=True)
+
+
+def temporary_name(path: Path) -> Path:
+    """A name in the same folder that says whose it is and ends in nothing that is read."""
+    return path.parent / f".{path.name}.{os.getpid()}.tmp"
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # somebody else's
+        return True
+    return True

@@ -1,0 +1,211 @@
+"""A dataset from a config: every sequence that is not there yet, by several processes.
+
+A sequence depends on the config and its index alone, is written whole or not at all, and is never
+touched again. So a run may end at any moment and in any way, and the same command continues it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from tqdm import tqdm
+
+from .. import GcbenchError
+from .atomic import remove_leftovers
+from .config import RenderConfig
+from .crew import Died, crew
+from .dataset import sequence_paths
+from .lock import locked
+from .metadata import dump_json
+from .provenance import (
+    FILE,
+    Provenance,
+    count_sequences,
+    describe,
+    differences,
+    read_provenance,
+    write_provenance,
+)
+from .storage import FOLDER, read_meta, sequence_name
+from .worker import FrameDone, Ready, Task
+
+_Tqdm = tqdm["NoReturn"] if TYPE_CHECKING else tqdm
+SOURCE = "gcbench.renderer.render:SequenceRenderer"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run did, and what is there now."""
+
+    dataset: Path
+    rendered: int
+    """Sequences of this run."""
+    sequences: int
+    """In the dataset."""
+    frames: int
+    """In the dataset."""
+    refused: Mapping[str, int]
+    """Draws that were refused for the dataset, by reason."""
+    seconds: float
+    """Of this run."""
+
+
+def plan_workers(cpu_count: int, requested: int | None) -> tuple[int, int]:
+    """(processes, threads of the software rasterizer in each).
+
+    Raises GcbenchError for fewer than one process.
+    """
+    workers = cpu_count if requested is None else requested
+    if workers < 1:
+        raise GcbenchError(f"{workers} workers cannot render; ask for 1 or more")
+    return workers, max(1, cpu_count // workers)
+
+
+def generate(
+    config: RenderConfig,
+    n: int,
+    out: Path,
+    workers: int | None = None,
+    progress: bool = True,
+    source: str = SOURCE,
+) -> Summary:
+    """Render sequences 0 .. n-1 of `config` into the dataset `out`, those that are not there yet.
+
+    `source` is "module:attribute" of what renders (`worker.Renderer`). Progress and notices go to
+    stderr. Raises GcbenchError if the folder holds another dataset or is in use, or if the model
+    or a sequence cannot be rendered; what is done by then stays, and so it does after Ctrl-C
+    (KeyboardInterrupt).
+    """
+    started = time.monotonic()
+    cpu_count = _cpu_count()
+    plan_workers(cpu_count, workers)  # refuses before anything is written
+    if n < 1:
+        raise GcbenchError(f"{n} sequences cannot be rendered; ask for 1 or more")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with locked(out):
+            _tidy(out)
+            provenance = _open(out, config)
+            there = sequence_paths(out)
+            todo = [i for i in range(n) if sequence_name(i) not in there]
+            if todo:
+                count, threads = plan_workers(cpu_count, min(workers or cpu_count, len(todo)))
+                task = Task(source, config, out.absolute(), threads)
+                try:
+                    provenance = _render(task, todo, count, n, provenance, progress)
+                finally:
+                    _tidy(out)
+            return _finish(out, provenance, len(todo), started)
+    except OSError as error:
+        raise GcbenchError(f"{error.filename or out}: {error.strerror or error}") from error
+
+
+def _render(
+    task: Task, todo: list[int], workers: int, n: int, provenance: Provenance, progress: bool
+) -> Provenance:
+    """Render `todo`; the provenance that is returned, and on disk, names the model."""
+    frames = task.config.frames
+    with (
+        _bar(n * frames, (n - len(todo)) * frames, progress) as bar,
+        closing(crew(task, todo, workers)) as events,
+    ):
+        for event in events:
+            if isinstance(event, Ready):
+                provenance = _with_asset(task.dataset, provenance, event.asset)
+            elif isinstance(event, FrameDone):
+                bar.update()
+            elif isinstance(event, Died):
+                bar.update(-event.frames)
+                bar.write(f"gcbench: {event.notice}", file=sys.stderr)
+    return provenance
+
+
+def _bar(total: int, initial: int, progress: bool) -> _Bar:
+    return _Bar(
+        total=total,
+        initial=initial,
+        unit="frame",
+        desc="render",
+        smoothing=0.1,
+        disable=not progress,
+        file=sys.stderr,
+        dynamic_ncols=True,
+    )
+
+
+class _Bar(_Tqdm):
+    """A bar for one thread. tqdm's own lock is a semaphore of the system, which outlives a kill."""
+
+    monitor_interval = 0
+
+
+_Bar.set_lock(threading.RLock())
+
+
+def _open(out: Path, config: RenderConfig) -> Provenance:
+    """What the dataset in `out` is, or will be. Raises GcbenchError if it is another one."""
+    here = describe(config)
+    if not sequence_paths(out):  # what failed before its first sequence binds nobody
+        return here
+    if not (out / FILE).exists():
+        raise GcbenchError(f"{out} holds sequences but no {FILE}; choose another --out folder")
+    there = read_provenance(out)
+    changed = differences(there.config, here.config)
+    changed += differences({"generator": there.generator}, {"generator": here.generator})
+    if changed:
+        raise GcbenchError(
+            f"{out} holds a dataset of another configuration ({'; '.join(changed)}); "
+            "choose another --out folder, or delete this one"
+        )
+    if here.environments[0] not in there.environments:
+        return replace(there, environments=(*there.environments, *here.environments))
+    return there
+
+
+def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> Provenance:
+    """The provenance with the model's, on disk before the first sequence is.
+
+    Raises GcbenchError if the model's file is not what it was.
+    """
+    now = json.loads(dump_json(asset))
+    if provenance.assets and now not in provenance.assets:
+        changed = "; ".join(differences(provenance.assets[0], now))
+        raise GcbenchError(
+            f"{out} was rendered with another model file ({changed}); choose another --out folder"
+        )
+    growing = replace(provenance, assets=provenance.assets or (now,), counts=None)
+    if growing != provenance:
+        write_provenance(out, growing)
+    return growing
+
+
+def _finish(out: Path, provenance: Provenance, rendered: int, started: float) -> Summary:
+    """Sum up what is on disk; `dataset.json` says so from now on."""
+    counts = count_sequences(read_meta(path) for path in sequence_paths(out).values())
+    finished = replace(provenance, counts=counts)
+    if not (out / FILE).exists() or read_provenance(out) != finished:
+        write_provenance(out, finished)
+    seconds = time.monotonic() - started
+    return Summary(out, rendered, counts["sequences"], counts["frames"], counts["refused"], seconds)
+
+
+def _tidy(out: Path) -> None:
+    """Remove what killed processes have left."""
+    remove_leftovers(out)
+    remove_leftovers(out / FOLDER)
+
+
+def _cpu_count() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
