@@ -21,9 +21,9 @@ import numpy as np
 from .geometry import Array
 from .model import Material, ModelError
 from .references import Asset
+from .safe_xml import refuse_doctype
 from .surface import Surface, moved, surface
 from .texture import base_color, mean_color
-from .safe_xml import refuse_doctype
 
 if TYPE_CHECKING:
     from .mesh import MeshLibrary
@@ -42,6 +42,13 @@ def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[Sur
     if zipfile.is_zipfile(io.BytesIO(data)):  # pycollada would read another document from it
         raise ModelError("is a zip archive, not a COLLADA file")
     document = collada.Collada(io.BytesIO(data), ignore=[DaeError])
+    document = _without_broken_bindings(document, asset, library)
+    for error in document.errors:
+        text = " ".join(str(getattr(error, "msg", error)).split())[:120]
+        if not text.startswith(("Camera", "Light")):
+            library.note(f"{asset.path.name}: {text}")
+    if document.assetInfo and document.assetInfo.upaxis != "Z_UP" and b"<up_axis" in data:
+        library.note("COLLADA meshes name an up axis other than z; as in RViz it is not applied")
     unit = document.assetInfo.unitmeter if document.assetInfo else None
     meter = 1.0 if unit is None else float(unit)
     if not 1e-9 < meter < 1e9:
@@ -72,6 +79,28 @@ def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[Sur
                 raise ModelError(f"has more than {MAX_TRIANGLES} triangles")
             found.append(moved(made, matrix * [[meter], [meter], [meter], [1.0]]))
     return found
+
+
+def _without_broken_bindings(document: Any, asset: Asset, library: MeshLibrary) -> Any:
+    """The document again without bindings to missing materials: pycollada drops whole instances.
+
+    A wrong colour is a lesser evil than a part of the robot that is not there.
+    """
+    import collada
+    from collada.common import DaeError
+
+    known = {f"#{material.id}" for material in document.materials}
+    tag = document.tag("instance_material")
+    broken = [node for node in document.xmlnode.iter(tag) if node.get("target") not in known]
+    if not broken:
+        return document
+    for node in broken:
+        library.note(f"{asset.path.name}: material {str(node.get('target'))[:80]!r} is broken")
+        node.getparent().remove(node)
+    repaired = io.BytesIO()
+    document.xmlnode.write(repaired)
+    repaired.seek(0)
+    return collada.Collada(repaired, ignore=[DaeError])
 
 
 def _instances(roots: Any) -> Iterator[tuple[Array, Any, Any]]:

@@ -15,26 +15,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .geometry import Array, apply, prismatic_motion, revolute_motion
-from .mesh import MAX_TRIANGLES, MeshLibrary, quiet
+from .mesh import MeshLibrary, quiet
 from .model import (
     FIXED,
     PRISMATIC,
     REVOLUTE,
     ArticulatedModel,
-    Material,
     ModelError,
-    Visual,
     forward_kinematics,
 )
-from .primitives import box, capsule, cylinder, sphere
-from .references import MissingAssetError, asset_finder, read_file
-from .surface import Surface, moved, visuals_of_part
-from .texture import base_color, mean_color
+from .references import asset_finder, read_file
 from .tree import parts_in_order, resolve_mimics
 from .urdf_document import Document, read_document
+from .urdf_visuals import pose_or_identity, visuals_of_document
 
 if TYPE_CHECKING:
-    from yourdfpy.urdf import Joint, Link
+    from yourdfpy.urdf import Joint
 
 MAX_URDF_BYTES = 32 * 2**20
 UNLIMITED = 1000.0
@@ -67,7 +63,7 @@ def load_urdf(
             document = read_document(data, path.stem, allow_missing)
             model = _kinematics(document, path.stem)
         library = MeshLibrary(finder)
-        visuals, notes = _visuals(document, model, library, allow_missing)
+        visuals, notes = visuals_of_document(document, model, library, allow_missing)
     except ModelError as error:
         text = str(error)
         raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
@@ -117,7 +113,7 @@ def _kinematics(document: Document, name: str) -> ArticulatedModel:
             continue
         j = by_child[part]
         parent[p] = index[j.parent]
-        at_zero[p] = _pose(j.origin)
+        at_zero[p] = pose_or_identity(j.origin)
         move = motions[j.name]
         if move.kind == FIXED:
             continue
@@ -181,113 +177,6 @@ def _gear(joint: Joint) -> tuple[float, float]:
     mimic: Any = joint.mimic
     return (1.0 if mimic.multiplier is None else float(mimic.multiplier),
             0.0 if mimic.offset is None else float(mimic.offset))
-
-
-def _visuals(
-    document: Document, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
-) -> tuple[list[Visual], list[str]]:
-    robot, notes = document.robot, list[str]()
-    materials = _named_materials(robot.materials, robot.links)
-    links: dict[str, Link] = {link.name: link for link in robot.links}
-    visuals: list[Visual] = []
-    triangles = 0
-    for part, name in enumerate(model.part_names):
-        surfaces: list[Surface] = []
-        for visual in links[name].visuals:
-            shape = visual.geometry
-            try:
-                found = _surfaces(visual, library)
-            except MissingAssetError as error:
-                if not allow_missing:
-                    raise MissingAssetError(
-                        f"link {name!r}: mesh {error}; name the package's folder in `packages`, "
-                        "or set allow_missing to go without") from error
-                reference = "" if shape is None or shape.mesh is None else shape.mesh.filename
-                notes.append(f"link {name!r}: mesh {reference!r} is missing and left out")
-                continue
-            except ModelError as error:
-                raise ModelError(f"link {name!r}: {error}") from error
-            triangles += sum(len(s.faces) for s in found)
-            if triangles > MAX_TRIANGLES:
-                raise ModelError(f"has more than {MAX_TRIANGLES} triangles")
-            own = _material(visual.material, materials, library, notes, name)
-            surfaces.extend(moved(_dressed(s, own), _pose(visual.origin)) for s in found)
-        visuals.extend(visuals_of_part(part, surfaces))
-    if not visuals:
-        notes.append("the model has no visuals: there is nothing to see")
-    return visuals, notes
-
-
-def _surfaces(visual: Any, library: MeshLibrary) -> list[Surface]:
-    """The surfaces of one <visual>, in its own frame."""
-    shape = visual.geometry
-    if shape.box is not None:
-        return [box(shape.box.size.tolist())]
-    if shape.sphere is not None:
-        return [sphere(shape.sphere.radius)]
-    if shape.cylinder is not None:
-        make = capsule if visual.name == "capsule" else cylinder
-        return [make(shape.cylinder.radius, shape.cylinder.length)]
-    scale = np.broadcast_to(1.0 if shape.mesh.scale is None else shape.mesh.scale, 3)
-    if (np.abs(scale) < 1e-12).any():
-        raise ModelError(f"mesh {shape.mesh.filename!r} has a scale of zero")
-    return [moved(s, np.eye(4), scale) for s in library.surfaces(shape.mesh.filename)]
-
-
-def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:
-    """Materials by name: those of the robot, then the first definition inside a link."""
-    inline = [v.material for link in links for v in link.visuals if v.material is not None]
-    named: dict[str, Any] = {}
-    for m in [*top, *inline]:
-        if m.name and (m.color is not None or m.texture is not None):
-            named.setdefault(m.name, m)
-    return named
-
-
-def _material(
-    given: Any, named: dict[str, Any], library: MeshLibrary, notes: list[str], link: str
-) -> Material | None:
-    """The URDF's own material of a visual, None where it names none."""
-    if given is None:
-        return None
-    if given.color is None and given.texture is None:
-        if given.name not in named:
-            if given.name:
-                notes.append(f"link {link!r}: material {given.name!r} is not defined")
-            return None
-        given = named[given.name]
-    color, texture = (1.0, 1.0, 1.0, 1.0), None
-    if given.color is not None:
-        rgba = np.asarray(given.color.rgba, np.float64)
-        if rgba.min() < 0.0 or rgba.max() > 1.0:
-            notes.append(f"material {given.name!r}: colour outside 0..1 is clipped")
-        color = base_color(rgba)
-    if given.texture is not None:
-        try:
-            texture = library.texture(given.texture.filename)
-        except MissingAssetError:
-            notes.append(f"material {given.name!r}: texture {given.texture.filename!r} is missing")
-            if given.color is None:
-                return None
-    return Material(str(given.name or ""), color, texture=texture)
-
-
-def _dressed(s: Surface, own: Material | None) -> Surface:
-    """The surface with its final material: the mesh's own, else the URDF's, else vertex colours."""
-    if s.material is not None:
-        material = s.material
-    elif own is not None:
-        material = own
-    else:
-        material = Material() if s.vertex_color is None else Material(base_color=s.vertex_color)
-    if material.texture is not None and s.uv is None:  # nowhere to put it: its mean colour stays
-        mean = np.multiply(mean_color(material.texture), material.base_color).tolist()
-        material = replace(material, texture=None, base_color=(mean[0], mean[1], mean[2], mean[3]))
-    return replace(s, material=material)
-
-
-def _pose(matrix: Array | None) -> Array:
-    return np.eye(4) if matrix is None else np.asarray(matrix, np.float64)
 
 
 def _check_size(path: Path, model: ArticulatedModel) -> None:
