@@ -41,6 +41,7 @@ def check(name: str, residuals: ArrayLike, bound: float, unit: str,
     r = np.where(np.isfinite(r), np.abs(r), np.inf)
     worst = int(r.argmax())
     place = where if isinstance(where, str) else where(worst)
+    place = place if r[worst] > 0 else ""
     return Check(name, float(r[worst]), float(r.mean()), bound, unit,
                  r.size if samples is None else samples, place, note)
 

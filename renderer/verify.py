@@ -159,4 +159,5 @@ def _verify_file(job: _Job) -> list[Check]:
         found += verify_sequence(sequence, reference.model, reference.urdf).checks
     except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]
-    return [replace(c, where=f"{file.stem} {c.where}".rstrip()) for c in found]
+    return [replace(c, where=f"{file.stem} {c.where}".rstrip()) if c.worst > 0 else c
+            for c in found]

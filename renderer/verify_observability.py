@@ -23,9 +23,9 @@ def verify_observability(sequence: Sequence, model: ArticulatedModel | None = No
     """
     meta, s = sequence.meta, sequence.state
     block = meta.observability
-    joints = cast("Mapping[str, Mapping[str, Any]]", block.get("joints", {}))
+    joints = _mapping(block.get("joints"))
     lacking = [n for n in meta.scored_joints
-               if any(not _is_number(joints.get(n, {}).get(k)) for k in _KEYS)]
+               if any(not _is_number(_mapping(joints.get(n)).get(k)) for k in _KEYS)]
     lacking += [k for k in ("observable", "reason") if k not in block]
     checks = [check("observability present", len(lacking), 0, "entries", ", ".join(lacking),
                     samples=len(meta.scored_joints))]
@@ -69,6 +69,10 @@ def _moved(model: ArticulatedModel, joint: str) -> NDArray[np.bool_]:
         moved[p] = (parent >= 0 and moved[parent]) or (
             model.motion[p] != FIXED and model.joint[p] == number)
     return moved
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return cast("Mapping[str, Any]", value) if isinstance(value, Mapping) else {}
 
 
 def _is_number(value: Any) -> bool:
