@@ -1,0 +1,22 @@
+#version 330 core
+// pyrender's mesh.vert without its matrix inverse per vertex: poses here are rigid, so the
+// rotation itself turns normals. Names are those that pyrender's mesh.frag reads.
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in vec2 texcoord;
+uniform mat4 clip_from_part;
+uniform mat4 world_from_part;
+uniform vec2 uv_scale;
+out vec3 frag_position;
+out vec3 frag_normal;
+#if TEXTURED
+out vec2 uv_0;
+#endif
+void main() {
+    gl_Position = clip_from_part * vec4(position, 1.0);
+    frag_position = vec3(world_from_part * vec4(position, 1.0));
+    frag_normal = mat3(world_from_part) * normal;
+#if TEXTURED
+    uv_0 = texcoord * uv_scale;
+#endif
+}
