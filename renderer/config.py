@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
+
+from .. import GcbenchError
 
 Range = tuple[float, float]
 FACTORS = ("motion", "camera", "lights", "materials", "textures", "background", "image")
@@ -99,11 +101,11 @@ class BackgroundConfig:
     """Share of sequences with a room (textured floor and walls that have depth) instead of an
     image, which has none."""
     kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood", "clutter")
-    """Procedural images to draw from."""
+    """Procedural images to draw from; "plain" is one colour."""
     folder: str = ""
     """Draw images from this folder instead."""
     color: tuple[float, float, float] = (0.85, 0.85, 0.85)
-    """sRGB of the plain studio (`--randomize none`)."""
+    """sRGB of the kind "plain", 0..1."""
     room_size: Range = (1.5, 3.0)
     """Distance of each wall from the robot's centre, in units of the camera's distance from it;
     never so small that the camera or the robot's reach comes near a wall."""
@@ -123,7 +125,7 @@ class ImageConfig:
 
 @dataclass(frozen=True)
 class RandomizationConfig:
-    """Ranges of every factor. `--randomize none` replaces all of it by a plain studio."""
+    """Ranges of every factor; the default draws all of them, STUDIO only the motion."""
 
     motion: MotionConfig = field(default_factory=MotionConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
@@ -132,6 +134,28 @@ class RandomizationConfig:
     textures: TexturesConfig = field(default_factory=TexturesConfig)
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     image: ImageConfig = field(default_factory=ImageConfig)
+
+
+STUDIO = RandomizationConfig(
+    camera=CameraConfig(
+        azimuth=(45.0, 45.0),
+        elevation=(25.0, 25.0),
+        fov=(45.0, 45.0),
+        fill=(0.8, 0.8),
+        jitter=0.0,
+        roll=(0.0, 0.0),
+    ),
+    lights=LightsConfig(
+        number=(2, 2),
+        elevation=(50.0, 50.0),
+        intensity=(3.5, 3.5),
+        warmth=(0.0, 0.0),
+        ambient=(0.3, 0.3),
+    ),
+    materials=MaterialsConfig(probability=0.0),
+    background=BackgroundConfig(room=0.0, kinds=("plain",)),
+)
+"""`--randomize none`: the model's own materials before a plain grey."""
 
 
 @dataclass(frozen=True)
@@ -150,13 +174,68 @@ class RenderConfig:
     height: int = 480
     scored_joints: tuple[str, ...] = ()
     """Joints that move and are scored; default: the bottom three (or those of the catalogue)."""
-    randomize: Literal["full", "none"] = "full"
     vary: tuple[str, ...] = FACTORS
     """Factors that change from sequence to sequence; the others keep the draw of sequence 0."""
     keep_unobservable: bool = False
     """Keep sequences whose motion cannot be seen (the rule is in the docs)."""
     allow_missing: bool = False
     """Load a model although meshes are missing; they are listed in the dataset."""
-    samples: int = 4
-    """Multisampling of the RGB image."""
+    samples: Literal[1, 4, 9] = 4
+    """Colour samples in a pixel of the RGB image (antialiasing)."""
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
+
+
+def resolved(config: RenderConfig) -> RenderConfig:
+    """The config with what its robot's catalogue entry adds, checked.
+
+    Raises GcbenchError for a value that cannot be meant.
+    """
+    from ..robots import catalog
+
+    if not catalog.is_path(config.robot) and catalog.find(config.robot).textured:
+        ranges = config.randomization
+        if ranges.textures.probability == 0.0:
+            textures = replace(ranges.textures, probability=1.0)
+            config = replace(config, randomization=replace(ranges, textures=textures))
+    if config.seed < 0:
+        raise GcbenchError(f"--seed {config.seed}: give 0 or more")
+    for name, least, most in (("frames", 1, 100_000), ("width", 16, 16_384), ("height", 16, 16_384)):
+        value = getattr(config, name)
+        if not least <= value <= most:
+            raise GcbenchError(f"--{name} {value}: give {least} to {most}")
+    unknown = sorted(set(config.vary) - set(FACTORS))
+    if unknown:
+        raise GcbenchError(f"--vary {unknown[0]}: the factors are {', '.join(FACTORS)}")
+    _check_ranges(config.randomization, "")
+    return config
+
+
+_BOUNDS: dict[str, tuple[float, float]] = {
+    "probability": (0, 1), "room": (0, 1), "hue": (0, 1), "jitter": (0, 10), "max_step": (0, 360),
+    "size": (8, 8192), "fps": (1e-6, 1e6), "total": (0, 360), "total_prismatic": (0, 1),
+    "azimuth": (-720, 720), "elevation": (-90, 90), "fov": (1, 170), "fill": (0.01, 10),
+    "roll": (-360, 360), "number": (1, 8), "intensity": (0, 1e3), "warmth": (-1, 1),
+    "ambient": (0, 1e3), "value": (0, 100), "roughness": (0, 1), "metallic": (0, 1),
+    "scale": (1e-3, 1e3), "room_size": (1, 1e3), "noise": (0, 255), "blur": (0, 100),
+    "exposure": (-20, 20), "color": (0, 1),
+}  # fmt: skip
+
+
+def _check_ranges(values: object, where: str) -> None:
+    """Every number within its bounds, every range with its lower end first."""
+    for name, value in vars(values).items():
+        if hasattr(value, "__dataclass_fields__"):
+            _check_ranges(value, f"{where}{name}.")
+            continue
+        if name not in _BOUNDS or isinstance(value, (bool, str)):
+            continue
+        low, high = _BOUNDS[name]
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(low <= x <= high for x in numbers):
+            raise GcbenchError(f"--{where}{name} {_words(numbers)}: give {low:g} to {high:g}")
+        if name != "color" and list(numbers) != sorted(numbers):
+            raise GcbenchError(f"--{where}{name} {_words(numbers)}: give the smaller number first")
+
+
+def _words(numbers: tuple[float, ...]) -> str:
+    return " ".join(f"{x:g}" for x in numbers)
