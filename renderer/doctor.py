@@ -1,0 +1,113 @@
+"""What renders on this machine, how fast, and what is missing: `gcbench doctor`."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from shutil import which
+
+import numpy as np
+
+from .. import GcbenchError, __version__
+from ..robots import catalog
+from ..robots.fetch import cache_folder
+
+PACKAGES = ("numpy", "opencv-python-headless", "scikit-robot-pyrender", "PyOpenGL", "trimesh",
+            "yourdfpy", "python-fcl", "pygltflib")
+EXTRAS = {"torch": "learn", "safetensors": "learn", "sapien": "sapien", "playwright": "test"}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The report of a machine."""
+
+    text: str
+    ok: bool
+    """Whether something renders."""
+
+
+def examine() -> Diagnosis:
+    """Try every EGL device, draw on the one that is used, look for packages and meshes."""
+    lines = [f"gcbench {__version__}, Python {platform.python_version()}, "
+             f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"]
+    lines += ["", "rendering"]
+    lines += [f"  {line}" for line in _devices()]
+    try:
+        lines.append(f"  ok    {_draw()}")
+        ok = True
+    except GcbenchError as error:
+        lines.append(f"  FAIL  {error}")
+        ok = False
+    lines += ["", "packages"]
+    lines += [f"  {line}" for line in _packages()]
+    lines += ["", f"robots (meshes in {cache_folder()})"]
+    lines += [
+        f"  {'ok    ' if catalog.is_fetched(e) else 'later '}{e.name}"
+        + ("" if catalog.is_fetched(e) else f": fetched on first use, or gcbench robots fetch {e.name}")
+        for e in catalog.CATALOG
+    ]
+    browser = next((b for b in ("chromium", "chromium-browser", "google-chrome") if which(b)), None)
+    lines += ["", "browser (for the tests of pages only)",
+              f"  ok    {browser}" if browser else "  none  apt-get install chromium"]
+    return Diagnosis("\n".join(lines), ok)
+
+
+def _devices() -> Iterator[str]:
+    from .gl import NoRendererError, device_names
+
+    try:
+        yield from device_names()
+    except NoRendererError as error:
+        yield f"FAIL  {error}"
+
+
+def _draw() -> str:
+    """Draw a triangle with the real passes, check its depth, and time a frame."""
+    from ..robots.model import ArticulatedModel, Material, Visual
+    from .camera import Camera, intrinsics_from_fov
+    from .gl import NoRendererError, Rasterizer
+
+    points = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 2, 2]])
+    visual = Visual(0, points, np.array([[0, 1, 2]], np.int32), np.tile([0.0, 0, -1], (3, 1)), None,
+                    Material())
+    none, one = np.zeros(0, np.int64), np.array([0])
+    model = ArticulatedModel(
+        name="triangle", part_names=("triangle",), parent=np.array([-1]),
+        parent_from_part_at_zero=np.eye(4)[None], motion=one, screw=np.zeros((1, 6)),
+        joint=np.array([-1]), gear=np.ones(1), offset=np.zeros(1), joint_names=(), joint_types=(),
+        joint_child=none, limits=np.zeros((0, 2)), visuals=(visual,),
+    )
+    camera = Camera(640, 480, intrinsics_from_fov(640, 480, 1.0), np.eye(4))
+    started = time.perf_counter()
+    rasterizer = Rasterizer(640, 480)
+    try:
+        pose = np.eye(4)[None, None]
+        rasterizer.begin_truth(model, camera, pose)
+        depth, part = rasterizer.truth(pose[0])
+        if not (np.abs(depth[240, 320] - 2.0) < 1e-5 and part[240, 320] == 1):
+            raise NoRendererError(f"the driver draws wrong depth ({depth[240, 320]} m instead of 2)")
+        seconds = time.perf_counter() - started
+        context = rasterizer.context
+        return (f"drew and checked a frame in {seconds:.2f} s on device {context.device}: "
+                f"{context.renderer}, OpenGL {context.version}")
+    finally:
+        rasterizer.close()
+
+
+def _packages() -> Iterator[str]:
+    for name in PACKAGES:
+        try:
+            yield f"ok    {name} {version(name)}"
+        except PackageNotFoundError:
+            yield f"FAIL  {name}: {Path(sys.executable).name} -m pip install {name}"
+    for name, extra in EXTRAS.items():
+        try:
+            yield f"ok    {name} {version(name)}"
+        except PackageNotFoundError:
+            yield f"none  {name}: pip install 'gcbench[{extra}]' if you want it"
