@@ -57,12 +57,15 @@ def verify_sequence(sequence: Sequence, model: ArticulatedModel | None = None,
 def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) -> Report:
     """All checks of every sequence of a dataset, and of the dataset as a whole.
 
-    Raises GcbenchError if there is no readable dataset at `path`; a sequence that is not readable
-    is a check that fails.
+    `path` may also be one sequence (a ZIP or a folder), which is verified against its dataset's
+    config if it lies in one. Raises GcbenchError if there is no readable dataset at `path`; a
+    sequence that is not readable is a check that fails.
     """
     from .dataset import open_dataset
 
     path = Path(path)
+    if path.is_file() or (path / "meta.json").is_file():
+        return _verify_one(path.absolute())
     dataset = open_dataset(path)
     files, warnings = _sequence_files(path)
     reference, notes = reference_of(dataset.config)
@@ -71,6 +74,17 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
     for found in _run(jobs, workers, progress):
         checks += found
     return Report(merge(checks), (*warnings, *notes))
+
+
+def _verify_one(path: Path) -> Report:
+    from .dataset import open_dataset
+
+    seed, reference, notes = None, Reference(), ["alone, without a dataset's config"]
+    if (path.parent.parent / "dataset.json").is_file():
+        config = open_dataset(path.parent.parent).config
+        seed = config.seed
+        reference, notes = reference_of(config)
+    return Report(merge(_verify_file((path, reference, seed))), tuple(notes))
 
 
 def reference_of(config: RenderConfig) -> tuple[Reference, list[str]]:
@@ -123,7 +137,7 @@ def _whole(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[Check]:
               "a ZIP and a folder", samples=len(files))]
 
 
-_Job = tuple[Path, Reference, int]
+_Job = tuple[Path, Reference, "int | None"]
 
 
 def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check]]:
@@ -154,7 +168,8 @@ def _verify_file(job: _Job) -> list[Check]:
         sequence = open_sequence(file)
         meta = sequence.meta
         found = [check("readable", 0, 0, "sequences"),
-                 check("seed and index", (meta.seed, meta.index) != (seed, int(file.stem)), 0,
+                 check("seed and index", seed is not None
+                       and (meta.seed, f"{meta.index:06d}") != (seed, file.stem), 0,
                        "sequences", f"says seed {meta.seed}, index {meta.index}")]
         found += verify_sequence(sequence, reference.model, reference.urdf).checks
     except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:

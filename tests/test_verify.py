@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 
 import gcbench.renderer.verify_state as verify_state
@@ -293,6 +294,19 @@ def test_dataset_on_disk_passes(dataset):
     assert "own screws only" in report.warnings[0] and len(report.warnings) == 1
     (flow,) = (c for c in report.checks if c.name == "flow forward")
     assert flow.where.startswith("00000") and "frame" in flow.where
+
+
+def test_one_sequence_alone_or_in_its_dataset(dataset, tmp_path):
+    file = dataset / "sequences" / "000001.zip"
+    report = verify_dataset(file)
+    assert report.ok and "own screws only" in report.warnings[0]
+    alone = tmp_path / "elsewhere.zip"
+    alone.write_bytes(file.read_bytes())
+    report = verify_dataset(alone)
+    assert report.ok and report.warnings
+    with zipfile.ZipFile(file) as archive:
+        archive.extractall(tmp_path / "unpacked")
+    assert verify_dataset(tmp_path / "unpacked").ok
 
 
 def test_leftovers_only_warn(dataset):
