@@ -35,8 +35,10 @@ def temporary_name(path: Path) -> Path:
 def _is_alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
+        # In a container that nobody tidies, the dead stay in the table as zombies.
+        state = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2]
+        return not state.strip().startswith(("Z", "X"))
     except ProcessLookupError:
         return False
-    except PermissionError:  # somebody else's
+    except OSError:  # somebody else's, or no /proc
         return True
-    return True

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from .. import GcbenchError
 from .config import RenderConfig
-from .provenance import Provenance, parse_config, read_provenance
+from .provenance import Provenance, read_provenance
+from .recipe import parse_config
 from .sequence import Sequence
 from .storage import FOLDER, open_sequence
 
@@ -56,7 +57,7 @@ def open_dataset(path: str | Path) -> Dataset:
     """The dataset in a folder. Raises GcbenchError if it is none."""
     folder = Path(path)
     info = read_provenance(folder)
-    config = parse_config(info.config, str(folder / "dataset.json"))
+    config = parse_config(info.config, str(folder / "dataset.json") + ": config")
     return Dataset(folder, config, info, tuple(sorted(sequence_paths(folder), key=int)))
 
 

@@ -31,14 +31,14 @@ from .provenance import (
     Provenance,
     count_sequences,
     describe,
-    differences,
     read_provenance,
     write_provenance,
 )
+from .recipe import differences
 from .storage import FOLDER, read_meta, sequence_name
 from .worker import FrameDone, Ready, Task
 
-_Tqdm = tqdm["NoReturn"] if TYPE_CHECKING else tqdm
+_Tqdm = tqdm[NoReturn] if TYPE_CHECKING else tqdm
 SOURCE = "gcbench.renderer.render:SequenceRenderer"
 
 
@@ -53,10 +53,28 @@ class Summary:
     """In the dataset."""
     frames: int
     """In the dataset."""
+    unobservable: int
+    """Sequences whose motion cannot be seen."""
     refused: Mapping[str, int]
     """Draws that were refused for the dataset, by reason."""
     seconds: float
     """Of this run."""
+
+    def describe(self) -> str:
+        """What a user wants to know after a run, in a few lines."""
+        lines = [
+            f"{self.dataset}: {self.sequences} sequences, {self.frames} frames "
+            f"({self.rendered} sequences rendered in {self.seconds:.1f} s)"
+        ]
+        if self.refused:
+            reasons = ", ".join(f"{k} {v}" for k, v in self.refused.items())
+            lines.append(f"draws refused because the motion could not be seen: {reasons}")
+        if self.unobservable:
+            lines.append(
+                f"{self.unobservable} sequences are not observable (kept, and marked in "
+                "their meta.json: no draw met the rule)"
+            )
+        return "\n".join(lines)
 
 
 def plan_workers(cpu_count: int, requested: int | None) -> tuple[int, int]:
@@ -195,7 +213,7 @@ def _finish(out: Path, provenance: Provenance, rendered: int, started: float) ->
     if not (out / FILE).exists() or read_provenance(out) != finished:
         write_provenance(out, finished)
     seconds = time.monotonic() - started
-    return Summary(out, rendered, counts["sequences"], counts["frames"], counts["refused"], seconds)
+    return Summary(dataset=out, rendered=rendered, seconds=seconds, **counts)
 
 
 def _tidy(out: Path) -> None:

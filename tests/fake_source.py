@@ -3,6 +3,7 @@
 A sequence is a function of (config, index). `config.robot` may order an accident:
 "crash=INDEX:FILE" kills the process while it renders that sequence, until FILE exists;
 "crash=INDEX:" always; "error=INDEX" raises a GcbenchError; "bug=INDEX" a ZeroDivisionError.
+The environment variable FAKE_SECONDS makes each frame take so long.
 """
 
 from __future__ import annotations
@@ -96,10 +97,13 @@ class FakeSequence:
         for t, frame in enumerate(make_frames(rng, *size)):
             if t == 1:
                 _accident(config.robot, index)
-            time.sleep(0.004)
+            time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
             yield frame
         self.state = make_state(rng, config.frames)
-        self.meta = make_meta(*size, name=f"{index:06d}", index=index, seed=config.seed)
+        seen = {"observable": index % 4 != 2}
+        self.meta = make_meta(
+            *size, name=f"{index:06d}", index=index, seed=config.seed, observability=seen
+        )
 
 
 class FakeRenderer:

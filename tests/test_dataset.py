@@ -15,7 +15,7 @@ from gcbench import GcbenchError
 from gcbench.renderer.config import CameraConfig, RandomizationConfig, RenderConfig
 from gcbench.renderer.dataset import Dataset
 from gcbench.renderer.generate import generate
-from gcbench.renderer.provenance import config_tree, differences, parse_config
+from gcbench.renderer.recipe import config_tree, differences, parse_config, read_config
 
 CONFIG = RenderConfig(
     robot="arm",
@@ -63,7 +63,12 @@ def test_a_dataset_knows_its_config(dataset: Dataset) -> None:
 def test_a_dataset_knows_where_it_came_from(dataset: Dataset, folder: Path) -> None:
     info = dataset.info
     assert info.generator == {"name": "gcbench", "version": gcbench.__version__}
-    assert info.counts == {"sequences": 3, "frames": 12, "refused": {"collision": 0 + 1 + 2}}
+    assert info.counts == {
+        "sequences": 3,
+        "frames": 12,
+        "unobservable": 1,
+        "refused": {"collision": 0 + 1 + 2},
+    }
     assert [a["licence"] for a in info.assets] == ["MIT"]
     tree = json.loads((folder / "dataset.json").read_text())
     assert (tree["format"], tree["seed"]) == ("gcbench/1", 3)
@@ -115,6 +120,21 @@ def test_configs_come_back_from_json() -> None:
     for config in (RenderConfig(), CONFIG):
         assert parse_config(json.loads(json.dumps(config_tree(config))), "") == config
     assert parse_config({}, "") == RenderConfig()
+
+
+def test_configs_are_read_from_files(tmp_path: Path, folder: Path) -> None:
+    toml = tmp_path / "config.toml"
+    toml.write_text('robot = "arm"\nframes = 4\n[randomization.camera]\nfov = [30, 40.5]\n')
+    mine = dataclasses.replace(CONFIG, robot="ur5", frames=9)
+    assert read_config(toml, mine) == CONFIG
+    assert read_config(folder / "dataset.json") == CONFIG
+    for text in ("frames = ", "frames = true", "frame = 3", "randomization = 3", "\x00"):
+        toml.write_text(text)
+        with pytest.raises(GcbenchError, match=r"config\.toml") as caught:
+            read_config(toml)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(GcbenchError, match="No such file"):
+        read_config(tmp_path / "nowhere.json")
 
 
 def test_differences_name_the_field() -> None:

@@ -306,7 +306,9 @@ IMAGES = {
     "no PNG": cv2.imencode(".jpg", np.zeros((H, W, 3), np.uint8))[1].tobytes(),
     "empty": b"",
     "cut": png(np.ones((H, W, 3), np.uint8))[:-20],
-    "bomb": chunked((b"IHDR", struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)), (b"IEND", b"")),
+    "bomb": chunked(
+        (b"IHDR", struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)), (b"IEND", b"")
+    ),
     "longer": png(np.ones((H, W, 3), np.uint8)) + b"more",
 }
 
