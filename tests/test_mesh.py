@@ -236,6 +236,17 @@ def test_primitives_are_closed_and_face_outward(make, expected: float) -> None: 
     assert (area > 0).all()
 
 
+def test_a_capsule_is_straight_between_its_ends() -> None:
+    p = capsule(0.5, 2).vertices
+    widest = np.isclose(np.hypot(p[:, 0], p[:, 1]), 0.5)
+    np.testing.assert_allclose(np.unique(np.round(p[widest, 2], 9)), [-1, 1])
+
+
+def test_srgb_is_that_of_the_standard() -> None:
+    np.testing.assert_allclose(linear_from_srgb([0, 0.04, 0.5, 1, 2]),
+                               [0, 0.0030960, 0.2140411, 1, 1], rtol=1e-5)
+
+
 @pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
 def test_primitives_without_size_are_refused(size: float) -> None:
     for make in (lambda: sphere(size), lambda: box([1, size, 1]), lambda: cylinder(size, 1),
@@ -267,8 +278,8 @@ def test_normals_do_not_depend_on_how_a_quad_was_cut() -> None:
     """The corner of a cube with every edge smooth points along the diagonal."""
     s = box([1, 1, 1])
     group, normals = smooth_corners(s.vertices, s.faces, crease=np.pi)
-    corner = group.ravel()[np.linalg.norm(s.vertices[s.faces].reshape(-1, 3) - 0.5, axis=1) < 1e-9]
-    np.testing.assert_allclose(normals[corner[0]], np.full(3, 1 / np.sqrt(3)), atol=1e-12)
+    corners = s.vertices[s.faces]
+    np.testing.assert_allclose(normals[group], corners * 2 / np.sqrt(3), atol=1e-12)
 
 
 def test_valid_normals_are_kept_and_bad_ones_are_not() -> None:
