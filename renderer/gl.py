@@ -376,6 +376,7 @@ class Rasterizer:
         gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
         gl.glDepthMask(gl.GL_FALSE)
         gl.glDisable(gl.GL_DEPTH_TEST)
+        gl.glDisable(gl.GL_CULL_FACE)  # left by whatever was drawn before
         gl.glBindVertexArray(self._empty_vao)
         gl.glDrawArrays(gl.GL_TRIANGLES, 0, 3)
         gl.glEnable(gl.GL_DEPTH_TEST)
