@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 import pickle
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -145,3 +147,41 @@ def test_differences_name_the_field() -> None:
         "randomization.camera.fov: [30, 40.5] -> [35.0, 55.0]",
     ]
     assert differences({"a": None}, {"b": 1}) == ["a: null -> nothing", "b: nothing -> 1"]
+
+
+# -- tensors ----------------------------------------------------------------------------------
+
+
+def test_tensors_name_the_extra_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "gcbench.renderer.torch_dataset", raising=False)
+    with pytest.raises(GcbenchError, match=r"gcbench\[learn\]"):
+        importlib.import_module("gcbench.renderer.torch_dataset")
+
+
+def test_tensors_of_pairs_and_sequences(dataset: Dataset) -> None:
+    torch = pytest.importorskip("torch")
+    from gcbench.renderer.torch_dataset import TorchDataset
+
+    pairs = TorchDataset(dataset)
+    assert len(pairs) == N * 3
+    assert isinstance(pairs, torch.utils.data.Dataset)
+    item, sequence = pairs[3 + 2], dataset[1]
+    assert (item["sequence"], item["frame"]) == (1, 2)
+    assert item["rgb"].shape == (2, 3, 24, 32)
+    assert np.array_equal(item["rgb"][1].permute(1, 2, 0), sequence.rgb[3])
+    assert np.array_equal(item["flow"][0].permute(1, 2, 0), sequence.flow[2], equal_nan=True)
+    assert np.array_equal(item["depth"], sequence.depth[2:4])
+    assert np.array_equal(item["part"], sequence.part[2:4])
+    assert np.array_equal(item["joint_positions"], sequence.state.joint_positions[2:4])
+    assert np.array_equal(item["intrinsics"], sequence.state.intrinsics)
+    with pytest.raises(IndexError):
+        pairs[len(pairs)]
+    whole = TorchDataset(dataset, pairs=False, images=("rgb", "visibility"))
+    assert len(whole) == N
+    assert whole[-1]["visibility"].shape == (3, 24, 32)
+    assert "depth" not in whole[0]
+    batch = next(iter(torch.utils.data.DataLoader(whole, batch_size=3)))
+    assert batch["rgb"].shape == (3, 4, 3, 24, 32)
+    with pytest.raises(GcbenchError, match="no image 'normals'"):
+        TorchDataset(dataset, images=("normals",))
