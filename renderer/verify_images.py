@@ -259,7 +259,8 @@ def _correspondence(sequence: Sequence, t: int, visibility: NDArray[np.uint8],
     # Half a unit is lost here and there; a surface that bends within the block stays within its
     # spread. A few pixels may lead to another sheet of the part: in renders of four robots it was
     # 0.1 % at most, while ray lengths taken for depth give 5 % and more.
-    checks.append(share("depth where the flow leads", gap > 2 * unit + spread, 0.01,
+    elsewhere = gap > 2 * unit + spread
+    checks.append(share("depth where the flow leads", elsewhere, 0.01,
                         lambda i: place(int(pixel[inner[i]]))))
 
     # Backward flow is all but linear in pixel and depth: interpolating it errs by as much as the
@@ -274,8 +275,8 @@ def _correspondence(sequence: Sequence, t: int, visibility: NDArray[np.uint8],
     ray = np.einsum("mij,jm->im", h[part], np.concatenate([uv, np.ones((1, len(inner)))]))
     e = e[part].T
     parallax = np.hypot(*((ray[:2] * e[2] - ray[2] * e[:2]) / (z * ray[2] + e[2]) ** 2))
-    error = np.maximum(0, error - parallax * (gap + 2 * spread**2 / z))
-    known = np.isfinite(error)  # a flow that is missing fails the check of where it is known
+    error = np.maximum(0, error - parallax * (gap + unit + 2 * spread**2 / z))
+    known = np.isfinite(error) & ~elsewhere  # these count above, and in where flow is known
     error = error[known]
     places = pixel[inner][known]
     checks.append(check("there and back", error, 3 * FLOW, "px", lambda i: place(int(places[i]))))
