@@ -264,8 +264,8 @@ def _correspondence(sequence: Sequence, t: int, visibility: NDArray[np.uint8],
                         lambda i: place(int(pixel[inner[i]]))))
 
     # Backward flow is all but linear in pixel and depth: interpolating it errs by as much as the
-    # interpolated depth does (and the square of the spread). What remains are the bounds of both
-    # flows, and as much again for the bend within a pixel.
+    # interpolated depth does, by that depth's rounding, and by the square of the spread. What
+    # remains are the bounds of both flows, and as much again for the bend within a pixel.
     there_and_back = forward[pixel[inner]].T + np.einsum("bm,bmc->cm", weight, backward[index])
     error = np.hypot(*there_and_back)
     k = sequence.state.intrinsics
