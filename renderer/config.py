@@ -106,9 +106,9 @@ class BackgroundConfig:
     """Draw images from this folder instead."""
     color: tuple[float, float, float] = (0.85, 0.85, 0.85)
     """sRGB of the kind "plain", 0..1."""
-    room_size: Range = (1.5, 3.0)
-    """Distance of each wall from the robot's centre, in units of the camera's distance from it;
-    never so small that the camera or the robot's reach comes near a wall."""
+    room_size: Range = (0.2, 1.5)
+    """Space between each wall and what must be inside (robot, camera), in units of the robot's
+    reach."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,8 @@ def resolved(config: RenderConfig) -> RenderConfig:
             config = replace(config, randomization=replace(ranges, textures=textures))
     if config.seed < 0:
         raise GcbenchError(f"--seed {config.seed}: give 0 or more")
-    for name, least, most in (("frames", 1, 100_000), ("width", 16, 16_384), ("height", 16, 16_384)):
+    sizes = (("frames", 1, 100_000), ("width", 16, 16_384), ("height", 16, 16_384))
+    for name, least, most in sizes:
         value = getattr(config, name)
         if not least <= value <= most:
             raise GcbenchError(f"--{name} {value}: give {least} to {most}")
@@ -216,7 +217,7 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "azimuth": (-720, 720), "elevation": (-90, 90), "fov": (1, 170), "fill": (0.01, 10),
     "roll": (-360, 360), "number": (1, 8), "intensity": (0, 1e3), "warmth": (-1, 1),
     "ambient": (0, 1e3), "value": (0, 100), "roughness": (0, 1), "metallic": (0, 1),
-    "scale": (1e-3, 1e3), "room_size": (1, 1e3), "noise": (0, 255), "blur": (0, 100),
+    "scale": (1e-3, 1e3), "room_size": (0, 1e3), "noise": (0, 255), "blur": (0, 100),
     "exposure": (-20, 20), "color": (0, 1),
 }  # fmt: skip
 

@@ -1,8 +1,8 @@
 """A room around the robot: a closed box seen from inside, with furniture along its walls.
 
 It is built in the room's own frame (origin below the robot on the floor, walls along x and y) and
-turned about the world's z at the end. Its size depends on distances only, never on the camera's
-direction, so that it also holds for a camera that moves around the robot.
+turned about the world's z at the end. It is no larger than robot and camera need: depth images
+have 16 bits, and what is far costs the near its precision.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .images import ImageFolder, draw_image
 from .textures import Image
 from .uv import Array, Faces, box_projection
 
-MARGIN = 1.25
+MARGIN = 1.15
 """Walls and ceiling are at least this many times as far from the robot as camera and reach."""
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])
 _SEGMENTS = 12  # of a cylinder
@@ -63,9 +63,11 @@ def draw_room(rng: np.random.Generator, config: BackgroundConfig, *, floor_z: fl
     eye_xy = ((eye - origin) @ world_from_room)[:2]
 
     images = ImageFolder(config.folder) if config.folder else None
-    nearest = MARGIN * max(distance, reach)
-    walls = np.maximum(rng.uniform(*config.room_size, 4) * distance, nearest)  # +x, -x, +y, -y
-    height = float(middle[2]) - bottom + max(distance, reach) * rng.uniform(MARGIN, 2.0)
+    towards_eye = np.array([eye_xy[0], -eye_xy[0], eye_xy[1], -eye_xy[1]])  # +x, -x, +y, -y
+    space = rng.uniform(*config.room_size, 4) * reach
+    walls = MARGIN * np.maximum(towards_eye, reach) + space
+    above = max(reach, float(eye[2] - middle[2])) * rng.uniform(MARGIN, 2.0)
+    height = float(middle[2]) - bottom + above
     low = np.array([-walls[1], -walls[3], 0.0])
     high = np.array([walls[0], walls[2], height])
 
