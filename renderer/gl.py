@@ -97,8 +97,16 @@ class Context:
         raise NoRendererError(f"no EGL device can draw ({reasons}); {_INSTALL}")
 
     def close(self) -> None:
-        """Give the context back."""
-        self._platform.delete_context()
+        """Give the context back; the display stays, as other contexts of the process share it."""
+        from OpenGL import EGL
+
+        platform = self._platform
+        if platform._egl_context is not None:
+            EGL.eglMakeCurrent(
+                platform._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
+            )
+            EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
+            platform._egl_context = platform._egl_display = None
 
 
 def device_names() -> list[str]:
