@@ -117,6 +117,8 @@ def _draw_furniture(rng: np.random.Generator, low: Array, high: Array, eye_xy: A
         half = half if axis == 1 else half[::-1]  # the long side along the wall
         gap = 0.01 * distance
         inner_low, inner_high = low[:2] + half + gap, high[:2] - half - gap
+        if (inner_high <= inner_low).any():
+            continue
         at = rng.uniform(inner_low, inner_high)
         at[axis] = inner_high[axis] if up else inner_low[axis]
         radius = np.linalg.norm(half)

@@ -79,7 +79,7 @@ def _displacement(frames: int, total: tuple[float, float], max_step: float,
     reach = max_step * steps
     high = min(total[1], reach)
     low = total[0] if total[0] <= high else high * total[0] / max(total[1], 1e-12)
-    amount = rng.uniform(low, high) * rng.choice((-1.0, 1.0))
+    amount = rng.uniform(min(low, high), high) * rng.choice((-1.0, 1.0))
     heights = rng.standard_normal(_SINES)
     phases = rng.uniform(0.0, 2.0 * np.pi, _SINES)
     unevenness = rng.random()
