@@ -6,13 +6,14 @@ import multiprocessing
 import signal
 from collections import Counter, deque
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
 from .. import GcbenchError
+from .interrupt import uninterrupted
 from .worker import FrameDone, Problem, Ready, SequenceDone, Task, work
 
 LIFETIME = 50
@@ -56,11 +57,11 @@ def crew(
     deaths: Counter[int | None] = Counter()
     lost: list[str] = []
     crew: list[_Worker] = []
-    resource_tracker.ensure_running()  # its start would undo _without_interrupt
+    resource_tracker.ensure_running()  # its start would undo uninterrupted
     try:
         while todo or any(w.index is not None for w in crew):
             while len(crew) < min(workers, len(todo) + sum(w.index is not None for w in crew)):
-                with _without_interrupt():
+                with uninterrupted():
                     crew.append(_start(task))
             for worker in _talking(crew):
                 try:
@@ -148,16 +149,3 @@ def _died(worker: _Worker) -> str:
     if worker.index is None:
         return f"a worker {how} before its first sequence"
     return f"sequence {worker.index:06d}: its worker {how}"
-
-
-@contextmanager
-def _without_interrupt() -> Generator[None]:
-    """Ctrl-C waits until the end of the block, and what is started in it never hears of one.
-
-    A process that is interrupted while Python starts would print a traceback.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -9,15 +9,12 @@ from __future__ import annotations
 import json
 import os
 import sys
-import threading
 import time
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
-
-from tqdm import tqdm
+from typing import Any
 
 from .. import GcbenchError
 from .atomic import remove_leftovers
@@ -26,6 +23,7 @@ from .crew import Died, crew
 from .dataset import sequence_paths
 from .lock import locked
 from .metadata import dump_json
+from .progress import frame_bar
 from .provenance import (
     FILE,
     Provenance,
@@ -38,7 +36,6 @@ from .recipe import differences
 from .storage import FOLDER, read_meta, sequence_name
 from .worker import FrameDone, Ready, Task
 
-_Tqdm = tqdm[NoReturn] if TYPE_CHECKING else tqdm
 SOURCE = "gcbench.renderer.render:SequenceRenderer"
 
 
@@ -133,7 +130,7 @@ def _render(
     """Render `todo`; the provenance that is returned, and on disk, names the model."""
     frames = task.config.frames
     with (
-        _bar(n * frames, (n - len(todo)) * frames, progress) as bar,
+        frame_bar(n * frames, (n - len(todo)) * frames, progress) as bar,
         closing(crew(task, todo, workers)) as events,
     ):
         for event in events:
@@ -145,28 +142,6 @@ def _render(
                 bar.update(-event.frames)
                 bar.write(f"gcbench: {event.notice}", file=sys.stderr)
     return provenance
-
-
-def _bar(total: int, initial: int, progress: bool) -> _Bar:
-    return _Bar(
-        total=total,
-        initial=initial,
-        unit="frame",
-        desc="render",
-        smoothing=0.1,
-        disable=not progress,
-        file=sys.stderr,
-        dynamic_ncols=True,
-    )
-
-
-class _Bar(_Tqdm):
-    """A bar for one thread. tqdm's own lock is a semaphore of the system, which outlives a kill."""
-
-    monitor_interval = 0
-
-
-_Bar.set_lock(threading.RLock())
 
 
 def _open(out: Path, config: RenderConfig) -> Provenance:

@@ -20,9 +20,10 @@ import numpy as np
 from . import codec
 from .archive import ArchiveWriter, open_archive
 from .atomic import temporary_name
-from .metadata import MAX_JSON, check_state, dump_meta, dump_state, parse_meta, parse_state
+from .metadata import MAX_JSON, dump_meta, parse_meta
 from .sequence import Frame, Meta, Sequence, State
 from .stack import Decoder, Item, LazyStack
+from .state import check_state, dump_state, parse_state
 
 FOLDER = "sequences"
 """Of a dataset, holds the sequences."""

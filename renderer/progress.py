@@ -1,0 +1,37 @@
+"""A progress bar that counts frames, on stderr."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from typing import TYPE_CHECKING, NoReturn
+
+from tqdm import tqdm
+
+from .interrupt import uninterrupted
+
+_Tqdm = tqdm[NoReturn] if TYPE_CHECKING else tqdm
+
+
+class Bar(_Tqdm):
+    """A bar for one thread. tqdm's own lock is a semaphore of the system, which outlives a kill."""
+
+    monitor_interval = 0
+
+
+Bar.set_lock(threading.RLock())
+
+
+def frame_bar(total: int, done: int, visible: bool) -> Bar:
+    """A bar of `total` frames, of which `done` were there before: the rate is without them."""
+    with uninterrupted():  # half a bar complains when it is thrown away
+        return Bar(
+            total=total,
+            initial=done,
+            unit="frame",
+            desc="render",
+            smoothing=0.1,
+            disable=not visible,
+            file=sys.stderr,
+            dynamic_ncols=True,
+        )
