@@ -18,7 +18,7 @@ from typing import Any
 
 from .. import GcbenchError
 from .atomic import remove_leftovers
-from .config import RenderConfig
+from .config import RenderConfig, resolved
 from .crew import Died, crew
 from .dataset import sequence_paths
 from .lock import locked
@@ -101,6 +101,8 @@ def generate(
     (KeyboardInterrupt).
     """
     started = time.monotonic()
+    if source == SOURCE:  # another source has robots of its own
+        config = resolved(config)
     cpu_count = _cpu_count()
     plan_workers(cpu_count, workers)  # refuses before anything is written
     if n < 1:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robots.geometry import Array, inverse, prismatic_motion, revolute_motion
+from ..robots.geometry import Array, prismatic_motion, revolute_motion
 from ..robots.model import PRISMATIC, ArticulatedModel
 from .camera import Camera, project
 
@@ -73,7 +73,7 @@ def own_motion(
     index = np.flatnonzero(np.append(False, moved)[part])
     if not index.size:
         return 0.0
-    index = index[:: max(1, len(index) // 2000)]  # a median of 2000 pixels is good to a few per cent
+    index = index[:: max(1, len(index) // 2000)]  # 2000 tell the median well
     v, u = np.divmod(index, camera.width)
     pixels = np.stack([u, v, np.ones_like(u)], axis=1).astype(np.float64)
     points = pixels @ np.linalg.inv(camera.intrinsics).T * depth.ravel()[index, None]
