@@ -58,6 +58,8 @@ def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
     observability = {k: v for k, v in meta.observability.items()
                      if k not in meta.joint_names and not _of_joints(v, meta.joint_names)}
     camera = drawn.pop("camera", {})
+    for said_elsewhere in ("vertical_fov_deg", "world_from_cam", "materials"):
+        drawn.pop(said_elsewhere, None)  # in the camera's rows, or too long but for the raw metadata
     raw = {name: getattr(meta, name) for name in meta.__dataclass_fields__}
     sequence: Rows = [
         ("name", meta.name), ("seed / index", f"{meta.seed} / {meta.index}"),
@@ -130,7 +132,7 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> Rows:
             rows += flat(value, f"{name} / ")
         elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
             rows += flat({str(i + 1): item for i, item in enumerate(value)}, f"{name} / ")
-        else:
+        elif value not in ("", [], ()):
             rows.append((name, text(value)))
     return rows
 
