@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import GcbenchError
-from .geometry import Array
-from .model import FIXED, ArticulatedModel
+from .geometry import Array, apply
+from .model import FIXED, ArticulatedModel, forward_kinematics
 
 _SINES = 3  # half-waves in the speed: at most 1.5 cycles in a sequence
 _UNEVENNESS = 1.5  # the speed leaves its mean by up to this share of it; above 1 it may turn back
 _UNLIMITED_SLIDE = 0.5  # m to each side of zero where a prismatic joint has no limits
+_SMALLEST_SHARE = 0.2  # of the model's size: joints that move less are not scored by default
 _SMALLEST_SLIDE = 0.03  # m; less than this does not count as visible motion (docs: observability)
 
 
@@ -128,12 +129,33 @@ def joint_indices(model: ArticulatedModel, names: Sequence[str]) -> NDArray[np.i
 
 
 def default_scored_joints(model: ArticulatedModel, n: int = 3) -> tuple[str, ...]:
-    """The first n joints from the base outward that move anything visible."""
-    visible = np.zeros(len(model.parent), bool)
-    visible[[visual.part for visual in model.visuals]] = True
+    """The first n joints from the base outward whose motion one can hope to see.
+
+    Left out, unless nothing else is there: joints whose moving parts are small beside the model
+    (wheels, casters, fingertips), and joints that cannot move. Joints that move nothing visible
+    are never scored.
+    """
+    boxes: dict[int, list[Array]] = {}
+    poses = forward_kinematics(model, np.clip(0.0, model.limits[:, 0], model.limits[:, 1]))
+    for visual in model.visuals:
+        low, high = visual.vertices.min(0), visual.vertices.max(0)
+        corners = np.stack(np.meshgrid(*np.stack([low, high], 1)), -1).reshape(-1, 3)
+        boxes.setdefault(visual.part, []).append(apply(poses[visual.part], corners))
+
+    def size(parts: Iterable[int]) -> float:
+        """Diagonal of the box around what these parts show, m."""
+        points = [box for p in parts for box in boxes.get(int(p), [])]
+        return float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0))) if points else 0.0
+
     names: list[str] = []
+    hidden: list[str] = []
+    whole = size(boxes)
     for j in base_outward(model):
         driven = np.flatnonzero(model.joint == j)  # with the parts that mimic it
-        if any(bool((model.subtree(int(p)) & visible).any()) for p in driven):
-            names.append(model.joint_names[j])
-    return tuple(names[:n])
+        moved = np.any([model.subtree(int(p)) for p in driven], axis=0)
+        extent = size(np.flatnonzero(moved))
+        low, high = joint_window(model, int(j))
+        good = extent >= _SMALLEST_SHARE * whole and high > low
+        if extent > 0:
+            (names if good else hidden).append(model.joint_names[j])
+    return tuple((names or hidden)[:n])

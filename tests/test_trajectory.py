@@ -164,3 +164,15 @@ def test_unknown_joints_and_no_frames_are_one_line() -> None:
         sample_trajectory(chain(), ("elbow",), 15, rng=np.random.default_rng(0))
     with pytest.raises(GcbenchError, match="at least 1 frame"):
         sample_trajectory(chain(), NAMES, 0, rng=np.random.default_rng(0))
+
+
+def test_small_and_stuck_joints_are_not_scored_while_others_are_there() -> None:
+    model = chain(("wide", "free", "offset"))
+    model = replace(model, parent=np.array([-1, 0, 0, 0]))  # three branches on the root
+    assert default_scored_joints(model, 3) == ("wide", "free", "offset")
+    shrunk = tuple(
+        replace(v, vertices=v.vertices * 0.01) if v.part == 1 else v for v in model.visuals
+    )
+    assert default_scored_joints(replace(model, visuals=shrunk), 3) == ("free", "offset")
+    stuck = replace(model, limits=np.array([[0.0, 0.0]] * 3))
+    assert default_scored_joints(stuck, 3) == ("wide", "free", "offset")  # nothing better is there
