@@ -75,7 +75,11 @@ def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]
         raise ModelError("has no links")
     if len(links) > MAX_LINKS or len(joints) > MAX_LINKS:
         raise ModelError(f"has more than {MAX_LINKS} links or joints")
-    if len(root.findall("link/visual")) > MAX_VISUALS:
+    shown = "visual"
+    if root.find("link/visual") is None and root.find("link/collision") is not None:
+        shown = "collision"
+        notes.append("no link has a visual: the collision geometry is shown")
+    if len(root.findall(f"link/{shown}")) > MAX_VISUALS:
         raise ModelError(f"has more than {MAX_VISUALS} visuals")
     for material in root.findall("material"):
         clean.append(_clean_material(material, "a material"))
@@ -84,7 +88,7 @@ def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]
         link_name = _name(link, "link", seen)
         new = new_element("link", {"name": link_name})
         where = f"link {link_name!r}"
-        for visual in link.findall("visual"):
+        for visual in link.findall(shown):
             made = _clean_visual(visual, where, allow_missing, notes)
             if made is not None:
                 new.append(made)

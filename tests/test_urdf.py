@@ -258,3 +258,13 @@ def test_world_poses_carry_the_visuals(tmp_path: Path) -> None:
 def test_errors_are_the_users_kind(tmp_path: Path) -> None:
     with pytest.raises(GcbenchError, match="no such file"):
         load_urdf(tmp_path / "nothing.urdf")
+
+
+def test_collision_geometry_stands_in_only_where_nothing_is_visible(tmp_path: Path) -> None:
+    body = '<link name="a"><collision><geometry><box size="1 1 1"/></geometry></collision></link>'
+    model = load(tmp_path / "a.urdf", robot(body))
+    assert len(model.visuals) == 1
+    assert any("collision geometry is shown" in note for note in model.notes)
+    seen = link("b", '<box size="2 2 2"/>') + joint("j", "b", "a")
+    model = load(tmp_path / "b.urdf", robot(body + seen))
+    assert [model.part_names[v.part] for v in model.visuals] == ["b"]
