@@ -1,0 +1,68 @@
+# `make help` tells what there is. All of it happens in .venv, which is made and kept up to date.
+SHELL := /bin/bash
+MAKEFLAGS += --no-builtin-rules
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-all lint speed env clean package libraries
+
+PYTHON ?= python3
+export PYTHON
+VENV := .venv
+PY := $(CURDIR)/$(VENV)/bin/python
+PYTEST := GCBENCH_TEST_INSTALLED=1 $(PY) -m pytest -rs
+
+# A stamp carries the hash of what it stands for, so that edits, deletions and checkouts count.
+hash = $(shell sha256sum $(1) | sha256sum | cut -c -12)
+SOURCES := $(filter-out %.pyc,$(wildcard *.py py.typed README.md LICENSE \
+	$(foreach room,robots renderer gcpose benchmark,$(room)/*.* $(room)/*/*.*)))
+NEEDS := $(call hash,pyproject.toml .ci/environment)
+PACKAGE := $(VENV)/.package-$(call hash,pyproject.toml $(SOURCES))
+
+# An environment whose Python has gone, as after an upgrade, counts as none.
+$(shell test -x $(PY) || rm -f $(VENV)/.base-*)
+
+help:  ## this list
+	@sed -n 's/^\([a-z-]*\):.*  ## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
+
+demo: package  ## render a small UR5 dataset, verify it, make a contact sheet and a page
+	@.ci/system-libraries $(PY)
+	@.ci/demo $(PY)
+
+test: $(VENV)/.test-$(NEEDS) package libraries  ## the fast tests (a few minutes)
+	$(PYTEST) -m "not slow" $(ARGS)
+
+test-all: $(VENV)/.test-$(NEEDS) package libraries  ## all tests
+	$(PYTEST) $(ARGS)
+
+lint: $(VENV)/.lint-$(NEEDS) package  ## ruff and pyright
+	$(PY) -m ruff check .
+	$(PY) -m pyright --pythonpath $(PY)
+
+speed: $(VENV)/.speed-$(NEEDS) package  ## frames per second, beside other ways to the same pixels
+	@.ci/system-libraries $(PY)
+	$(PY) tests/speed.py $(ARGS)
+
+env: $(VENV)/.test-$(NEEDS) $(VENV)/.lint-$(NEEDS) package  ## the environment .venv, with gcbench installed
+
+clean:  ## remove .venv and what was built and rendered here, but for data/
+	rm -rf $(VENV) build dist *.egg-info demo .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The package is installed as users get it, not editable: what is tested is what ships.
+package: $(PACKAGE)
+
+$(PACKAGE): $(VENV)/.base-$(NEEDS)
+	$(PY) -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps \
+		--no-build-isolation .
+	@rm -f $(VENV)/.package-* && touch $@
+
+$(VENV)/.base-$(NEEDS):
+	.ci/environment $(VENV)
+	@rm -f $(VENV)/.base-* && touch $@
+
+$(VENV)/.%-$(NEEDS): $(VENV)/.base-$(NEEDS)
+	.ci/environment $(VENV) $*
+	@rm -f $(VENV)/.$*-* && touch $@
+
+# A test of what this machine lacks is skipped and says so.
+libraries: package
+	@.ci/system-libraries $(PY) || true
