@@ -2,7 +2,6 @@
 
 # No `annotations` from the future here: tyro reads those of the option classes inside functions.
 
-
 import os
 import signal
 import sys
@@ -60,16 +59,52 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 128 + signal.SIGPIPE
 
 
-def _parse(args: Sequence[str], name: str, kind: Any, help_: str | None, default: Any = None) -> Any:
-    """Options of one command, as an instance of the dataclass `kind`."""
+def _parse(
+    args: Sequence[str], name: str, kind: Any, help_: str | None, default: Any = None
+) -> Any:
+    """Options of one command, as an instance of the dataclass `kind`.
+
+    Raises GcbenchError for options that are wrong; SystemExit after printing help.
+    """
     import inspect
+    import io
+    from contextlib import redirect_stderr
 
     import tyro
 
+    if "-h" in args or "--help" in args:
+        print(inspect.cleandoc(help_ or ""), end="\n\n")
     prepared = {} if default is None else {"default": default}
-    return tyro.cli(
-        kind, prog=f"gcbench {name}", args=args, description=inspect.cleandoc(help_ or ""), **prepared
-    )
+    said = io.StringIO()
+    try:
+        with redirect_stderr(said):
+            return tyro.cli(
+                kind,
+                prog=f"gcbench {name}",
+                args=args,
+                description="",
+                config=(tyro.conf.FlagCreatePairsOff,),
+                **prepared,
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        hint = f"`gcbench {name} --help` explains the options"
+        raise GcbenchError(f"{_gist(said.getvalue())}; {hint}") from None
+
+
+def _gist(box: str) -> str:
+    """What tyro draws as a box of many lines, in one."""
+    import re
+
+    lines = re.sub(r"\x1b\[[\d;]*m", "", box).replace("│", " ").splitlines()
+    text = " ".join(" ".join(lines[1:]).split())
+    text = re.split(r" ?─{3,}| Got errors:", text)[0].rstrip(" .").replace("{None}|", "")
+    text = re.sub(r"^Missing from gcbench .*?: (\S+).*", r"give \1", text)
+    text = text.replace("Unrecognized options", "unknown").replace("Expected 1 values", "Give one")
+    meant = re.findall(r"(?m)^ {6}(--\S+)", "\n".join(lines).partition("Perhaps you meant:")[2])
+    hint = f" (perhaps you meant {', '.join(meant)})" if meant else ""
+    return text[:1].lower() + text[1:] + hint
 
 
 def _value(args: Sequence[str], option: str) -> str | None:
@@ -89,13 +124,9 @@ def render(args: Sequence[str]) -> int:
     index alone: not on the number of workers, the order, or restarts.
 
     Examples:
-
       gcbench render --robot ur5 --n 1000
-
       gcbench render --robot model.urdf --package my_robot=~/ws/my_robot --n 10 --out out
-
       gcbench render --robot iiwa14 --n 50 --vary lights --camera.fov 30 30 --background.room 1
-
       gcbench render --robot ur5 --randomize none --n 3
     """
     from dataclasses import dataclass, fields, replace
@@ -105,31 +136,38 @@ def render(args: Sequence[str]) -> int:
 
     from .renderer.config import STUDIO, RandomizationConfig, RenderConfig, resolved
 
+    ranges = RandomizationConfig()
+
     @dataclass(frozen=True)
     class Render(RenderConfig):
         n: int = 10
         """Number of sequences in the dataset."""
-        out: Path | None = None
+        out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
         """Folder of the dataset; default: data/ROBOT."""
-        workers: int | None = None
+        workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = None
         """Processes that render; default: the number of cores, which is the fastest."""
         randomize: Literal["full", "none"] = "full"
         """none: a plain studio, in which only the motion is drawn."""
-        config: Path | None = None
-        """TOML or JSON file of these options (`[randomization.camera]` and so on); options on the
-        command line come before it."""
-        randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = RandomizationConfig()
+        config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
+        """TOML or JSON file of these options, with tables as in `[randomization.camera]`, or a
+        dataset.json; what the command line says goes before it."""
+        randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
 
     base = RenderConfig()
     if _value(args, "--randomize") == "none":
         base = replace(base, randomization=STUDIO)
     if file := _value(args, "--config"):
-        from .renderer.provenance import read_config
+        from .renderer.recipe import read_config
 
         base = read_config(Path(file), base)
     names = [f.name for f in fields(RenderConfig)]
-    options = _parse(args, "render", Render, render.__doc__,
-                     Render(**{name: getattr(base, name) for name in names}))
+    options = _parse(
+        args,
+        "render",
+        Render,
+        render.__doc__,
+        Render(**{name: getattr(base, name) for name in names}),
+    )
     config = resolved(RenderConfig(**{name: getattr(options, name) for name in names}))
     from .renderer.generate import generate
 
@@ -146,7 +184,6 @@ def verify(args: Sequence[str]) -> int:
     bound, 2 if the dataset cannot be read.
 
     Example:
-
       gcbench verify data/ur5
     """
     from dataclasses import dataclass
@@ -162,6 +199,8 @@ def verify(args: Sequence[str]) -> int:
         """Processes that check sequences side by side."""
 
     options = _parse(args, "verify", Verify, verify.__doc__)
+    if options.workers < 1:
+        raise GcbenchError(f"{options.workers} workers cannot verify; ask for 1 or more")
     from .renderer.verify import verify_dataset
 
     report = verify_dataset(options.dataset, workers=options.workers)
@@ -173,11 +212,8 @@ def show(args: Sequence[str]) -> int:
     """Show a sequence: a page with a frame slider, a contact sheet, a GIF or an MP4.
 
     Examples:
-
       gcbench show data/ur5 --index 3
-
       gcbench show data/ur5/sequences/000003.zip --out look.html --open
-
       gcbench show data/ur5 --contact-sheet ur5.png --gif ur5.gif --mp4 ur5.mp4
     """
     from dataclasses import dataclass
@@ -185,32 +221,39 @@ def show(args: Sequence[str]) -> int:
 
     import tyro
 
+    file = tyro.conf.arg(metavar="FILE", help_behavior_hint="")
+
     @dataclass(frozen=True)
     class Show:
         path: Annotated[Path, tyro.conf.Positional]
         """A dataset, or one sequence (ZIP or folder)."""
         index: int = 0
         """Which sequence of a dataset."""
-        out: Path | None = None
+        out: Annotated[Path | None, file] = None
         """The page (HTML); default: SEQUENCE.html here, unless something else is asked for."""
-        contact_sheet: Path | None = None
+        contact_sheet: Annotated[Path | None, file] = None
         """PNG: the first frames of a dataset, or a sequence's layers over time."""
-        gif: Path | None = None
-        mp4: Path | None = None
+        gif: Annotated[Path | None, file] = None
+        """GIF: the images and their truth side by side."""
+        mp4: Annotated[Path | None, file] = None
+        """MP4: the same."""
         open: bool = False
         """Open the page in the browser."""
 
     options = _parse(args, "show", Show, show.__doc__)
     from .renderer.show import show as write
 
-    written = write(options.path, options.out, options.contact_sheet, options.gif, options.mp4,
-                    options.index)
+    if options.open and not options.out and (options.contact_sheet or options.gif or options.mp4):
+        raise GcbenchError("--open opens a page, and none is asked for; add --out PAGE.html")
+    written = write(
+        options.path, options.out, options.contact_sheet, options.gif, options.mp4, options.index
+    )
     for path in written:
         print(path)
     if options.open:
         import webbrowser
 
-        webbrowser.open(next(p for p in written if p.suffix == ".html").resolve().as_uri())
+        webbrowser.open(written[0].resolve().as_uri())
     return 0
 
 
@@ -218,11 +261,8 @@ def robots(args: Sequence[str]) -> int:
     """List the robots that come with gcbench; `fetch` gets their meshes (done on first use, too).
 
     Examples:
-
       gcbench robots
-
       gcbench robots fetch ur5
-
       gcbench robots fetch --all
     """
     from .robots import catalog
@@ -234,8 +274,15 @@ def robots(args: Sequence[str]) -> int:
     _parse(args, "robots", dataclass(type("Robots", (), {})), robots.__doc__)
     rows = [("name", "robot", "joints", "scored", "licence", "fetched", "source")]
     rows += [
-        (e.name, f"{e.maker} {e.title}", str(e.joints), str(len(e.scored)), e.licence,
-         "yes" if catalog.is_fetched(e) else "no", e.files.requirement)
+        (
+            e.name,
+            f"{e.maker} {e.title}",
+            str(e.joints),
+            str(len(e.scored)),
+            e.licence,
+            "yes" if catalog.is_fetched(e) else "no",
+            e.files.requirement,
+        )
         for e in catalog.CATALOG
     ]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
@@ -251,9 +298,7 @@ def _fetch(args: Sequence[str]) -> int:
     default ~/.cache/gcbench).
 
     Examples:
-
       gcbench robots fetch ur5 iiwa14
-
       gcbench robots fetch --all
     """
     from dataclasses import dataclass
@@ -285,7 +330,6 @@ def doctor(args: Sequence[str]) -> int:
     The exit code is 2 if nothing can render.
 
     Example:
-
       gcbench doctor
     """
     from dataclasses import dataclass
