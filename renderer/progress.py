@@ -23,7 +23,10 @@ Bar.set_lock(threading.RLock())
 
 
 def frame_bar(total: int, done: int, visible: bool) -> Bar:
-    """A bar of `total` frames, of which `done` were there before: the rate is without them."""
+    """A bar of `total` frames, of which `done` were there before: the rate is without them.
+
+    It appears with the first frame, so that a model that cannot be loaded is told in one line.
+    """
     with uninterrupted():  # half a bar complains when it is thrown away
         return Bar(
             total=total,
@@ -34,4 +37,6 @@ def frame_bar(total: int, done: int, visible: bool) -> Bar:
             disable=not visible,
             file=sys.stderr,
             dynamic_ncols=True,
+            delay=0.01,
+            mininterval=0.1 if sys.stderr.isatty() else 10.0,
         )
