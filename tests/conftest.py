@@ -1,0 +1,58 @@
+"""What this machine lacks is skipped with the reason; in CI, where nothing may lack, it fails."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Generator
+from functools import cache
+from typing import Any
+
+import pytest
+
+IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
+
+
+@cache
+def why_nothing_renders() -> str:
+    """The reason in one line, or nothing if this machine renders."""
+    from gcbench import GcbenchError
+    from gcbench.renderer.gl import Rasterizer
+
+    try:
+        Rasterizer(16, 16).close()
+    except GcbenchError as error:
+        return str(error)
+    return ""
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("gl") and (reason := why_nothing_renders()):
+        pytest.skip(reason)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    error = call.excinfo.value if call.excinfo else None
+    if type(error).__name__ == "NoRendererError" and why_nothing_renders():
+        report.outcome = "skipped"
+        report.longrepr = str(item.path), item.location[1] or 0, f"Skipped: {error}"
+    if report.skipped and not hasattr(report, "wasxfail"):
+        _not_in_ci(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, Any, Any]:
+    report = yield
+    if report.skipped:
+        _not_in_ci(report)
+    return report
+
+
+def _not_in_ci(report: Any) -> None:
+    if IN_CI:
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+        report.outcome, report.longrepr = "failed", f"nothing is skipped in CI: {reason}"

@@ -1,0 +1,326 @@
+"""The rules of the house: who imports whom, what is imported when, what ships."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import os
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Iterator
+from pathlib import Path
+
+import gcbench
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+PACKAGE = Path(str(gcbench.__file__)).resolve().parent
+CHECKOUT = Path(__file__).resolve().parent.parent
+ROOMS = ("robots", "renderer", "gcpose", "benchmark")
+FILES = sorted(
+    [*PACKAGE.glob("*.py"), *(f for room in ROOMS for f in PACKAGE.glob(f"{room}/**/*.py"))]
+)
+HEAVY = {
+    "numpy",
+    "scipy",
+    "cv2",
+    "torch",
+    "trimesh",
+    "tyro",
+    "OpenGL",
+    "pyrender",
+    "yourdfpy",
+    "fcl",
+    "tqdm",
+    "gcbench.robots",
+    "gcbench.renderer",
+}
+
+MAY_IMPORT = {
+    "robots": {""},
+    "renderer": {"", "robots"},
+    "gcpose": {"", "robots", "renderer"},
+    "benchmark": {"", "robots", "renderer"},
+}
+"""Rooms by room, beside itself; "" is the root."""
+TYPES_AND_STORAGE = {
+    "observation",
+    "sequence",
+    "camera",
+    "scene",
+    "config",
+    "dataset",
+    "storage",
+    "recipe",
+    "provenance",
+    "atomic",
+    "stack",
+    "metadata",
+    "generate",
+}
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def room_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE).parts
+    return parts[0] if len(parts) > 1 else ""
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Dotted absolute names of what a file imports, at any depth."""
+    package = ["gcbench", *path.relative_to(PACKAGE).parts[:-1]]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) + 1 - node.level] if node.level else []
+            module = ".".join([*base, *filter(None, [node.module])])
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def ours(path: Path) -> Iterator[tuple[str, str]]:
+    """(room, the rest) of what a file imports of this package; the root's room is ""."""
+    for name in imports(path):
+        if name.split(".")[0] == "gcbench":
+            _, _, rest = name.partition(".")
+            room = rest.split(".")[0]
+            yield (room, rest.partition(".")[2]) if room in ROOMS else ("", rest)
+
+
+# -- who imports whom -------------------------------------------------------------------------
+
+
+def test_there_is_something_to_check() -> None:
+    assert {room_of(f) for f in FILES} == {"", *ROOMS}
+    assert ("robots", "model.ArticulatedModel") in set(ours(PACKAGE / "renderer/scene.py"))
+    assert ("", "GcbenchError") in set(ours(PACKAGE / "renderer/config.py"))
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_looks_only_where_it_may(room: str) -> None:
+    allowed = {room, *MAY_IMPORT[room]}
+    wrong = [
+        f"{name_of(f)} imports {r}.{rest}"
+        for f in FILES
+        if room_of(f) == room
+        for r, rest in ours(f)
+        if r not in allowed
+    ]
+    assert not wrong
+
+
+def test_the_method_sees_types_of_the_renderer_only() -> None:
+    wrong = [
+        f"{name_of(f)} imports renderer.{rest}"
+        for f in FILES
+        if room_of(f) == "gcpose"
+        for r, rest in ours(f)
+        if r == "renderer" and rest.split(".")[0] not in TYPES_AND_STORAGE
+    ]
+    assert not wrong
+
+
+def test_imports_of_ours_are_relative() -> None:
+    """An absolute one would find another installation's, when two are about."""
+    wrong = [
+        f"{name_of(f)}:{node.lineno}"
+        for f in FILES
+        for node in ast.walk(ast.parse(f.read_text()))
+        if (
+            isinstance(node, ast.ImportFrom)
+            and not node.level
+            and (node.module or "").split(".")[0] in {"gcbench", *ROOMS}
+        )
+        or (
+            isinstance(node, ast.Import)
+            and any(a.name.split(".")[0] in {"gcbench", *ROOMS} for a in node.names)
+        )
+    ]
+    assert not wrong
+
+
+def test_one_module_touches_opengl() -> None:
+    users = {
+        name_of(f)
+        for f in FILES
+        if any(name.split(".")[0] in ("OpenGL", "pyrender") for name in imports(f))
+    }
+    assert users == {"renderer/gl.py"}
+
+
+def test_one_module_parses_xml() -> None:
+    """The door through which untrusted files come is one."""
+    users = {
+        name_of(f)
+        for f in FILES
+        if any(name.startswith(("xml.", "lxml", "defusedxml")) for name in imports(f))
+    }
+    assert users <= {"robots/safe_xml.py", "robots/dae.py"}, users
+    dae = set(imports(PACKAGE / "robots/dae.py"))
+    assert any("safe_xml" in name for name in dae)
+
+
+# -- what is imported when --------------------------------------------------------------------
+
+
+def test_the_root_imports_nothing() -> None:
+    tree = ast.parse((PACKAGE / "__init__.py").read_text())
+    imported = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    modules = {node.module for node in imported if isinstance(node, ast.ImportFrom)}
+    assert len(imported) == len(modules)
+    assert modules == {"__future__", "typing"}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import gcbench",
+        "from gcbench.__main__ import main; main(['--help'])",
+        "from gcbench.__main__ import main; main(['--version'])",
+    ],
+)
+def test_light_things_load_no_heavy_module(code: str) -> None:
+    code += f"\nimport sys; sys.exit(' '.join(sorted({HEAVY!r} & set(sys.modules))) or 0)"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_robots_are_listed_without_drawing_or_parsing() -> None:
+    heavy = {"cv2", "torch", "trimesh", "OpenGL", "pyrender", "yourdfpy", "gcbench.renderer"}
+    code = (
+        "import sys; from gcbench.__main__ import main; main(['robots'])\n"
+        f"sys.exit(' '.join(sorted({heavy!r} & set(sys.modules))) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+# -- how code is written ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_a_file_says_what_it_is(path: Path) -> None:
+    doc = ast.get_docstring(ast.parse(path.read_text()))
+    assert doc, f"{name_of(path)} has no docstring"
+    assert doc.splitlines()[0].rstrip().endswith((".", ":", ",")) or doc.count("\n"), doc
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_nothing_runs_or_unpickles_what_it_reads(path: Path) -> None:
+    forbidden = {"pickle", "cPickle", "dill", "marshal", "shelve", "joblib"}
+    assert not [name for name in imports(path) if name.split(".")[0] in forbidden]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.Call):
+            continue
+        if isinstance(node.func, ast.Name):
+            assert node.func.id not in ("eval", "exec", "compile"), f"{path}:{node.lineno}"
+        for keyword in node.keywords:
+            if keyword.arg in ("allow_pickle", "shell"):
+                assert isinstance(keyword.value, ast.Constant), f"{path}:{node.lineno}"
+                assert keyword.value.value is False, f"{path}:{node.lineno}"
+
+
+# -- what ships -------------------------------------------------------------------------------
+
+
+def declared() -> dict[str, object]:
+    return tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["tool"]["setuptools"]
+
+
+def test_every_folder_of_code_is_declared() -> None:
+    listed = set(declared()["packages"])  # type: ignore[call-overload]
+    there = {"gcbench"} | {
+        ".".join(["gcbench", *f.parent.relative_to(CHECKOUT).parts])
+        for room in ROOMS
+        for f in CHECKOUT.glob(f"{room}/**/*.py")
+    }
+    assert listed == there
+
+
+def test_the_root_holds_no_other_python_file() -> None:
+    assert {f.name for f in CHECKOUT.glob("*.py")} == {"__init__.py", "__main__.py"}
+
+
+def test_the_versions_agree() -> None:
+    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["project"]
+    assert project["version"] == gcbench.__version__
+
+
+@pytest.mark.skipif(
+    not os.environ.get("GCBENCH_TEST_INSTALLED"), reason="`make test` tests what is installed"
+)
+def test_what_is_tested_is_what_is_installed() -> None:
+    site = {Path(sysconfig.get_path(key)).resolve() for key in ("purelib", "platlib")}
+    assert PACKAGE.parent in site
+    code = "import gcbench.renderer.config as c; print(c.__file__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert Path(done.stdout.strip()).resolve().is_relative_to(PACKAGE)  # in workers, too
+
+    (installed,) = importlib.metadata.distributions(name="gcbench", path=[str(PACKAGE.parent)])
+    files = {f.as_posix() for f in installed.files or ()}
+    shipped = {f for f in files if f.startswith("gcbench/") and not f.endswith(".pyc")}
+    expected = {"__init__.py", "__main__.py", "py.typed"} | {
+        f.relative_to(CHECKOUT).as_posix()
+        for room in ROOMS
+        for f in CHECKOUT.glob(f"{room}/**/*")
+        if f.is_file() and f.suffix != ".pyc"
+    }
+    assert shipped == {f"gcbench/{name}" for name in expected}
+    for name in expected:
+        assert (PACKAGE / name).read_bytes() == (CHECKOUT / name).read_bytes(), name
+
+
+def test_a_wheel_has_nothing_of_the_one_before(tmp_path: Path) -> None:
+    """A module that was removed, or another branch's, must not live on in build/."""
+    pytest.importorskip("setuptools", reason="setuptools builds the wheel")
+    import shutil
+    import zipfile
+
+    source = tmp_path / "gcbench"
+    shutil.copytree(
+        CHECKOUT,
+        source,
+        ignore=shutil.ignore_patterns(
+            ".*", "data", "demo", "docs", "tests", "build", "dist", "*.egg-info", "__pycache__"
+        ),
+    )
+    (source / "README.md").touch()
+    left = source / "build/lib/gcbench/removed.py"
+    left.parent.mkdir(parents=True)
+    left.touch()
+    subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "wheel",
+            "--quiet",
+            "--no-deps",
+            "--no-build-isolation",
+            "--disable-pip-version-check",
+            "--wheel-dir",
+            str(tmp_path),
+            str(source),
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "gcbench/removed.py" not in names
+    assert "gcbench/renderer/show.html" in names
+    assert {name.split("/")[0] for name in names} == {
+        "gcbench",
+        f"gcbench-{gcbench.__version__}.dist-info",
+    }
