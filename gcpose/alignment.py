@@ -1,0 +1,71 @@
+"""Residuals of points that a hypothesis moves from frame 0 to frame t, and their normal equations.
+
+Every residual's derivative is taken to the twist (w, v) of the point's part, T <- exp(twist) T: six
+numbers a with dr = -a . twist. So the images enter the estimate only through a 6x6 matrix per part
+and frame, whatever the unknowns are: rigid motions, joint angles, axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robots.geometry import Array
+from .surface import Surfaces
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """T frames, N points."""
+
+    plane: Array
+    """[T N] point-to-plane distance of the measured surface, m; 0 where not `hit`."""
+    row: Array
+    """[T N 6] derivative of `plane` to minus the twist."""
+    gap: Array
+    """[T N] measured depth behind the predicted point, m; inf: nothing is there; NaN: outside."""
+    hit: NDArray[np.bool_]
+    """[T N] whether a surface element with a normal is there."""
+
+
+def align(surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: Array) -> Alignment:
+    """Projective association: each point [N 3], moved by motion [T 4 4], meets its pixel."""
+    k = surfaces.intrinsics
+    height, width = surfaces.depth.shape[1:]
+    m = motion.astype(np.float32)
+    moved = points.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2) + m[:, None, :3, 3]
+    x, y, z = moved[..., 0], moved[..., 1], np.maximum(moved[..., 2], 1e-3)
+    u = np.rint(np.clip(k[0, 0] * x / z + k[0, 2], -2, width + 1)).astype(np.int32)
+    v = np.rint(np.clip(k[1, 1] * y / z + k[1, 2], -2, height + 1)).astype(np.int32)
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    pixel = np.where(inside, v * width + u, 0) + (frames * (height * width))[:, None]
+    depth = surfaces.depth.reshape(-1).take(pixel)
+    n = surfaces.normal.reshape(-1, 3).take(pixel, axis=0)
+    hit = inside & (depth > 0) & n.any(axis=2)
+    ray = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]], axis=2).astype(np.float32)
+    target = np.concatenate([ray * depth[..., None], depth[..., None]], axis=2)
+    plane = np.where(hit, np.einsum("tnc,tnc->tn", n, target - moved), 0.0)
+    gap = np.where(depth > 0, depth - moved[..., 2], np.inf)
+    row = np.concatenate([cross(moved, n), n], axis=2)
+    return Alignment(plane, row, np.where(inside, gap, np.nan), hit)
+
+
+def cross(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """a x b over the last axis (np.cross is several times slower)."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+
+
+def robust_weight(residual: Array, scale: Array | float) -> Array:
+    """Geman-McClure's weight, over the variance."""
+    return 1.0 / (1.0 + (residual / scale) ** 2) ** 2 / np.square(scale)
+
+
+def normal_equations(row: Array, residual: Array, weight: Array) -> tuple[Array, Array]:
+    """A [T 6 6] and b [T 6] of rows [T N 6], residuals [T N], weights [T N]."""
+    weighted = (row * weight[..., None]).swapaxes(1, 2)
+    matrix = (weighted @ row).astype(np.float64)
+    return matrix, (weighted @ residual[..., None])[..., 0].astype(np.float64)

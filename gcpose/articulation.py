@@ -1,0 +1,246 @@
+"""The articulated motion from nothing: starts, tracking under the chain constraint, choice.
+
+A part's motion alone is ill-determined (a link is nearly a cylinder); under the chain each joint
+has one unknown a frame. Labels and motion are found in turns (EM), from several starts on the
+first frames, which then follow the video; what explains all frames best is kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robots.geometry import Array
+from .bundle import Articulation, adjust
+from .chain import adjoint, twists_of
+from .flow import Flow
+from .motion import Correspondence, correspond, costs, fit
+from .segment import Candidates, label_costs, order_from_base, smooth
+from .surface import Surfaces
+
+_CUTS = (0.06, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a method knows of the joints."""
+
+    prismatic: NDArray[np.bool_]
+    """[J]"""
+    direction: Array | None
+    """[J 3]"""
+    line: Array | None
+    """[J 6]"""
+
+    @property
+    def freedom(self) -> int:
+        """Unknowns of a revolute axis."""
+        return 0 if self.line is not None else 2 if self.direction is not None else 4
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An articulation, the parts that go with it, and how badly both explain the frames."""
+
+    state: Articulation
+    label: NDArray[np.int64]
+    """[N] of the candidates"""
+    cost: float
+
+
+def spaces(known: Known) -> tuple[Array, ...]:
+    """[6 d] of each joint: the twists it may add, about any origin but for known lines."""
+    eye, out = np.eye(6), []
+    for j, prismatic in enumerate(known.prismatic):
+        if known.direction is None:
+            out.append(eye[:, 3:] if prismatic else eye)
+            continue
+        l = known.direction[j]
+        if prismatic:
+            out.append(np.concatenate([np.zeros(3), l])[:, None])
+        elif known.line is not None:
+            out.append(known.line[j][:, None])
+        else:
+            across = np.linalg.svd(l[None])[2][1:].T
+            out.append(np.concatenate([np.concatenate([l, np.zeros(3)])[:, None],
+                                       np.concatenate([np.zeros((3, 2)), across])], axis=1))
+    return tuple(out)
+
+
+def about(origin: Array, twist: Array) -> Array:
+    """Twists [... 6] about the camera's centre as twists about `origin`: v + w x origin."""
+    shift = np.eye(4)
+    shift[:3, 3] = -origin
+    return (adjoint(shift) @ twist[..., None])[..., 0]
+
+
+def axis_from(added: Array, known: Known, joint: int, hinge: Array, least: float) -> tuple[Array, float]:
+    """Twist [6] of unit speed and displacement of a joint that adds `added` [6].
+
+    Where it hardly moves (less than `least`), its axis is taken through `hinge` [3].
+    """
+    w, v = added[:3], added[3:]
+    if known.prismatic[joint]:
+        l = known.direction[joint] if known.direction is not None else v / max(1e-12, np.linalg.norm(v))
+        return np.concatenate([np.zeros(3), l]), float(l @ v)
+    if known.direction is not None:
+        l = known.direction[joint]
+    else:
+        l = w / max(1e-12, float(np.linalg.norm(w)))
+        if not l.any():
+            l = np.array([0.0, 0.0, 1.0])
+    angle = float(l @ w)
+    if known.line is not None:
+        return known.line[joint].copy(), angle
+    across = np.cross(l, hinge)  # velocity of the hinge for a unit turn about the origin
+    at_hinge = v + angle * across  # what the hinge does: zero if the axis meets it
+    at_hinge -= l * (l @ at_hinge)
+    speed = angle if abs(angle) > least else np.copysign(least, angle)
+    offset = at_hinge / speed
+    far = np.linalg.norm(offset)
+    if far > 0.5 * hinge[2]:
+        offset *= 0.5 * hinge[2] / far
+    return np.concatenate([l, offset - across]), angle
+
+
+def hinges(points: Array, label: NDArray[np.int64], rank: Array, joints: int) -> Array:
+    """[J 3] about where part j meets what carries it: its points that are nearest to the base."""
+    out = np.tile(points.mean(axis=0), (joints, 1))
+    for j in range(joints):
+        outward = np.flatnonzero(label > j)
+        if len(outward):
+            first = outward[np.argsort(rank[outward])[: max(3, len(points) // 50)]]
+            out[j] = points[first].mean(axis=0)
+    return out
+
+
+def first_motion(
+    data: Correspondence,
+    label: NDArray[np.int64],
+    grid: Candidates,
+    rank: Array,
+    known: Known,
+    origin: Array,
+    to: int,
+) -> Hypothesis:
+    """EM over frames 0 and `to` from initial labels [N]; the displacement goes on evenly."""
+    joints = len(known.prismatic)
+    space = tuple(about(origin, s.T).T for s in spaces(known))
+    added = [np.zeros(6)] * joints
+    scale = float(np.ptp(grid.point[label > 0], axis=0).max()) if (label > 0).any() else 1.0
+    cost = np.inf
+    at = hinges(grid.point, label, rank, joints)
+    for _ in range(5):
+        at = hinges(grid.point, label, rank, joints)
+        prior = np.stack([hinge_prior(p - origin, scale) for p in at])
+        added = fit(data, label, space, prior)
+        volume = smooth(costs(data, added), grid)
+        label = volume.argmin(axis=1)
+        cost = float(volume.min(axis=1).mean())
+    twist, angle = np.zeros((joints, 6)), np.zeros((to + 1, joints))
+    for j in range(joints):
+        z = about(-origin, added[j])
+        twist[j], end = axis_from(z, known, j, at[j], np.radians(0.3))
+        angle[:, j] = np.linspace(0, end, to + 1)
+    return Hypothesis(Articulation(twist, angle, known.prismatic), label, cost)
+
+
+def hinge_prior(hinge: Array, scale: float) -> Array:
+    """[6 6] weak belief that a joint turns by some degrees and leaves its hinge [3] in place."""
+    turn, slip = 0.15, 0.02 * scale
+    x, y, z = hinge
+    drag = np.array([[0, z, -y, 1, 0, 0], [-z, 0, x, 0, 1, 0], [y, -x, 0, 0, 0, 1]])
+    out = drag.T @ drag / slip**2
+    out[:3, :3] += np.eye(3) / turn**2
+    return out
+
+
+def follow(
+    surfaces: Surfaces, grid: Candidates, guess: Hypothesis, known: Known, until: int, relabel: bool
+) -> Hypothesis:
+    """Track a hypothesis on from its last frame to frame `until`, EM over all frames so far."""
+    state, label = guess.state, guess.label
+    for last in range(len(state.angle), until + 1):
+        before = state.angle
+        step = before[-1] - before[-2] if last > 1 else np.zeros_like(before[-1])
+        state = replace(state, angle=np.concatenate([before, before[-1:] + step]))
+        state, _ = adjust(surfaces, grid.point, label, state, known.freedom, last, (6.0, 3.0, 1.5))
+        if relabel:
+            label, _ = assign(surfaces, grid, state)
+    label, cost = assign(surfaces, grid, state)
+    return Hypothesis(state, label, cost)
+
+
+def settle(
+    surfaces: Surfaces, grid: Candidates, guess: Hypothesis, known: Known, rounds: int
+) -> Hypothesis:
+    """EM over the frames that the hypothesis has."""
+    state, label, cost = guess.state, guess.label, guess.cost
+    last = len(state.angle) - 1
+    for _ in range(rounds):
+        state, _ = adjust(surfaces, grid.point, label, state, known.freedom, last, (4.0, 2.0, 1.0))
+        label, cost = assign(surfaces, grid, state)
+    return Hypothesis(state, label, cost)
+
+
+def assign(surfaces: Surfaces, grid: Candidates, state: Articulation) -> tuple[NDArray[np.int64], float]:
+    """E-step: labels of the candidates and their mean cost a frame."""
+    scale = surfaces.footprint(grid.point[:, 2]) + surfaces.noise
+    last = len(state.angle) - 1
+    volume = smooth(label_costs(surfaces, grid.point, state.motions(last + 1), scale), grid)
+    label = volume.argmin(axis=1)
+    return label, float(volume.min(axis=1).mean()) / max(1, last)
+
+
+def starts(rank: Array, moving: NDArray[np.bool_], joints: int) -> list[NDArray[np.int64]]:
+    """Initial labels: moving points cut into J runs from the base outward, in many ways."""
+    out: list[NDArray[np.int64]] = []
+    for cuts in combinations(_CUTS, joints - 1):
+        out.append(np.where(moving, 1 + np.searchsorted(np.array(cuts), rank), 0))
+    return out
+
+
+def search(
+    surfaces: Surfaces, rgb: NDArray[np.uint8], grid: Candidates, still: Array, known: Known, flow: Flow
+) -> Hypothesis:
+    """The best hypothesis over all frames, from many starts on the first ones."""
+    scale = surfaces.footprint(grid.point[:, 2]) + surfaces.noise
+    stays = label_costs(surfaces, grid.point, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)), scale)
+    moving = stays[:, 0] > 1.5 * (surfaces.frames - 1)
+    if not moving.any():
+        moving[:] = True
+    rank = np.zeros(len(grid.point))
+    rank[moving] = order_from_base(grid.point[moving], still)
+    to = min(2, surfaces.frames - 1)
+    field = flow(rgb[0], rgb[to])[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
+    origin = grid.point[moving].mean(axis=0)
+    data = correspond(surfaces, grid.point, grid.pixel, field, to, origin)
+    found = [first_motion(data, label, grid, rank, known, origin, to)
+             for label in starts(rank, moving, len(known.prismatic))]
+    found = distinct(found, 5)
+    found = [settle(surfaces, grid, h, known, 2) for h in found]
+    middle = min(5, surfaces.frames - 1)
+    found = [follow(surfaces, grid, h, known, middle, True) for h in distinct(found, 3)]
+    found = [follow(surfaces, grid, h, known, surfaces.frames - 1, True) for h in distinct(found, 2)]
+    return settle(surfaces, grid, distinct(found, 1)[0], known, 3)
+
+
+def distinct(found: list[Hypothesis], most: int) -> list[Hypothesis]:
+    """The best few whose labels differ."""
+    out: list[Hypothesis] = []
+    for h in sorted(found, key=lambda h: h.cost):
+        if all(np.mean(h.label != other.label) > 0.02 for other in out):
+            out.append(h)
+        if len(out) == most:
+            break
+    return out
+
+
+def knowledge(prismatic: NDArray[np.bool_], direction: Array | None, line: Array | None) -> Known:
+    """Known axes as twists."""
+    if line is not None:
+        return Known(prismatic, line[:, :3], twists_of(line, prismatic))
+    return Known(prismatic, direction, None)

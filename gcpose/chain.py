@@ -1,0 +1,133 @@
+"""A serial chain as the estimator sees it: screws, the motions they make, and their derivatives.
+
+A twist is six numbers (w, v): a point x moves with w x x + v. A revolute joint's twist is its
+screw (l, m = p x l); a prismatic joint's is (0, l), so that one formula serves both. Everything is
+in the camera frame at frame 0, which the static camera keeps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..robots.geometry import Array, apply, prismatic_motion, revolute_motion, transform
+
+
+def cross_matrix(v: Array) -> Array:
+    """[... 3 3] with cross_matrix(v) @ x = v x x."""
+    k = np.zeros((*v.shape[:-1], 3, 3))
+    k[..., 0, 1], k[..., 0, 2] = -v[..., 2], v[..., 1]
+    k[..., 1, 0], k[..., 1, 2] = v[..., 2], -v[..., 0]
+    k[..., 2, 0], k[..., 2, 1] = -v[..., 1], v[..., 0]
+    return k
+
+
+def adjoint(a_from_b: Array) -> Array:
+    """[... 6 6]: twists of frame b in frame a."""
+    r, t = a_from_b[..., :3, :3], a_from_b[..., :3, 3]
+    out = np.zeros((*a_from_b.shape[:-2], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = r
+    out[..., 3:, :3] = cross_matrix(t) @ r
+    return out
+
+
+def exponential(twist: Array) -> Array:
+    """[... 4 4] rigid motion exp(twist) of any twist [... 6]."""
+    w, v = twist[..., :3], twist[..., 3:]
+    angle = np.linalg.norm(w, axis=-1)
+    small = angle < 1e-9
+    a = np.where(small, 1.0, angle)[..., None, None]
+    k = cross_matrix(w)
+    s, c = np.sin(a), np.cos(a)
+    eye, flat = np.eye(3), small[..., None, None]
+    r = np.where(flat, eye + k, eye + s / a * k + (1 - c) / a**2 * (k @ k))
+    left = np.where(flat, eye + 0.5 * k, eye + (1 - c) / a**2 * k + (a - s) / a**3 * (k @ k))
+    return transform(r, np.einsum("...ij,...j->...i", left, v))
+
+
+def twists_of(screw: Array, prismatic: Array) -> Array:
+    """Twists [J 6] of the dataset's screws [J 6]; prismatic [J] bool."""
+    slide = np.concatenate([np.zeros_like(screw[:, :3]), screw[:, :3]], axis=1)
+    return np.where(prismatic[:, None], slide, screw)
+
+
+def screws_of(twist: Array, prismatic: Array) -> Array:
+    """The dataset's screws [J 6] of twists [J 6]."""
+    slide = np.concatenate([twist[:, 3:], np.zeros_like(twist[:, 3:])], axis=1)
+    return np.where(prismatic[:, None], slide, twist)
+
+
+def joint_motion(twist: Array, angle: Array) -> Array:
+    """[T 4 4] of one joint: twist [6], displacement [T]."""
+    if not twist[:3].any():
+        return prismatic_motion(np.broadcast_to(np.roll(twist, 3), (len(angle), 6)), angle)
+    return revolute_motion(np.broadcast_to(twist, (len(angle), 6)), angle)
+
+
+def part_motions(twist: Array, angle: Array) -> Array:
+    """[T J+1 4 4]: where part j's points of frame 0 are at frame t; part 0 stands still.
+
+    twist [J 6], angle [T J]: T_j = exp(S_1 a_1) ... exp(S_j a_j).
+    """
+    out = np.tile(np.eye(4), (len(angle), len(twist) + 1, 1, 1))
+    for j in range(len(twist)):
+        out[:, j + 1] = out[:, j] @ joint_motion(twist[j], angle[:, j])
+    return out
+
+
+def angle_derivatives(twist: Array, motion: Array) -> Array:
+    """[T J+1 6 J]: the twist of part j (left side: T_j <- exp(twist) T_j) per displacement of i."""
+    frames, parts = motion.shape[:2]
+    out = np.zeros((frames, parts, 6, parts - 1))
+    for i in range(parts - 1):
+        moved = adjoint(motion[:, i]) @ twist[i]
+        out[:, i + 1 :, :, i] = moved[:, None]
+    return out
+
+
+def axis_derivatives(motion: Array, basis: tuple[Array, ...]) -> Array:
+    """[T J+1 6 D]: the twist of part j per displacement of axis i by the twists basis[i] [6 d_i].
+
+    Moving the axis by exp(z) turns exp(S a) into exp(z) exp(S a) exp(-z): hence
+    (Ad T_{i-1} - Ad T_i) z on every part from i outward. D is the sum of the d_i.
+    """
+    frames, parts = motion.shape[:2]
+    ad = adjoint(motion)
+    blocks = [np.zeros((frames, parts, 6, b.shape[1])) for b in basis]
+    for i, b in enumerate(basis):
+        blocks[i][:, i + 1 :] = ((ad[:, i] - ad[:, i + 1]) @ b)[:, None]
+    return np.concatenate(blocks, axis=-1) if blocks else np.zeros((frames, parts, 6, 0))
+
+
+def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Array:
+    """[6 d] twists that displace an axis: 0 none, 2 across itself, 4 across and turning.
+
+    `near` [3] is a point by the part: the turning is about the foot of its perpendicular, so that
+    direction and position stay apart in the normal equations. A prismatic axis has only a
+    direction (d = 2 where freedom is 4).
+    """
+    direction = twist[3:] if prismatic else twist[:3]
+    first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    first /= np.linalg.norm(first)
+    across = np.stack([first, np.cross(direction, first)], axis=1)
+    zero = np.zeros((3, 2))
+    if prismatic:
+        return np.concatenate([across, zero])[:, : 2 if freedom == 4 else 0]
+    foot = np.cross(twist[:3], twist[3:])
+    centre = foot + direction * (direction @ (near - foot))
+    slide = np.concatenate([zero, across])
+    turn = np.concatenate([across, np.cross(centre, across.T).T])
+    return np.concatenate([slide, turn], axis=1)[:, :freedom]
+
+
+def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:
+    """The twist [6] of an axis after exp(by): again a unit direction, again without pitch."""
+    moved = adjoint(exponential(by)) @ twist
+    if prismatic:
+        return np.concatenate([np.zeros(3), moved[3:] / np.linalg.norm(moved[3:])])
+    l = moved[:3] / np.linalg.norm(moved[:3])
+    return np.concatenate([l, moved[3:] - l * (l @ moved[3:])])
+
+
+def move(motion: Array, points: Array) -> Array:
+    """Points [N 3] under motions [T 4 4]: [T N 3]."""
+    return apply(motion, points[None])

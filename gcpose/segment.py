@@ -1,0 +1,107 @@
+"""Parts from motion: labels by residuals that are accumulated over all frames (Sec. 3.2, EM).
+
+The paper assigns a pixel to the part whose epipolar loss is least, between two frames. With depth
+the residual is where the hypothesis puts the pixel's point against what the later frame measures
+there, over every frame; a point in front of the measured surface contradicts free space, a point
+behind it may be hidden.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial.distance import cdist
+
+from ..robots.geometry import Array
+from .alignment import align
+from .surface import Surfaces
+
+_SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE = 9.0, 3.0, 1.0, 2.0  # costs, in variances
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Points of frame 0 that may move, on a grid of pixels."""
+
+    pixel: NDArray[np.int64]
+    """[N 2] (u, v)"""
+    point: Array
+    """[N 3] m"""
+    stride: int
+    """Pixels from one to the next."""
+
+
+def changed(surfaces: Surfaces) -> NDArray[np.bool_]:
+    """[H W] whether a pixel's depth ever differs from that in frame 0."""
+    first = surfaces.depth[0]
+    tolerance = 0.5 * surfaces.footprint(first) + 5e-4
+    out = np.zeros(first.shape, bool)
+    for depth in surfaces.depth[1:]:
+        out |= np.abs(depth - first) > tolerance
+    return out
+
+
+def candidates(surfaces: Surfaces, moving: NDArray[np.bool_], most: int) -> Candidates:
+    """At most about `most` points in and around the pixels that change."""
+    wide = cv2.dilate(moving.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    wide &= surfaces.normal[0].any(axis=2)
+    stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(wide) / most))))
+    v, u = np.nonzero(wide[::stride, ::stride])
+    pixel = np.stack([u, v], axis=1) * stride
+    return Candidates(pixel, surfaces.points(0, pixel), stride)
+
+
+def label_costs(surfaces: Surfaces, points: Array, motion: Array, scale: Array) -> Array:
+    """[N J+1] cost of each label for points [N 3] of frame 0 under motion [T J+1 4 4].
+
+    scale [N] m is one standard deviation of a residual.
+    """
+    frames = np.arange(1, len(motion))
+    out = np.zeros((len(points), motion.shape[1]))
+    for j in range(motion.shape[1]):
+        a = align(surfaces, frames, motion[1:, j], points)
+        hidden = _HIDDEN if j else _HIDDEN_STILL
+        beyond = np.where(a.gap > 0, _SEEN_THROUGH, hidden)
+        near = np.abs(a.gap) < 20 * scale
+        cost = np.where(a.hit & near, np.minimum((a.plane / scale) ** 2, beyond), beyond)
+        cost = np.where(~a.hit & near, 1.0, cost)
+        out[:, j] = np.where(np.isnan(a.gap), _OUTSIDE, cost).sum(axis=0)
+    return out
+
+
+def smooth(cost: Array, grid: Candidates, radius: int = 2) -> Array:
+    """Mean of the costs [N L] over the candidates around each, on the grid."""
+    at = grid.pixel // grid.stride
+    shape = (int(at[:, 1].max()) + 1, int(at[:, 0].max()) + 1)
+    image = np.zeros((*shape, cost.shape[1] + 1), np.float32)
+    image[at[:, 1], at[:, 0], :-1] = cost
+    image[at[:, 1], at[:, 0], -1] = 1.0
+    size = 2 * radius + 1
+    total = np.stack(
+        [cv2.blur(np.ascontiguousarray(image[..., c]), (size, size), borderType=cv2.BORDER_CONSTANT)
+         for c in range(image.shape[2])], axis=2)
+    mean = total[..., :-1] / np.maximum(total[..., -1:], 1e-6)
+    return mean[at[:, 1], at[:, 0]].astype(np.float64)
+
+
+def order_from_base(points: Array, still: Array) -> Array:
+    """[N] rank in 0..1 of moving points by their way along the surface from the still ones.
+
+    points [N 3], still [M 3]. Hops count by their squared length, so that the way follows the
+    body and jumps gaps only where it must.
+    """
+    pick = np.linspace(0, len(points) - 1, min(len(points), 500)).astype(int)
+    some = points[pick]
+    if len(still):
+        to_still = cdist(some, still[:: max(1, len(still) // 1000)]).min(axis=1)
+    else:
+        to_still = np.zeros(len(some))
+    graph = cdist(some, some) ** 2
+    source = to_still <= np.quantile(to_still, 0.02)
+    way = dijkstra(graph + 1e-12, indices=np.flatnonzero(source), min_only=True)
+    rank = np.argsort(np.argsort(way)) / max(1, len(some) - 1)
+    return rank[cdist(points, some).argmin(axis=1)]
