@@ -34,6 +34,7 @@ from .scene import Light, Scene
 from .uv import box_projection
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
 
 _SHADOW_SIZE = 2048
 _HERE = Path(__file__).parent
