@@ -8,7 +8,7 @@ PYTHON ?= python3
 export PYTHON
 VENV := .venv
 PY := $(CURDIR)/$(VENV)/bin/python
-PYTEST := GCBENCH_TEST_INSTALLED=1 $(PY) -m pytest -rs
+PYTEST := GCBENCH_TEST_INSTALLED=1 $(PY) -m pytest -rfEs
 
 # A stamp carries the hash of what it stands for, so that edits, deletions and checkouts count.
 hash = $(shell sha256sum $(1) | sha256sum | cut -c -12)
