@@ -40,7 +40,7 @@ def project(intrinsics: Array, points_in_cam: ArrayLike) -> Array:
 
 
 def intrinsics_from_fov(width: int, height: int, vertical_fov: float) -> Array:
-    """[3 3] px of a camera with square pixels; `vertical_fov` in rad over the image's full height."""
+    """[3 3] px of a camera with square pixels; `vertical_fov` in rad over the image's height."""
     f = height / (2.0 * np.tan(vertical_fov / 2.0))
     return np.array([[f, 0.0, (width - 1) / 2.0], [0.0, f, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
 

@@ -59,7 +59,7 @@ def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
                      if k not in meta.joint_names and not _of_joints(v, meta.joint_names)}
     camera = drawn.pop("camera", {})
     for said_elsewhere in ("vertical_fov_deg", "world_from_cam", "materials"):
-        drawn.pop(said_elsewhere, None)  # in the camera's rows, or too long but for the raw metadata
+        drawn.pop(said_elsewhere, None)  # by the camera's rows, or too long but for the raw data
     raw = {name: getattr(meta, name) for name in meta.__dataclass_fields__}
     sequence: Rows = [
         ("name", meta.name), ("seed / index", f"{meta.seed} / {meta.index}"),

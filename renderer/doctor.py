@@ -48,8 +48,8 @@ def examine() -> Diagnosis:
     lines += [f"  {line}" for line in _packages()]
     lines += ["", f"robots (meshes in {cache_folder()})"]
     lines += [
-        f"  {'ok    ' if catalog.is_fetched(e) else 'later '}{e.name}"
-        + ("" if catalog.is_fetched(e) else f": fetched on first use, or gcbench robots fetch {e.name}")
+        f"  ok    {e.name}" if catalog.is_fetched(e)
+        else f"  later {e.name}: fetched on first use, or gcbench robots fetch {e.name}"
         for e in catalog.CATALOG
     ]
     browser = next((b for b in ("chromium", "chromium-browser", "google-chrome") if which(b)), None)
@@ -91,7 +91,9 @@ def _draw() -> str:
         rasterizer.begin_truth(model, camera, pose)
         depth, part = rasterizer.truth(pose[0])
         if not (np.abs(depth[240, 320] - 2.0) < 1e-5 and part[240, 320] == 1):
-            raise NoRendererError(f"the driver draws wrong depth ({depth[240, 320]} m instead of 2)")
+            raise NoRendererError(
+                f"the driver draws wrong depth ({depth[240, 320]} m instead of 2)"
+            )
         seconds = time.perf_counter() - started
         context = rasterizer.context
         return (f"drew and checked a frame in {seconds:.2f} s on device {context.device}: "

@@ -41,7 +41,7 @@ class Observation:
     axis_direction: Array | None = None
     """[J 3] unit, camera frame at frame 0; at `axes` and above."""
     axis_line: Array | None = None
-    """[J 6] (l, m = p x l), camera frame at frame 0, prismatic (l, 0); at `kinematics` and above."""
+    """[J 6] (l, m = p x l), camera frame at frame 0, prismatic (l, 0); from `kinematics` on."""
     model: ArticulatedModel | None = None
     """At `model`."""
     part: NDArray[np.uint8] | None = None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robots.geometry import Array, apply
+from ..robots.geometry import Array
 from ..robots.model import ArticulatedModel, Material
 from ..robots.trajectory import JointTrajectory
 from .camera import Camera, intrinsics_from_fov, look_at, project
@@ -30,6 +30,7 @@ from .images import draw_image as draw_picture
 from .room import RoomSurface, draw_room
 from .scene import Light, Scene
 
+
 @dataclass(frozen=True)
 class Streams:
     """Generators by factor for one sequence; equal for equal (config, index), in any order."""
@@ -45,6 +46,12 @@ class Streams:
         return np.random.default_rng([self.config.seed, stream, index, key, attempt])
 
 
+def _direction(azimuth: float, elevation: float) -> Array:
+    """Unit vector [3] from angles about z and above the horizon, rad."""
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
 def draw_camera(
     rng: np.random.Generator, config: CameraConfig, width: int, height: int,
     points: Array, floor: float,
@@ -56,11 +63,13 @@ def draw_camera(
     """
     low, high = points.min(0), points.max(0)
     center, size = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 1e-6)
-    azimuth, elevation = np.radians(rng.uniform(*config.azimuth)), np.radians(rng.uniform(*config.elevation))
+    azimuth = np.radians(rng.uniform(*config.azimuth))
+    elevation = np.radians(rng.uniform(*config.elevation))
     fov, fill = np.radians(rng.uniform(*config.fov)), rng.uniform(*config.fill)
-    roll, jitter = np.radians(rng.uniform(*config.roll)), rng.uniform(-1.0, 1.0, 3) * config.jitter * size
+    roll = np.radians(rng.uniform(*config.roll))
+    jitter = rng.uniform(-1.0, 1.0, 3) * config.jitter * size
     k = intrinsics_from_fov(width, height, float(fov))
-    away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    away = _direction(azimuth, elevation)
 
     if center[2] + 1.5 * size * away[2] < floor:
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])  # never under the floor
@@ -69,9 +78,9 @@ def draw_camera(
         world_from_cam = look_at(target + away, target, float(roll))
         local = (points - target) @ world_from_cam[:3, :3]  # the camera moves along its z
 
-        def box(distance: float) -> Array:
+        def box(distance: float, local: Array = local) -> Array:
             """Least and greatest (u, v) if the camera is this far from the target."""
-            uv = project(k, local + [0.0, 0.0, distance])[:, :2]
+            uv = project(k, local + np.array([0.0, 0.0, distance]))[:, :2]
             return np.stack([uv.min(0), uv.max(0)])
 
         near = 1.05 * max(-float(local[:, 2].min()), 0.01 * size)
@@ -99,7 +108,7 @@ def draw_lights(rng: np.random.Generator, config: LightsConfig) -> tuple[tuple[L
     for share in shares:
         azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(*config.elevation))
         warmth = rng.uniform(*config.warmth)
-        away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        away = _direction(azimuth, elevation)
         color = np.clip([1.0 + warmth, 1.0, 1.0 - warmth], 0.0, 1.0)
         lights.append(Light(-away, (float(color[0]), 1.0, float(color[2])), float(share)))
     return tuple(lights), float(rng.uniform(*config.ambient))
@@ -115,13 +124,19 @@ def draw_materials(
         m = visual.material
         key = (m.name, m.base_color, m.metallic, m.roughness, id(m.texture))
         if key not in drawn:
-            chance, hue, value = rng.random(), rng.uniform(-1, 1) * config.hue, rng.uniform(*config.value)
+            chance, hue = rng.random(), rng.uniform(-1, 1) * config.hue
+            value = rng.uniform(*config.value)
             rough, metal = rng.uniform(*config.roughness), rng.uniform(*config.metallic)
             drawn[key] = m
             if chance < config.probability:
                 h, s, v = colorsys.rgb_to_hsv(*m.base_color[:3])
                 rgb = colorsys.hsv_to_rgb((h + hue) % 1.0, s, min(v * float(value), 1.0))
-                drawn[key] = replace(m, base_color=(*rgb, m.base_color[3]), metallic=float(metal), roughness=float(rough))
+                drawn[key] = replace(
+                    m,
+                    base_color=(*rgb, m.base_color[3]),
+                    metallic=float(metal),
+                    roughness=float(rough),
+                )
         out.append(drawn[key])
     return tuple(out)
 
@@ -176,7 +191,9 @@ def draw_background(
 
 def draw_image(rng: np.random.Generator, config: ImageConfig) -> tuple[float, int, float, float]:
     """Noise (grey levels), its seed, blur (px) and exposure (stops)."""
-    noise, blur, exposure = (float(rng.uniform(*r)) for r in (config.noise, config.blur, config.exposure))
+    noise, blur, exposure = (
+        float(rng.uniform(*r)) for r in (config.noise, config.blur, config.exposure)
+    )
     return noise, int(rng.integers(2**62)), blur, exposure
 
 
@@ -194,15 +211,21 @@ def draw_scene(
     reach = float(np.linalg.norm((points - center)[:, :2], axis=1).max())
     lights, ambient = draw_lights(streams.rng("lights"), config.lights)
     materials = draw_materials(streams.rng("materials"), config.materials, model)
-    materials, tile, kinds = draw_textures(streams.rng("textures"), config.textures, model, materials, size)
+    materials, tile, kinds = draw_textures(
+        streams.rng("textures"), config.textures, model, materials, size
+    )
     backdrop, room, background = draw_background(
         streams.rng("background"), config.background, camera, floor, center, reach
     )
     noise, noise_seed, blur, exposure = draw_image(streams.rng("image"), config.image)
-    scene = Scene(model, trajectory, camera, lights, ambient, config.lights.shadows, materials, tile,
-                  backdrop, room, noise, noise_seed, blur, exposure)
+    scene = Scene(
+        model, trajectory, camera, lights, ambient, config.lights.shadows, materials, tile,
+        backdrop, room, noise, noise_seed, blur, exposure,
+    )  # fmt: skip
     record = {
-        "vertical_fov_deg": float(np.degrees(2 * np.arctan(camera.height / 2 / camera.intrinsics[1, 1]))),
+        "vertical_fov_deg": float(
+            np.degrees(2 * np.arctan(camera.height / 2 / camera.intrinsics[1, 1]))
+        ),
         "world_from_cam": camera.world_from_cam.tolist(),
         "floor": floor,
         "lights": [
