@@ -316,12 +316,8 @@ URDF = """<robot name="pointer">
 </robot>"""
 
 
+@pytest.mark.gl
 def test_the_command_line_renders(tmp_path: Path) -> None:
-    import gcbench
-
-    root = Path(str(gcbench.__file__)).parent
-    if not ((root / "__main__.py").exists() and (root / "renderer/render.py").exists()):
-        pytest.skip("this package has no command line yet")
     (tmp_path / "pointer.urdf").write_text(URDF)
     out = tmp_path / "out"
     command = (
