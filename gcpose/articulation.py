@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from .bundle import Articulation, adjust
+from .bundle import Articulation, Cloud, adjust
 from .chain import adjoint, twists_of
 from .flow import Flow
 from .motion import Correspondence, correspond, costs, fit
-from .segment import Candidates, label_costs, order_from_base, smooth
+from .segment import Candidates, candidates, changed, label_costs, order_from_base, smooth
 from .surface import Surfaces
 
+_KEY = 3  # frames from one key frame to the next
 _CUTS = (0.06, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
 
 
@@ -46,8 +47,8 @@ class Hypothesis:
     """An articulation, the parts that go with it, and how badly both explain the frames."""
 
     state: Articulation
-    label: NDArray[np.int64]
-    """[N] of the candidates"""
+    clouds: tuple[Cloud, ...]
+    """Of the key frames; the first is frame 0."""
     cost: float
 
 
@@ -145,7 +146,8 @@ def first_motion(
         z = about(-origin, added[j])
         twist[j], end = axis_from(z, known, j, at[j], np.radians(0.3))
         angle[:, j] = np.linspace(0, end, to + 1)
-    return Hypothesis(Articulation(twist, angle, known.prismatic), label, cost)
+    cloud = Cloud(0, grid.point, label)
+    return Hypothesis(Articulation(twist, angle, known.prismatic), (cloud,), cost)
 
 
 def hinge_prior(hinge: Array, scale: float) -> Array:
@@ -158,41 +160,61 @@ def hinge_prior(hinge: Array, scale: float) -> Array:
     return out
 
 
-def follow(
-    surfaces: Surfaces, grid: Candidates, guess: Hypothesis, known: Known, until: int, relabel: bool
-) -> Hypothesis:
-    """Track a hypothesis on from its last frame to frame `until`, EM over all frames so far."""
-    state, label = guess.state, guess.label
-    for last in range(len(state.angle), until + 1):
-        before = state.angle
-        step = before[-1] - before[-2] if last > 1 else np.zeros_like(before[-1])
-        state = replace(state, angle=np.concatenate([before, before[-1:] + step]))
-        state, _ = adjust(surfaces, grid.point, label, state, known.freedom, last, (6.0, 3.0, 1.5))
-        if relabel:
-            label, _ = assign(surfaces, grid, state)
-    label, cost = assign(surfaces, grid, state)
-    return Hypothesis(state, label, cost)
+class Tracker:
+    """The video seen by a hypothesis: clouds of key frames whose labels follow the motion."""
 
+    def __init__(self, surfaces: Surfaces, known: Known, most: int) -> None:
+        self.surfaces, self.known, self.most = surfaces, known, most
+        self.grids: dict[int, Candidates] = {}
 
-def settle(
-    surfaces: Surfaces, grid: Candidates, guess: Hypothesis, known: Known, rounds: int
-) -> Hypothesis:
-    """EM over the frames that the hypothesis has."""
-    state, label, cost = guess.state, guess.label, guess.cost
-    last = len(state.angle) - 1
-    for _ in range(rounds):
-        state, _ = adjust(surfaces, grid.point, label, state, known.freedom, last, (4.0, 2.0, 1.0))
-        label, cost = assign(surfaces, grid, state)
-    return Hypothesis(state, label, cost)
+    def grid(self, frame: int) -> Candidates:
+        """Candidates of a key frame."""
+        if frame not in self.grids:
+            self.grids[frame] = candidates(self.surfaces, frame, self.most)
+        return self.grids[frame]
 
+    def label(self, state: Articulation, frame: int) -> tuple[Cloud, float]:
+        """E-step for a frame's candidates; and their mean cost a frame."""
+        grid = self.grid(frame)
+        volume = smooth(label_costs(self.surfaces, grid, state.motions(len(state.angle))), grid)
+        cost = float(volume.min(axis=1).mean()) / max(1, len(state.angle) - 1)
+        return Cloud(frame, grid.point, volume.argmin(axis=1)), cost
 
-def assign(surfaces: Surfaces, grid: Candidates, state: Articulation) -> tuple[NDArray[np.int64], float]:
-    """E-step: labels of the candidates and their mean cost a frame."""
-    scale = surfaces.footprint(grid.point[:, 2]) + surfaces.noise
-    last = len(state.angle) - 1
-    volume = smooth(label_costs(surfaces, grid.point, state.motions(last + 1), scale), grid)
-    label = volume.argmin(axis=1)
-    return label, float(volume.min(axis=1).mean()) / max(1, last)
+    def relabel(self, state: Articulation, frames: tuple[int, ...]) -> Hypothesis:
+        """E-step for key frames."""
+        both = [self.label(state, f) for f in frames]
+        return Hypothesis(state, tuple(c for c, _ in both), float(np.mean([c for _, c in both])))
+
+    def follow(self, guess: Hypothesis, until: int) -> Hypothesis:
+        """Track on from the last frame of a hypothesis to frame `until`."""
+        for last in range(len(guess.state.angle), until + 1):
+            angle = guess.state.angle
+            step = angle[-1] - angle[-2] if last > 1 else np.zeros_like(angle[-1])
+            state = replace(guess.state, angle=np.concatenate([angle, angle[-1:] + step]))
+            state = self.fit(guess.clouds, state, (8.0, 4.0), newest=True)
+            state = self.fit(guess.clouds, state, (3.0, 1.5))
+            keys = tuple(c.frame for c in guess.clouds)
+            guess = self.relabel(state, (*keys, last) if last % _KEY == 0 else keys)
+        return guess
+
+    def settle(
+        self, guess: Hypothesis, rounds: int, scales: tuple[float, ...] = (4.0, 2.0, 1.0)
+    ) -> Hypothesis:
+        """EM over the frames that a hypothesis has."""
+        for _ in range(rounds):
+            state = self.fit(guess.clouds, guess.state, scales)
+            guess = self.relabel(state, tuple(c.frame for c in guess.clouds))
+        return guess
+
+    def fit(
+        self,
+        clouds: tuple[Cloud, ...],
+        state: Articulation,
+        scales: tuple[float, ...],
+        newest: bool = False,
+    ) -> Articulation:
+        """M-step."""
+        return adjust(self.surfaces, clouds, state, self.known.freedom, scales, newest)[0]
 
 
 def starts(rank: Array, moving: NDArray[np.bool_], joints: int) -> list[NDArray[np.int64]]:
@@ -203,36 +225,44 @@ def starts(rank: Array, moving: NDArray[np.bool_], joints: int) -> list[NDArray[
     return out
 
 
-def search(
-    surfaces: Surfaces, rgb: NDArray[np.uint8], grid: Candidates, still: Array, known: Known, flow: Flow
-) -> Hypothesis:
+def search(tracker: Tracker, rgb: NDArray[np.uint8], flow: Flow) -> Hypothesis:
     """The best hypothesis over all frames, from many starts on the first ones."""
-    scale = surfaces.footprint(grid.point[:, 2]) + surfaces.noise
-    stays = label_costs(surfaces, grid.point, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)), scale)
-    moving = stays[:, 0] > 1.5 * (surfaces.frames - 1)
+    surfaces, known = tracker.surfaces, tracker.known
+    grid, end = tracker.grid(0), surfaces.frames - 1
+    stays = label_costs(surfaces, grid, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)))
+    moving = stays[:, 0] > 1.5 * end
     if not moving.any():
         moving[:] = True
     rank = np.zeros(len(grid.point))
-    rank[moving] = order_from_base(grid.point[moving], still)
-    to = min(2, surfaces.frames - 1)
-    field = flow(rgb[0], rgb[to])[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
+    still = ~changed(surfaces, 0)[::4, ::4] & (surfaces.depth[0, ::4, ::4] > 0)
+    base = surfaces.points(0, np.argwhere(still)[:, ::-1] * 4)
+    rank[moving] = order_from_base(grid.point[moving], base)
     origin = grid.point[moving].mean(axis=0)
-    data = correspond(surfaces, grid.point, grid.pixel, field, to, origin)
-    found = [first_motion(data, label, grid, rank, known, origin, to)
-             for label in starts(rank, moving, len(known.prismatic))]
-    found = distinct(found, 5)
-    found = [settle(surfaces, grid, h, known, 2) for h in found]
-    middle = min(5, surfaces.frames - 1)
-    found = [follow(surfaces, grid, h, known, middle, True) for h in distinct(found, 3)]
-    found = [follow(surfaces, grid, h, known, surfaces.frames - 1, True) for h in distinct(found, 2)]
-    return settle(surfaces, grid, distinct(found, 1)[0], known, 3)
+    first = starts(rank, moving, len(known.prismatic))
+    found: list[Hypothesis] = []
+    for to in (1, 2):
+        field = flow(rgb[0], rgb[to])[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
+        data = correspond(surfaces, grid.point, grid.pixel, field, to, origin)
+        some = [first_motion(data, label, grid, rank, known, origin, to) for label in first]
+        found += [tracker.settle(extend(h, 2), 2, (16.0, 8.0, 4.0, 2.0)) for h in distinct(some, 8)]
+    found = [tracker.follow(h, min(5, end)) for h in distinct(found, 6)]
+    found = [tracker.follow(h, end) for h in distinct(found, 3)]
+    return tracker.settle(distinct(found, 1)[0], 2)
+
+
+def extend(guess: Hypothesis, until: int) -> Hypothesis:
+    """Go on evenly to frame `until`."""
+    angle = guess.state.angle
+    while len(angle) <= until:
+        angle = np.concatenate([angle, 2 * angle[-1:] - angle[-2:-1]])
+    return replace(guess, state=replace(guess.state, angle=angle))
 
 
 def distinct(found: list[Hypothesis], most: int) -> list[Hypothesis]:
     """The best few whose labels differ."""
     out: list[Hypothesis] = []
     for h in sorted(found, key=lambda h: h.cost):
-        if all(np.mean(h.label != other.label) > 0.02 for other in out):
+        if all(np.mean(h.clouds[0].label != other.clouds[0].label) > 0.02 for other in out):
             out.append(h)
         if len(out) == most:
             break

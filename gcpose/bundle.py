@@ -12,9 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robots.geometry import Array
+from ..robots.geometry import Array, inverse
 from .alignment import align, normal_equations, robust_weight
-from .chain import angle_derivatives, axis_basis, axis_derivatives, displace_axis, part_motions
+from .chain import (
+    adjoint,
+    angle_derivatives,
+    axis_basis,
+    axis_derivatives,
+    displace_axis,
+    part_motions,
+)
 from .surface import Surfaces
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
@@ -45,38 +52,64 @@ class Normal:
     vector: Array
 
 
+@dataclass(frozen=True)
+class Cloud:
+    """Points that a frame sees, with their parts: a piece of the paper's point cloud model."""
+
+    frame: int
+    point: Array
+    """[N 3] at that frame, camera frame, m"""
+    label: NDArray[np.int64]
+    """[N] 0..J"""
+
+
 def assemble(
     surfaces: Surfaces,
-    points: Array,
-    label: NDArray[np.int64],
+    clouds: tuple[Cloud, ...],
     state: Articulation,
     basis: tuple[Array, ...],
     last: int,
-    scale: Array,
+    scale: float,
 ) -> Normal:
-    """Frames 1..last of the points [N 3] of frame 0 with part labels [N]; scale [N] m."""
+    """Clouds against all frames up to `last`; `scale` is in footprints of a pixel.
+
+    A point of frame s is at T_t T_s^-1 X in frame t: both frames' unknowns move it.
+    """
     motion = state.motions(last + 1)
+    derivative = derivatives(state, motion, basis)
+    size = derivative.shape[-1]
+    matrix, vector = np.zeros((size, size)), np.zeros(size)
+    for cloud in clouds:
+        frames = np.delete(np.arange(last + 1), cloud.frame)
+        for j in range(1, len(state.twist) + 1):
+            mine = cloud.label == j
+            if np.count_nonzero(mine) < 6:
+                continue
+            here_from_there = motion[frames, j] @ inverse(motion[cloud.frame, j])
+            point = cloud.point[mine]
+            a = align(surfaces, frames, here_from_there, point)
+            sigma = scale * surfaces.footprint(point[:, 2])
+            weight = np.where(a.hit, robust_weight(a.plane, sigma), 0.0)
+            six, right = normal_equations(a.row, a.plane, weight)
+            g = derivative[frames, j]
+            if cloud.frame:
+                g = g - adjoint(here_from_there) @ derivative[cloud.frame, j]
+            matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
+            vector += np.tensordot(right, g, axes=2)
+    return Normal(matrix, vector)
+
+
+def derivatives(state: Articulation, motion: Array, basis: tuple[Array, ...]) -> Array:
+    """[T J+1 6 U] twists of the parts per unknown: displacements of frames 1.., then axes."""
+    frames, joints = len(motion), len(state.twist)
     by_angle = angle_derivatives(state.twist, motion)
     by_axis = axis_derivatives(motion, basis)
-    joints, axes = state.twist.shape[0], by_axis.shape[-1]
-    size = last * joints + axes
-    matrix, vector = np.zeros((size, size)), np.zeros(size)
-    frames = np.arange(1, last + 1)
-    for j in range(1, joints + 1):
-        mine = label == j
-        if np.count_nonzero(mine) < 6:
-            continue
-        a = align(surfaces, frames, motion[1:, j], points[mine])
-        weight = np.where(a.hit, robust_weight(a.plane, scale[mine]), 0.0)
-        six, right = normal_equations(a.row, a.plane, weight)
-        g = np.concatenate([by_angle[1:, j], by_axis[1:, j]], axis=2)
-        block = g.swapaxes(1, 2) @ six @ g
-        side = np.einsum("tij,ti->tj", g, right)
-        for t in range(last):
-            index = np.r_[t * joints : (t + 1) * joints, last * joints : size]
-            matrix[np.ix_(index, index)] += block[t]
-            vector[index] += side[t]
-    return Normal(matrix, vector)
+    held = (frames - 1) * joints
+    out = np.zeros((frames, joints + 1, 6, held + by_axis.shape[-1]))
+    for t in range(1, frames):
+        out[t, ..., (t - 1) * joints : t * joints] = by_angle[t]
+    out[..., held:] = by_axis
+    return out
 
 
 def smoothness(angle: Array, last: int) -> Normal:
@@ -97,33 +130,35 @@ def smoothness(angle: Array, last: int) -> Normal:
 
 def adjust(
     surfaces: Surfaces,
-    points: Array,
-    label: NDArray[np.int64],
+    clouds: tuple[Cloud, ...],
     state: Articulation,
     freedom: int,
-    last: int,
     scales: tuple[float, ...],
+    newest: bool = False,
 ) -> tuple[Articulation, Array]:
-    """Gauss-Newton over frames 1..last, an iteration for each of `scales` (footprints).
+    """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
 
-    Returns the articulation and the Hessian of the last iteration.
+    With `newest` only the last frame's displacements move. Returns the articulation and the
+    Hessian of the last iteration.
     """
-    joints = len(state.twist)
-    footprint = surfaces.footprint(points[:, 2])
+    joints, last = len(state.twist), len(state.angle) - 1
+    held = last * joints
     hessian = np.zeros((0, 0))
     for scale in scales:
-        basis = axis_bases(state, points, label, freedom)
-        n = assemble(surfaces, points, label, state, basis, last, scale * footprint)
+        basis = axis_bases(state, clouds, 0 if newest else freedom)
+        n = assemble(surfaces, clouds, state, basis, last, scale)
         prior = smoothness(state.angle, last)
-        held = last * joints
         n.matrix[:held, :held] += prior.matrix
         n.vector[:held] += prior.vector
         hessian = n.matrix
-        damped = n.matrix + np.diag(1e-4 * np.diag(n.matrix) + 1.0)
-        damped[held:, held:] += np.eye(len(damped) - held) * 1e4
-        step = np.clip(np.linalg.solve(damped, n.vector), -_STEP, _STEP)
+        damping = 1e-4 * np.diag(n.matrix) + 1.0
+        damping[held:] += 1e4
+        if newest:
+            damping[: held - joints] += 1e15
+        step = np.linalg.solve(n.matrix + np.diag(damping), n.vector)
+        step = np.clip(step, -_STEP, _STEP)
         angle = state.angle.copy()
-        angle[1 : last + 1] += step[:held].reshape(last, joints)
+        angle[1:] += step[:held].reshape(last, joints)
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
         if np.abs(step).max() < 1e-6:
             break
@@ -131,9 +166,10 @@ def adjust(
 
 
 def axis_bases(
-    state: Articulation, points: Array, label: NDArray[np.int64], freedom: int
+    state: Articulation, clouds: tuple[Cloud, ...], freedom: int
 ) -> tuple[Array, ...]:
     """A basis of displacements for each joint's axis."""
+    points, label = clouds[0].point, clouds[0].label
     middle = points[label > 0].mean(axis=0) if (label > 0).any() else np.zeros(3)
     out: list[Array] = []
     for j, (twist, prismatic) in enumerate(zip(state.twist, state.prismatic, strict=True)):

@@ -6,15 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
-from ..robots.geometry import Array
-from .articulation import Hypothesis, knowledge, search
+from .articulation import Hypothesis, Tracker, knowledge, search
 from .bundle import adjust
 from .chain import screws_of
 from .flow import Flow, dis_flow
-from .segment import candidates, changed
 from .surface import measure
 
-_CANDIDATES = 2500
+_CANDIDATES = 1500
 
 
 class GCPose:
@@ -38,28 +36,26 @@ class GCPose:
             observation.axis_line,
         )
         surfaces = measure(observation.depth, observation.intrinsics)
-        moving = changed(surfaces)
-        grid = candidates(surfaces, moving, _CANDIDATES)
-        still = ~moving & (surfaces.depth[0] > 0)
-        v, u = np.nonzero(still[::4, ::4])
-        base = surfaces.points(0, np.stack([u, v], axis=1) * 4)
-        best = search(surfaces, observation.rgb, grid, base, known, self.flow)
+        tracker = Tracker(surfaces, known, _CANDIDATES)
+        best = search(tracker, observation.rgb, self.flow)
         last = surfaces.frames - 1
-        state, hessian = adjust(surfaces, grid.point, best.label, best.state, known.freedom, last, (1.0, 0.7, 0.7, 0.7))
+        state, hessian = adjust(surfaces, best.clouds, best.state, known.freedom, (1.0, 0.7, 0.7))
         joints = len(known.prismatic)
         sigma = np.zeros((last + 1, joints))
         variance = np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(len(hessian))))
         sigma[1:] = np.sqrt(np.maximum(variance[: last * joints], 0)).reshape(last, joints)
+        self.tracker, self.best = tracker, best
         self.log = f"cost {best.cost:.3f}"
-        return Estimate(state.angle, screws_of(state.twist, state.prismatic), parts(observation.depth, grid.pixel, grid.stride, best), sigma)
+        screw = screws_of(state.twist, state.prismatic)
+        return Estimate(state.angle, screw, parts(tracker, best), sigma)
 
 
-def parts(depth: NDArray[np.float32], pixel: NDArray[np.int64], stride: int, best: Hypothesis) -> NDArray[np.uint8]:
+def parts(tracker: Tracker, best: Hypothesis) -> NDArray[np.uint8]:
     """[T H W]"""
-    out = np.zeros(depth.shape, np.uint8)
-    h = stride
-    for (u, v), l in zip(pixel, best.label, strict=True):
-        out[0, v : v + h, u : u + h] = l
+    out = np.zeros(tracker.surfaces.depth.shape, np.uint8)
+    for cloud in best.clouds:
+        grid = tracker.grid(cloud.frame)
+        h = grid.stride
+        for (u, v), l in zip(grid.pixel, cloud.label, strict=True):
+            out[cloud.frame, v : v + h, u : u + h] = l
     return out
-
-

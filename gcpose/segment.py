@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import cdist
 
-from ..robots.geometry import Array
+from ..robots.geometry import Array, inverse
 from .alignment import align
 from .surface import Surfaces
 
@@ -25,8 +25,9 @@ _SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE = 9.0, 3.0, 1.0, 2.0  # costs, i
 
 @dataclass(frozen=True)
 class Candidates:
-    """Points of frame 0 that may move, on a grid of pixels."""
+    """Points of a frame that may move, on a grid of pixels."""
 
+    frame: int
     pixel: NDArray[np.int64]
     """[N 2] (u, v)"""
     point: Array
@@ -35,35 +36,35 @@ class Candidates:
     """Pixels from one to the next."""
 
 
-def changed(surfaces: Surfaces) -> NDArray[np.bool_]:
-    """[H W] whether a pixel's depth ever differs from that in frame 0."""
-    first = surfaces.depth[0]
-    tolerance = 0.5 * surfaces.footprint(first) + 5e-4
-    out = np.zeros(first.shape, bool)
-    for depth in surfaces.depth[1:]:
-        out |= np.abs(depth - first) > tolerance
+def changed(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
+    """[H W] whether a pixel's depth ever differs from that in `frame`."""
+    here = surfaces.depth[frame]
+    tolerance = 0.5 * surfaces.footprint(here) + 5e-4
+    out = np.zeros(here.shape, bool)
+    for depth in surfaces.depth:
+        out |= np.abs(depth - here) > tolerance
     return out
 
 
-def candidates(surfaces: Surfaces, moving: NDArray[np.bool_], most: int) -> Candidates:
-    """At most about `most` points in and around the pixels that change."""
-    wide = cv2.dilate(moving.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    wide &= surfaces.normal[0].any(axis=2)
+def candidates(surfaces: Surfaces, frame: int, most: int) -> Candidates:
+    """At most about `most` points of a frame in and around the pixels that change."""
+    moving = changed(surfaces, frame).astype(np.uint8)
+    wide = cv2.dilate(moving, np.ones((9, 9), np.uint8)) > 0
+    wide &= surfaces.normal[frame].any(axis=2)
     stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(wide) / most))))
     v, u = np.nonzero(wide[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride
-    return Candidates(pixel, surfaces.points(0, pixel), stride)
+    return Candidates(frame, pixel, surfaces.points(frame, pixel), stride)
 
 
-def label_costs(surfaces: Surfaces, points: Array, motion: Array, scale: Array) -> Array:
-    """[N J+1] cost of each label for points [N 3] of frame 0 under motion [T J+1 4 4].
-
-    scale [N] m is one standard deviation of a residual.
-    """
-    frames = np.arange(1, len(motion))
-    out = np.zeros((len(points), motion.shape[1]))
+def label_costs(surfaces: Surfaces, grid: Candidates, motion: Array) -> Array:
+    """[N J+1] cost of each label for the candidates under motion [T J+1 4 4], over T - 1 frames."""
+    frames = np.delete(np.arange(len(motion)), grid.frame)
+    scale = surfaces.footprint(grid.point[:, 2]) + surfaces.noise
+    out = np.zeros((len(grid.point), motion.shape[1]))
     for j in range(motion.shape[1]):
-        a = align(surfaces, frames, motion[1:, j], points)
+        here_from_there = motion[frames, j] @ inverse(motion[grid.frame, j])
+        a = align(surfaces, frames, here_from_there, grid.point)
         hidden = _HIDDEN if j else _HIDDEN_STILL
         beyond = np.where(a.gap > 0, _SEEN_THROUGH, hidden)
         near = np.abs(a.gap) < 20 * scale
