@@ -107,7 +107,7 @@ class DrawSampler:
 
     def judged_again(self, draw: Draw, part: list[NDArray[np.uint16]]) -> Draw:
         """The draw with the evidence of other part images T x [H W]: the room may hide pixels."""
-        pixels = np.stack([self._count(p) for p in part])
+        pixels = np.stack([self._count(p[p > 0]) for p in part])
         joints, reason = self._verdict(draw.motion, pixels, draw.covered, draw.flow)
         return replace(draw, joints=joints, reason=reason)
 
@@ -156,13 +156,18 @@ class DrawSampler:
         self._rasterizer.begin_truth(self.model, camera, poses)
         # The ends of a motion are where it is most likely to hide: judge them first.
         for t in sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t)):
-            depth[t], part[t] = self._rasterizer.truth(poses[t])
-            pixels[t], covered[t] = self._count(part[t]), self._covered(poses[t])
+            self._rasterizer.draw_truth(poses[t])
+            self._rasterizer.draw_coverage(poses[t], self._group)
+            depth[t], part[t] = self._rasterizer.read_truth()
+            index = np.flatnonzero(part[t] > 0)
+            number = part[t].ravel()[index]
+            pixels[t] = self._count(number)
             for j in range(joints) if t < frames - 1 else ():
                 flow[t, j] = own_motion(
-                    depth[t], part[t], camera, screws[t, j], self._prismatic[j],
+                    depth[t], index, number, camera, screws[t, j], self._prismatic[j],
                     steps[t, j], self._moved[j],
                 )
+            covered[t] = self._covered(self._rasterizer.read_coverage())
             reason = "" if keep else self._reason(_seen(pixels[[t]], covered[[t]]))
             if reason:
                 return reason
@@ -190,14 +195,14 @@ class DrawSampler:
         ]
         return max(reasons, key=_LEAST_BAD.index, default="")
 
-    def _count(self, part: NDArray[np.uint16]) -> NDArray[np.int64]:
-        """[S] visible pixels of each scored joint's subtree."""
-        counts = np.bincount(part.ravel(), minlength=len(self.model.parent) + 1)[1:]
+    def _count(self, number: NDArray[np.uint16]) -> NDArray[np.int64]:
+        """[S] visible pixels of each scored joint's subtree, from the part numbers of pixels."""
+        counts = np.bincount(number, minlength=len(self.model.parent) + 1)[1:]
         return self._moved @ counts
 
-    def _covered(self, poses: Array) -> NDArray[np.int64]:
-        """[S] pixels that each scored joint's subtree would show with nothing before it."""
-        bits = self._rasterizer.coverage(poses, self._group)
+    def _covered(self, bits: NDArray[np.uint32]) -> NDArray[np.int64]:
+        """[S] pixels that each scored joint's subtree would show with nothing before it, from
+        the bits [H W] of `Rasterizer.read_coverage`."""
         masks = [sum(1 << g for g, row in enumerate(self._patterns) if row[j])
                  for j in range(len(self.scored))]
         return np.array([np.count_nonzero(bits & np.uint32(mask)) for mask in masks], np.int64)

@@ -157,11 +157,13 @@ class Rasterizer:
         self._truth = _Target(gl, width, height, truth, gl.GL_DEPTH_COMPONENT32F)
         self._truth_still = _Target(gl, width, height, truth, gl.GL_DEPTH_COMPONENT32F)
         self._covered = _Target(gl, width, height, color, None)
+        self._samples = np.empty((height * finer, width * finer, 4), np.uint8)
         self._programs = _Programs(gl)
         self._empty_vao = int(gl.glGenVertexArrays(1))
         self._model: Mesh | None = None
         self._loaded: ArticulatedModel | None = None
         self._projected = np.zeros(0, bool)
+        self._corners = list[tuple[int, Array]]()
         self._room: Mesh | None = None
         self._scene_textures: list[int] = []
         self._shadow = _Target(gl, _SHADOW_SIZE, _SHADOW_SIZE, [], None)
@@ -178,17 +180,29 @@ class Rasterizer:
         """Draw the parts that stand still in all frames; world_from_part [T P 4 4]."""
         self._upload_model(model)
         self._split_by_motion(world_from_part)
-        box = _bounds(model.visuals, world_from_part)
-        self._clip_from_world = _clip_from_world(camera, box)
+        self._clip_from_world = _clip_from_world(camera, self._box(world_from_part))
         self._truth_still.bind()
         self._clear_truth()
         self._draw_truth(world_from_part[0], self._standing)
 
     def truth(self, world_from_part: Array) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:
         """Depth [H W] m (0: none) and part [H W] of the model alone, from part poses [P 4 4]."""
+        self.draw_truth(world_from_part)
+        return self.read_truth()
+
+    def draw_truth(self, world_from_part: Array) -> None:
+        """Begin to draw what `read_truth` gives.
+
+        The software rasterizer works in threads of its own: what is drawn before something is
+        read goes on meanwhile.
+        """
         self._truth_still.copy_to(self._truth)
         self._truth.bind()
         self._draw_truth(world_from_part, self._moving)
+        self._gl.glFlush()
+
+    def read_truth(self) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:
+        """Depth [H W] m (0: none) and part [H W] of the model alone."""
         return self._read_depth(), self._read_part()
 
     def room_depth(self) -> NDArray[np.float32]:
@@ -226,8 +240,8 @@ class Rasterizer:
         ]
         self._room_textures = [self._texture(m.texture) for m in self._room_materials]
         self._shadow_textures = [self._shadow_texture() for _ in scene.lights if scene.shadows]
-        points = [_bounds(scene.model.visuals, world_from_part), *(s.vertices for s in scene.room)]
-        self._clip_from_world = _clip_from_world(scene.camera, np.concatenate(points))
+        points = np.concatenate([self._box(world_from_part), *(s.vertices for s in scene.room)])
+        self._clip_from_world = _clip_from_world(scene.camera, points)
 
         self._color_still.bind()
         gl.glClearColor(0.0, 0.0, 0.0, 1.0)
@@ -237,25 +251,28 @@ class Rasterizer:
         if not scene.shadows:
             self._shade(world_from_part[0], self._standing, room=True)
 
-    def color(self, world_from_part: Array) -> NDArray[np.uint8]:
-        """RGB [H W 3] of one frame from part poses [P 4 4]."""
-        gl = self._gl
+    def draw_color(self, world_from_part: Array) -> None:
+        """Begin to draw the colours of one frame from part poses [P 4 4] (see `draw_truth`)."""
         if self._scene.shadows:
             self._draw_shadows(world_from_part)
         self._color_still.copy_to(self._color)
         self._color.bind()
         self._shade(world_from_part, self._moving, room=self._scene.shadows)
-        rgba = np.empty((self.height * self._finer, self.width * self._finer, 4), np.uint8)
+        self._gl.glFlush()
+
+    def read_color(self) -> NDArray[np.uint8]:
+        """RGB [H W 3] of the frame that `draw_color` began."""
+        gl, rgba = self._gl, self._samples
         self._color.read(0, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, rgba)
-        rgb = cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
         if self._finer > 1:
-            rgb = cv2.resize(rgb, (self.width, self.height), interpolation=cv2.INTER_AREA)
-        return np.asarray(rgb, np.uint8)
+            size = (self.width, self.height)
+            rgba = cv2.resize(rgba, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), np.uint8)
 
-    def coverage(self, world_from_part: Array, group: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """[H W] bits: bit g is set where any part of group g would be seen with nothing before it.
+    def draw_coverage(self, world_from_part: Array, group: NDArray[np.int64]) -> None:
+        """Begin to draw what `read_coverage` gives; `begin_truth` was before it.
 
-        `group` [P] is 0..31, or -1 for parts that are left out. Needs `begin_truth`.
+        Poses are [P 4 4], `group` [P] is 0..31, or -1 for parts that are left out.
         """
         gl, program = self._gl, self._programs.coverage
         assert self._model is not None
@@ -274,6 +291,11 @@ class Rasterizer:
             _draw(gl, surface)
         gl.glDisable(gl.GL_COLOR_LOGIC_OP)
         gl.glEnable(gl.GL_DEPTH_TEST)
+        gl.glFlush()
+
+    def read_coverage(self) -> NDArray[np.uint32]:
+        """[H W] bits: bit g is set where a part of group g would be seen with nothing before it."""
+        gl = self._gl
         rgba = np.empty((self.height, self.width, 4), np.uint8)
         self._covered.read(0, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, rgba)
         return rgba.view("<u4")[..., 0]
@@ -395,7 +417,7 @@ class Rasterizer:
         """Depth seen from each light into its map. The room throws no shadow: light passes walls."""
         gl, scene = self._gl, self._scene
         assert self._model is not None
-        points = _bounds(scene.model.visuals, world_from_part)
+        points = self._box(world_from_part)
         for k, light in enumerate(scene.lights):
             clip_from_world = _clip_from_light(light, points)
             self._shadow.bind_depth(self._shadow_textures[k])
@@ -424,6 +446,12 @@ class Rasterizer:
         self._moving = [s for s in self._model.surfaces if not stands[s.part]]
         self._standing = [s for s in self._model.surfaces if stands[s.part]]
 
+    def _box(self, world_from_part: Array) -> Array:
+        """Corners [N 3] of the visuals' bounding boxes in the world, for poses [... P 4 4]."""
+        poses = world_from_part.reshape(-1, *world_from_part.shape[-3:])
+        boxes = [apply(poses[:, part], corners).reshape(-1, 3) for part, corners in self._corners]
+        return np.concatenate([np.zeros((0, 3)), *boxes])
+
     def _upload_model(
         self, model: ArticulatedModel, projected: NDArray[np.bool_] | None = None
     ) -> None:
@@ -450,6 +478,7 @@ class Rasterizer:
                 pieces.append(_Piece(part, k, v, f, n, uv, outward))
         self._model = self._upload(pieces)
         self._loaded, self._projected = model, projected
+        self._corners = [(visual.part, _corners(visual)) for visual in model.visuals]
 
     def _upload(self, pieces: Sequence[_Piece]) -> Mesh:
         """One vertex buffer (position, normal, uv) and one index buffer for all pieces."""
@@ -736,15 +765,10 @@ def _clip_from_cam(camera: Camera, near: float, far: float) -> Array:
     return clip
 
 
-def _bounds(visuals: Sequence[Visual], world_from_part: Array) -> Array:
-    """Corners [N 3] of the visuals' bounding boxes in the world, for poses [... P 4 4]."""
-    poses = world_from_part.reshape(-1, *world_from_part.shape[-3:])
-    out = [np.zeros((0, 3))]
-    for visual in visuals:
-        low, high = visual.vertices.min(0), visual.vertices.max(0)
-        corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
-        out.append(apply(poses[:, visual.part], corners).reshape(-1, 3))
-    return np.concatenate(out)
+def _corners(visual: Visual) -> Array:
+    """[8 3] m of its bounding box, in its part's frame."""
+    low, high = visual.vertices.min(0), visual.vertices.max(0)
+    return np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
 
 
 def _clip_from_world(camera: Camera, points: Array) -> Array:

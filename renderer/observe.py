@@ -58,7 +58,8 @@ def subtrees(model: ArticulatedModel, joints: NDArray[np.int64]) -> NDArray[np.b
 
 def own_motion(
     depth: NDArray[np.float32],
-    part: NDArray[np.uint16],
+    index: NDArray[np.int64],
+    number: NDArray[np.uint16],
     camera: Camera,
     screw: Array,
     prismatic: bool,
@@ -67,10 +68,10 @@ def own_motion(
 ) -> float:
     """Median length, px, of the flow that one joint's step alone makes on the parts it moves.
 
-    depth [H W] m and part [H W] of a frame, the joint's screw [6] in the camera frame there, the
-    step in rad or m, moved [P].
+    depth [H W] m of a frame, the flat index [N] of its pixels with a part and that part's number
+    [N], the joint's screw [6] in the camera frame there, the step in rad or m, moved [P].
     """
-    index = np.flatnonzero(np.append(False, moved)[part])
+    index = index[moved[number - 1]]
     if not index.size:
         return 0.0
     index = index[:: max(1, len(index) // 2000)]  # 2000 tell the median well

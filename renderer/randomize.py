@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..robots.geometry import Array
 from ..robots.model import ArticulatedModel, Material
 from ..robots.trajectory import JointTrajectory
-from .camera import Camera, intrinsics_from_fov, look_at, project
+from .camera import Camera, intrinsics_from_fov, look_at
 from .config import (
     BackgroundConfig,
     CameraConfig,
@@ -78,12 +78,14 @@ def draw_camera(
         world_from_cam = look_at(target + away, target, float(roll))
         local = (points - target) @ world_from_cam[:3, :3]  # the camera moves along its z
 
-        def box(distance: float, local: Array = local) -> Array:
-            """Least and greatest (u, v) if the camera is this far from the target."""
-            uv = project(k, local + np.array([0.0, 0.0, distance]))[:, :2]
-            return np.stack([uv.min(0), uv.max(0)])
+        x, y, z = np.ascontiguousarray(local.T)  # minima over rows are several times faster
 
-        near = 1.05 * max(-float(local[:, 2].min()), 0.01 * size)
+        def box(distance: float) -> Array:
+            """Least and greatest (u, v) if the camera is this far from the target."""
+            u, v = k[:2] @ np.stack([x, y, z + distance]) / (z + distance)
+            return np.array([[u.min(), v.min()], [u.max(), v.max()]])
+
+        near = 1.05 * max(-float(z.min()), 0.01 * size)
         far = max(200.0 * size, 2.0 * near)
         if np.ptp(box(near), axis=0).max() > fill * min(width, height):
             for _ in range(14):  # to 0.05 %

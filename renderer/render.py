@@ -16,7 +16,7 @@ from ..robots.model import ArticulatedModel, joint_screws
 from ..robots.trajectory import default_scored_joints, joint_indices
 from .config import RenderConfig, resolved
 from .draw import Draw, DrawSampler
-from .flow import flow_to, pose_table, visibility
+from .flow import pose_table, surface_points, visibility
 from .gl import Rasterizer
 from .randomize import Streams, draw_scene
 from .scene import Scene
@@ -86,7 +86,8 @@ class SequenceRenderer:
     def _in_room(self, draw: Draw, room: NDArray[np.float32]) -> Draw:
         """The draw before (or, where it sinks into the floor, behind) a room [H W] m."""
         hidden = [(p > 0) & (room < d) for p, d in zip(draw.part, draw.depth, strict=True)]
-        part = [np.where(h, np.uint16(0), p) for h, p in zip(hidden, draw.part, strict=True)]
+        part = [np.where(h, np.uint16(0), p) if h.any() else p
+                for h, p in zip(hidden, draw.part, strict=True)]
         depth = [np.where(p == 0, room, d) for p, d in zip(part, draw.depth, strict=True)]
         draw = replace(draw, depth=depth, part=part)
         return self._sampler.judged_again(draw, part) if any(h.any() for h in hidden) else draw
@@ -99,20 +100,24 @@ class SequenceRenderer:
         config, poses, camera = self.config, draw.motion.world_from_part, draw.camera
         cam_from_world = np.tile(camera.cam_from_world, (config.frames, 1, 1))
         table = pose_table(cam_from_world, poses)
-        k, last = camera.intrinsics, config.frames - 1
-        n_parts = len(self.model.parent)
+        last, n_parts = config.frames - 1, len(self.model.parent)
         part_pixels = np.zeros((config.frames, n_parts), np.int64)
+        world_moves = bool((table[:, 0] != table[0, 0]).any())
         for t in range(config.frames):
+            self._rasterizer.draw_color(poses[t])
             depth, part = draw.depth[t], draw.part[t]
-            part_pixels[t] = np.bincount(part.ravel(), minlength=n_parts + 1)[1:]
+            points = surface_points(depth, part, camera.intrinsics, n_parts, world_moves)
+            part_pixels[t] = points.part_pixels
             forward = backward = seen = None
             if t > 0:
-                backward = flow_to(depth, part, table[t], table[t - 1], k)[0]
+                backward = points.flow_image(points.moved(table[t], table[t - 1]))
             if t < last:
-                forward, depth_there = flow_to(depth, part, table[t], table[t + 1], k)
-                seen = visibility(forward, depth_there, part, draw.depth[t + 1], draw.part[t + 1],
-                                  out.depth_unit)
-            rgb = _through_lens(self._rasterizer.color(poses[t]), scene, t)
+                moved = points.moved(table[t], table[t + 1])
+                forward = points.flow_image(moved)
+                seen = visibility(
+                    points, moved, draw.depth[t + 1], draw.part[t + 1], out.depth_unit
+                )
+            rgb = _through_lens(self._rasterizer.read_color(), scene, t)
             yield Frame(rgb, depth, part, forward, backward, seen)
         out.meta = self._meta(index, record, draw, out)
         out.state = self._state(draw, part_pixels)
