@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from .bundle import Articulation, Cloud, adjust
+from .bundle import Articulation, Cloud, Hinges, adjust
 from .chain import adjoint, twists_of
 from .flow import Flow
 from .motion import Correspondence, correspond, costs, fit
 from .segment import Candidates, candidates, changed, label_costs, order_from_base, smooth
 from .surface import Surfaces
 
+_SLACK = 0.12  # how far an axis may pass from its hinge, of the object's size
 _KEY = 3  # frames from one key frame to the next
 _CUTS = (0.06, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
 
@@ -111,7 +112,7 @@ def hinges(points: Array, label: NDArray[np.int64], rank: Array, joints: int) ->
     """[J 3] about where part j meets what carries it: its points that are nearest to the base."""
     out = np.tile(points.mean(axis=0), (joints, 1))
     for j in range(joints):
-        outward = np.flatnonzero(label > j)
+        outward = np.flatnonzero((label > j) & (rank > 0))
         if len(outward):
             first = outward[np.argsort(rank[outward])[: max(3, len(points) // 50)]]
             out[j] = points[first].mean(axis=0)
@@ -152,7 +153,7 @@ def first_motion(
 
 def hinge_prior(hinge: Array, scale: float) -> Array:
     """[6 6] weak belief that a joint turns by some degrees and leaves its hinge [3] in place."""
-    turn, slip = 0.15, 0.02 * scale
+    turn, slip = 0.15, 0.0075 * scale
     x, y, z = hinge
     drag = np.array([[0, z, -y, 1, 0, 0], [-z, 0, x, 0, 1, 0], [y, -x, 0, 0, 0, 1]])
     out = drag.T @ drag / slip**2
@@ -166,6 +167,14 @@ class Tracker:
     def __init__(self, surfaces: Surfaces, known: Known, most: int) -> None:
         self.surfaces, self.known, self.most = surfaces, known, most
         self.grids: dict[int, Candidates] = {}
+        grid = self.grid(0)
+        stays = label_costs(surfaces, grid, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)))
+        moving = stays[:, 0] > 0.9 * (surfaces.frames - 1)
+        self.moving = moving if moving.any() else ~moving
+        still = ~changed(surfaces, 0)[::4, ::4] & (surfaces.depth[0, ::4, ::4] > 0)
+        base = surfaces.points(0, np.argwhere(still)[:, ::-1] * 4)
+        self.rank = np.zeros(len(grid.point))
+        self.rank[self.moving] = order_from_base(grid.point[self.moving], base)
 
     def grid(self, frame: int) -> Candidates:
         """Candidates of a key frame."""
@@ -206,6 +215,12 @@ class Tracker:
             guess = self.relabel(state, tuple(c.frame for c in guess.clouds))
         return guess
 
+    def hinges(self, cloud: Cloud) -> Hinges:
+        """Where frame 0's labels put the joints."""
+        at = hinges(cloud.point, cloud.label, self.rank, len(self.known.prismatic))
+        extent = float(np.ptp(cloud.point[self.moving], axis=0).max())
+        return Hinges(at, _SLACK * extent)
+
     def fit(
         self,
         clouds: tuple[Cloud, ...],
@@ -214,7 +229,9 @@ class Tracker:
         newest: bool = False,
     ) -> Articulation:
         """M-step."""
-        return adjust(self.surfaces, clouds, state, self.known.freedom, scales, newest)[0]
+        return adjust(
+            self.surfaces, clouds, state, self.known.freedom, scales, self.hinges(clouds[0]), newest
+        )[0]
 
 
 def starts(rank: Array, moving: NDArray[np.bool_], joints: int) -> list[NDArray[np.int64]]:
@@ -229,14 +246,7 @@ def search(tracker: Tracker, rgb: NDArray[np.uint8], flow: Flow) -> Hypothesis:
     """The best hypothesis over all frames, from many starts on the first ones."""
     surfaces, known = tracker.surfaces, tracker.known
     grid, end = tracker.grid(0), surfaces.frames - 1
-    stays = label_costs(surfaces, grid, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)))
-    moving = stays[:, 0] > 1.5 * end
-    if not moving.any():
-        moving[:] = True
-    rank = np.zeros(len(grid.point))
-    still = ~changed(surfaces, 0)[::4, ::4] & (surfaces.depth[0, ::4, ::4] > 0)
-    base = surfaces.points(0, np.argwhere(still)[:, ::-1] * 4)
-    rank[moving] = order_from_base(grid.point[moving], base)
+    moving, rank = tracker.moving, tracker.rank
     origin = grid.point[moving].mean(axis=0)
     first = starts(rank, moving, len(known.prismatic))
     found: list[Hypothesis] = []

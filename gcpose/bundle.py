@@ -128,12 +128,43 @@ def smoothness(angle: Array, last: int) -> Normal:
     return Normal(matrix / _ACCELERATION**2, vector / _ACCELERATION**2)
 
 
+@dataclass(frozen=True)
+class Hinges:
+    """Where joints are believed to be: an axis passes near where its part begins."""
+
+    point: Array
+    """[J 3] m"""
+    slack: float
+    """Standard deviation of the distance, m."""
+
+
+def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> Normal:
+    """Prior on the axes' unknowns: a hinge should stay where it is when its joint turns."""
+    sizes = [b.shape[1] for b in basis]
+    matrix, vector = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
+    at = 0
+    for twist, b, point, prismatic in zip(
+        state.twist, basis, hinges.point, state.prismatic, strict=True
+    ):
+        if b.shape[1] and not prismatic:
+            l = twist[:3]
+            foot = np.cross(l, twist[3:])
+            offset = point - foot - l * (l @ (point - foot))  # from the axis to the hinge
+            moved = b[3:, :2]  # the axis' slides; its turning hardly changes the distance
+            here = slice(at, at + 2)
+            matrix[here, here] += moved.T @ moved / hinges.slack**2
+            vector[here] += moved.T @ offset / hinges.slack**2
+        at += b.shape[1]
+    return Normal(matrix, vector)
+
+
 def adjust(
     surfaces: Surfaces,
     clouds: tuple[Cloud, ...],
     state: Articulation,
     freedom: int,
     scales: tuple[float, ...],
+    hinges: Hinges,
     newest: bool = False,
 ) -> tuple[Articulation, Array]:
     """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
@@ -150,9 +181,12 @@ def adjust(
         prior = smoothness(state.angle, last)
         n.matrix[:held, :held] += prior.matrix
         n.vector[:held] += prior.vector
+        at_hinges = closeness(state, basis, hinges)
+        n.matrix[held:, held:] += at_hinges.matrix
+        n.vector[held:] += at_hinges.vector
         hessian = n.matrix
         damping = 1e-4 * np.diag(n.matrix) + 1.0
-        damping[held:] += 1e4
+        damping[held:] += 100.0
         if newest:
             damping[: held - joints] += 1e15
         step = np.linalg.solve(n.matrix + np.diag(damping), n.vector)

@@ -39,7 +39,7 @@ class GCPose:
         tracker = Tracker(surfaces, known, _CANDIDATES)
         best = search(tracker, observation.rgb, self.flow)
         last = surfaces.frames - 1
-        state, hessian = adjust(surfaces, best.clouds, best.state, known.freedom, (1.0, 0.7, 0.7))
+        state, hessian = adjust(surfaces, best.clouds, best.state, known.freedom, (1.0, 0.7, 0.7), tracker.hinges(best.clouds[0]))
         joints = len(known.prismatic)
         sigma = np.zeros((last + 1, joints))
         variance = np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(len(hessian))))

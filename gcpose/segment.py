@@ -20,6 +20,7 @@ from ..robots.geometry import Array, inverse
 from .alignment import align
 from .surface import Surfaces
 
+_SAME = 1.5e-4  # m, between two measurements of one still point
 _SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE = 9.0, 3.0, 1.0, 2.0  # costs, in variances
 
 
@@ -46,11 +47,29 @@ def changed(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
     return out
 
 
+def settled(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
+    """[H W] whether a pixel of `frame` looks still: never seen through, and seen again unchanged.
+
+    What hides it later may be near it for long; where it reappears, or has not been hidden yet,
+    its depth is the same to the last digit.
+    """
+    here = surfaces.depth[frame]
+    again = np.zeros(here.shape, np.int64)
+    through = np.zeros(here.shape, bool)
+    for t, depth in enumerate(surfaces.depth):
+        if t == frame:
+            continue
+        same = np.abs(depth - here) < _SAME
+        again += np.where(same, 3 if abs(t - frame) == 1 else 1, 0)
+        through |= (depth > here + 0.5 * surfaces.footprint(here) + 5e-4) | (depth == 0)
+    return ~through & (again >= 3)
+
+
 def candidates(surfaces: Surfaces, frame: int, most: int) -> Candidates:
     """At most about `most` points of a frame in and around the pixels that change."""
     moving = changed(surfaces, frame).astype(np.uint8)
     wide = cv2.dilate(moving, np.ones((9, 9), np.uint8)) > 0
-    wide &= surfaces.normal[frame].any(axis=2)
+    wide &= surfaces.normal[frame].any(axis=2) & ~settled(surfaces, frame)
     stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(wide) / most))))
     v, u = np.nonzero(wide[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride
