@@ -109,7 +109,8 @@ def surface_points(
     x = (u - k[0, 2] - k[0, 1] * y) / k[0, 0]
     still = np.where(depth == 0, np.float32(np.nan), np.float32(0.0))
     points = np.stack([x * z, y * z, z])
-    return SurfacePoints(cv2.merge([still, still]), index, first, u, v, points, k)
+    flow = np.asarray(cv2.merge([still, still]), np.float32)
+    return SurfacePoints(flow, index, first, u, v, points, k)
 
 
 def visibility(

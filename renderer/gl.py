@@ -78,7 +78,8 @@ class Context:
         try:
             from pyrender.platforms import egl
         except Exception as error:
-            raise NoRendererError(f"EGL cannot be loaded ({_one_line(error)}); {_INSTALL}") from None
+            why = f"EGL cannot be loaded ({_one_line(error)})"
+            raise NoRendererError(f"{why}; {_INSTALL}") from None
         tried: list[str] = []
         for number, device in _devices(egl):
             try:
@@ -87,8 +88,8 @@ class Context:
                 from OpenGL import GL
 
                 self.gl: Any = GL
-                self.renderer = GL.glGetString(GL.GL_RENDERER).decode()
-                self.version = GL.glGetString(GL.GL_VERSION).decode()
+                self.renderer = str(self.gl.glGetString(GL.GL_RENDERER).decode())
+                self.version = str(self.gl.glGetString(GL.GL_VERSION).decode())
                 self.device = number
             except Exception as error:
                 tried.append(f"device {number}: {_one_line(error)}")
@@ -340,8 +341,8 @@ class Rasterizer:
         if room and self._room is not None:
             self._gl.glBindVertexArray(self._room.vao)
             for s in self._room.surfaces:
-                material, texture = self._room_materials[s.material], self._room_textures[s.material]
-                self._shade_one(s, np.eye(4), material, texture, 1.0)
+                material = self._room_materials[s.material]
+                self._shade_one(s, np.eye(4), material, self._room_textures[s.material], 1.0)
         if not surfaces:
             return
         self._gl.glBindVertexArray(self._model.vao)
@@ -414,7 +415,7 @@ class Rasterizer:
         gl.glDepthMask(gl.GL_TRUE)
 
     def _draw_shadows(self, world_from_part: Array) -> None:
-        """Depth seen from each light into its map. The room throws no shadow: light passes walls."""
+        """Depth seen from each light into its map. Walls throw no shadow: light passes them."""
         gl, scene = self._gl, self._scene
         assert self._model is not None
         points = self._box(world_from_part)
@@ -722,9 +723,8 @@ def _source(name: str) -> str:
 
 
 def _pyrender_fragment_shader(textured: bool, lights: int, shadows: bool) -> str:
-    from pyrender.shader_program import ShaderProgram
-
     import pyrender
+    from pyrender.shader_program import ShaderProgram
 
     path = Path(pyrender.__file__).parent / "shaders" / "mesh.frag"
     defines = {"USE_METALLIC_MATERIAL": 1, "NORMAL_LOC": 1, "MAX_POINT_LIGHTS": 1,
@@ -733,7 +733,8 @@ def _pyrender_fragment_shader(textured: bool, lights: int, shadows: bool) -> str
         defines |= {"TEXCOORD_0_LOC": 2, "HAS_BASE_COLOR_TEX": 1}
     if shadows:
         defines |= {"DIRECTIONAL_LIGHT_SHADOWS": 1}
-    text = str(ShaderProgram(None, None, defines=defines)._load(str(path)))
+    program: Any = ShaderProgram(None, None, defines=defines)
+    text = str(program._load(str(path)))
     for old, new in (
         ("vec3 n = normalize(get_normal());",
          "vec3 n = normalize(get_normal()); if (!gl_FrontFacing) n = -n;"),

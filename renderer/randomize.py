@@ -80,7 +80,7 @@ def draw_camera(
 
         x, y, z = np.ascontiguousarray(local.T)  # minima over rows are several times faster
 
-        def box(distance: float) -> Array:
+        def box(distance: float, x: Array = x, y: Array = y, z: Array = z) -> Array:
             """Least and greatest (u, v) if the camera is this far from the target."""
             u, v = k[:2] @ np.stack([x, y, z + distance]) / (z + distance)
             return np.array([[u.min(), v.min()], [u.max(), v.max()]])
