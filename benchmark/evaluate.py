@@ -121,7 +121,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Outcome:
         "seconds_per_sequence": config.timeout, "workers": config.workers, "threads": threads,
     }  # fmt: skip
     jobs = [
-        prepare(_run(row, source, d, limits), d, config.results, config.retry)
+        prepare(describe_run(row, source, d, limits), d, config.results, config.retry)
         for source, row in rows
         for d in data
     ]
@@ -203,7 +203,8 @@ def _check(config: EvalConfig) -> None:
         raise GcbenchError(f"--retry {min(wrong)}: the statuses are {', '.join(STATUSES)}")
 
 
-def _run(row: Row, source: str, data: Data, limits: dict[str, Any]) -> Run:
+def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any]) -> Run:
+    """What `run.json` says of a row on a dataset, here and now."""
     info = data.dataset.info
     return Run(
         row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
