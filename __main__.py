@@ -19,6 +19,8 @@ usage: gcbench COMMAND [OPTIONS]
   render   render a dataset from a robot's name or a URDF
   verify   prove a dataset: recompute its ground truth for every pixel
   show     a dataset or a sequence as a page, contact sheet, GIF or MP4
+  eval     run methods of motion estimation on a suite or on datasets, and score them
+  score    score the predictions of a method that ran elsewhere
   robots   list the robots that come with gcbench, and fetch their meshes
   doctor   what renders on this machine, and what is missing
 
@@ -342,8 +344,58 @@ def doctor(args: Sequence[str]) -> int:
     return 0 if report.ok else 2
 
 
+def evaluate(args: Sequence[str]) -> int:
+    """Run methods on datasets and score them; the same command continues a run that was stopped.
+
+    A method runs in a process of its own, within a time limit: one that raises, hangs, crashes or
+    returns nonsense loses that sequence, which is scored as no motion.
+
+    Examples:
+
+      gcbench eval --method gcpose
+
+      gcbench eval --method icp icp@true-parts hold-still --data data/ur5 --inputs rgbd
+
+      gcbench eval --method my_method.py:MyMethod --suite my_suite.toml --knowledge free
+    """
+    from .benchmark.evaluate import EvalConfig
+    from .benchmark.evaluate import evaluate as run
+    from .benchmark.standings import standings, text
+
+    outcome = run(_parse(args, "eval", EvalConfig, evaluate.__doc__))
+    print(text(standings(r for folder in outcome.runs for r in folder.results())))
+    for line in outcome.failures:
+        print(f"failed: {line}")
+    for path in dict.fromkeys(folder.path for folder in outcome.runs):
+        print(path)
+    return 0
+
+
+def score(args: Sequence[str]) -> int:
+    """Score the predictions of a method that ran elsewhere: a CSV or an NPZ.
+
+    A CSV begins with lines `# key: value` (method, inputs, knowledge, training), then
+    sequence,frame,joint,displacement and a line for each. A wrong file is told the whole format.
+
+    Examples:
+
+      gcbench score --predictions mine.csv
+
+      gcbench score --predictions mine.npz --data data/ur5 data/iiwa14
+    """
+    from .benchmark.predictions import ScoreConfig, score_predictions
+    from .benchmark.standings import standings, text
+
+    runs = score_predictions(_parse(args, "score", ScoreConfig, score.__doc__))
+    print(text(standings(r for folder in runs for r in folder.results())))
+    for folder in runs:
+        print(folder.path)
+    return 0
+
+
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
+    "eval": evaluate, "score": score,
 }  # fmt: skip
 
 if __name__ == "__main__":
