@@ -96,7 +96,6 @@ def encode_flow(flow: NDArray[np.float32]) -> bytes:
     with np.errstate(invalid="ignore"):  # NaN and inf become integers that are masked below
         units = np.rint(_checked(flow, np.float32, 2) * np.float32(_FLOW_SCALE))
         fits = cv2.inRange(units, (-32767, -32767), (32767, 32767))
-        cv2.patchNaNs(units, 0.0)  # casting a NaN is slow
         # 2^15 added modulo 2^16; the detour over int32 makes negative numbers well defined.
         coded = units.astype(np.int32).astype(np.uint16) ^ np.uint16(_FLOW_ZERO)
     u, v = cv2.split(coded)
