@@ -21,6 +21,7 @@ usage: gcbench COMMAND [OPTIONS]
   show     a dataset or a sequence as a page, contact sheet, GIF or MP4
   eval     run methods of motion estimation on a suite or on datasets, and score them
   score    score the predictions of a method that ran elsewhere
+  report   leaderboard, curves and pictures of results as one page, CSV, Markdown and LaTeX
   robots   list the robots that come with gcbench, and fetch their meshes
   doctor   what renders on this machine, and what is missing
 
@@ -393,9 +394,48 @@ def score(args: Sequence[str]) -> int:
     return 0
 
 
+def report(args: Sequence[str]) -> int:
+    """Report results: a leaderboard with intervals and shared ranks, as one page, CSV, Markdown and
+    LaTeX.
+
+    Examples:
+
+      gcbench report
+
+      gcbench report results others/results --out report --open
+    """
+    from dataclasses import dataclass
+    from typing import Annotated
+
+    import tyro
+
+    @dataclass(frozen=True)
+    class Report:
+        results: Annotated[tuple[Path, ...], tyro.conf.Positional] = (Path("results"),)
+        """Folders that `gcbench eval` and `gcbench score` wrote."""
+        out: Path = Path("report")
+        """Folder of the report."""
+        pictures: bool = True
+        """Whether to draw the worst and the median sequence of each row (needs a renderer)."""
+        open: bool = False
+        """Open the page in the browser."""
+
+    options = _parse(args, "report", Report, report.__doc__)
+    from .benchmark.report import report as write
+
+    written = write(options.results, options.out, options.pictures)
+    for path in written:
+        print(path)
+    if options.open:
+        import webbrowser
+
+        webbrowser.open(written[0].resolve().as_uri())
+    return 0
+
+
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
-    "eval": evaluate, "score": score,
+    "eval": evaluate, "score": score, "report": report,
 }  # fmt: skip
 
 if __name__ == "__main__":
