@@ -39,8 +39,9 @@ Sign = Literal["given", "screw", "best"]
 
 
 def wrap(angle: Array) -> Array:
-    """The same angle in [-pi, pi). Any shape, rad."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+    """The same angle in [-pi, pi). Any shape, rad; not even rounded where it is there already."""
+    inside = (angle >= -np.pi) & (angle < np.pi)
+    return np.where(inside, angle, (angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def covered(displacement: Array | None, joints: int) -> NDArray[np.bool_]:
