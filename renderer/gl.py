@@ -419,6 +419,10 @@ class Rasterizer:
         gl, scene = self._gl, self._scene
         assert self._model is not None
         points = self._box(world_from_part)
+        # pyrender's shader looks up to two texels aside on both axes: a surface that slopes away
+        # from the light must lie that much deeper, or it shades itself.
+        gl.glEnable(gl.GL_POLYGON_OFFSET_FILL)
+        gl.glPolygonOffset(4.0, 4.0)
         for k, light in enumerate(scene.lights):
             clip_from_world = _clip_from_light(light, points)
             self._shadow.bind_depth(self._shadow_textures[k])
@@ -437,6 +441,7 @@ class Rasterizer:
                 gl.glUniform1i(program[name + "shadow_map"], 1 + k)
             gl.glActiveTexture(gl.GL_TEXTURE0 + 1 + k)
             gl.glBindTexture(gl.GL_TEXTURE_2D, self._shadow_textures[k])
+        gl.glDisable(gl.GL_POLYGON_OFFSET_FILL)
 
     # -- what lives on the device -------------------------------------------------------------
 
