@@ -65,7 +65,7 @@ class Icp:
         ]
         flows = observation.flow
         prismatic = np.array([kind == "prismatic" for kind in observation.joint_types])
-        surfaces = [frame.surface(1 + max(1, smooth // 2)) for frame in frames]
+        surfaces = [frame.surface(1 + max(1, smooth // 2), joints) for frame in frames]
         origin = np.stack([_middle(frames[0].points(j + 1)) for j in range(joints)])
         motion = np.tile(np.eye(4), (len(frames), joints + 1, 1, 1))  # frame t from frame 0
         angle = np.zeros((len(frames), joints))
@@ -119,7 +119,7 @@ class Frame:
         v, u = np.nonzero((self.part == j) & (self.depth > 0))
         return lift(self.intrinsics, u, v, self.depth[v, u])
 
-    def surface(self, step: int) -> dict[int, tuple[Array, Array]]:
+    def surface(self, step: int, joints: int) -> dict[int, tuple[Array, Array]]:
         """Points [N 3] m and unit normals [N 3] of each part, where its pixels `step` px away in
         all four directions are of it."""
         height, width = self.depth.shape
@@ -143,7 +143,7 @@ class Frame:
         normal[inside] /= length[inside][:, None]
         return {
             j: (cloud[inside & (own == j)], normal[inside & (own == j)])
-            for j in range(1, int(own.max(initial=0)) + 1)
+            for j in range(1, joints + 1)
         }
 
 
