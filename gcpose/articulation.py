@@ -8,13 +8,13 @@ first frames, which then follow the video; what explains all frames best is kept
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from .bundle import Articulation, Cloud, Hinges, adjust
+from .bundle import ACROSS, ALONG, Articulation, Cloud, Hinges, adjust
 from .chain import adjoint, twists_of
 from .flow import Flow
 from .motion import Correspondence, correspond, costs, fit
@@ -164,8 +164,10 @@ def hinge_prior(hinge: Array, scale: float) -> Array:
 class Tracker:
     """The video seen by a hypothesis: clouds of key frames whose labels follow the motion."""
 
-    def __init__(self, surfaces: Surfaces, known: Known, most: int) -> None:
-        self.surfaces, self.known, self.most = surfaces, known, most
+    def __init__(
+        self, surfaces: Surfaces, rgb: NDArray[np.uint8], known: Known, most: int
+    ) -> None:
+        self.surfaces, self.rgb, self.known, self.most = surfaces, rgb, known, most
         self.grids: dict[int, Candidates] = {}
         grid = self.grid(0)
         stays = label_costs(surfaces, grid, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)))
@@ -179,7 +181,7 @@ class Tracker:
     def grid(self, frame: int) -> Candidates:
         """Candidates of a key frame."""
         if frame not in self.grids:
-            self.grids[frame] = candidates(self.surfaces, frame, self.most)
+            self.grids[frame] = candidates(self.surfaces, self.rgb, frame, self.most)
         return self.grids[frame]
 
     def label(self, state: Articulation, frame: int) -> tuple[Cloud, float]:
@@ -242,7 +244,7 @@ def starts(rank: Array, moving: NDArray[np.bool_], joints: int) -> list[NDArray[
     return out
 
 
-def search(tracker: Tracker, rgb: NDArray[np.uint8], flow: Flow) -> Hypothesis:
+def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     """The best hypothesis over all frames, from many starts on the first ones."""
     surfaces, known = tracker.surfaces, tracker.known
     grid, end = tracker.grid(0), surfaces.frames - 1
@@ -251,13 +253,24 @@ def search(tracker: Tracker, rgb: NDArray[np.uint8], flow: Flow) -> Hypothesis:
     first = starts(rank, moving, len(known.prismatic))
     found: list[Hypothesis] = []
     for to in (1, 2):
-        field = flow(rgb[0], rgb[to])[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
+        field = flow(tracker.rgb[0], tracker.rgb[to])[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
         data = correspond(surfaces, grid.point, grid.pixel, field, to, origin)
         some = [first_motion(data, label, grid, rank, known, origin, to) for label in first]
-        found += [tracker.settle(extend(h, 2), 2, (16.0, 8.0, 4.0, 2.0)) for h in distinct(some, 8)]
+        wide = (16.0, 8.0, 4.0, 2.0)
+        found += [tracker.settle(extend(h, 2), 2, wide) for h in distinct(some, 8)]
     found = [tracker.follow(h, min(5, end)) for h in distinct(found, 6)]
     found = [tracker.follow(h, end) for h in distinct(found, 3)]
-    return tracker.settle(distinct(found, 1)[0], 2)
+    best = tracker.settle(distinct(found, 1)[0], 2)
+    return squared(tracker, best) if known.freedom == 4 else best
+
+
+def squared(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Where directions are unknown: neighbouring axes at right angles or parallel, if they fit."""
+    joints = len(best.state.prismatic)
+    ways = [replace(best, state=replace(best.state, relation=way))
+            for way in product((ACROSS, ALONG), repeat=joints - 1)]
+    found = [best, *(tracker.settle(h, 3) for h in ways)]
+    return min(found, key=lambda h: h.cost * (1.0 if h.state.relation else 1.05))
 
 
 def extend(guess: Hypothesis, until: int) -> Hypothesis:
@@ -272,7 +285,11 @@ def distinct(found: list[Hypothesis], most: int) -> list[Hypothesis]:
     """The best few whose labels differ."""
     out: list[Hypothesis] = []
     for h in sorted(found, key=lambda h: h.cost):
-        if all(np.mean(h.clouds[0].label != other.clouds[0].label) > 0.02 for other in out):
+        if all(
+            np.mean(h.clouds[0].label != other.clouds[0].label) > 0.02
+            or h.state.relation != other.state.relation
+            for other in out
+        ):
             out.append(h)
         if len(out) == most:
             break

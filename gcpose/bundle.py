@@ -19,6 +19,7 @@ from .chain import (
     angle_derivatives,
     axis_basis,
     axis_derivatives,
+    cross_matrix,
     displace_axis,
     part_motions,
 )
@@ -26,6 +27,11 @@ from .surface import Surfaces
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
 _ACCELERATION = np.radians(2.0)  # prior: change of a joint's step from frame to frame, rad or m
+
+
+FREE, ACROSS, ALONG = 0, 1, 2
+"""Two neighbouring axes: anyhow, at right angles, parallel (as machines are built)."""
+_SQUARE = np.radians(0.5)  # how exactly they are built so
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,8 @@ class Articulation:
     """[T J] displacement, rad or m; row 0 is 0."""
     prismatic: NDArray[np.bool_]
     """[J]"""
+    relation: tuple[int, ...] = ()
+    """[J-1] how joint i's axis lies to the next: FREE, ACROSS or ALONG; empty: all free."""
 
     def motions(self, frames: int) -> Array:
         """[frames J+1 4 4] of the first frames."""
@@ -88,7 +96,7 @@ def assemble(
             here_from_there = motion[frames, j] @ inverse(motion[cloud.frame, j])
             point = cloud.point[mine]
             a = align(surfaces, frames, here_from_there, point)
-            sigma = scale * surfaces.footprint(point[:, 2])
+            sigma = scale * (surfaces.footprint(point[:, 2]) + 2 * surfaces.noise)
             weight = np.where(a.hit, robust_weight(a.plane, sigma), 0.0)
             six, right = normal_equations(a.row, a.plane, weight)
             g = derivative[frames, j]
@@ -158,6 +166,31 @@ def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> 
     return Normal(matrix, vector)
 
 
+def squareness(state: Articulation, basis: tuple[Array, ...]) -> Normal:
+    """Prior on the axes' unknowns: neighbouring axes lie as the hypothesis' relations say."""
+    start = np.concatenate([[0], np.cumsum([b.shape[1] for b in basis])])
+    matrix, vector = np.zeros((start[-1], start[-1])), np.zeros(start[-1])
+    direction = np.where(state.prismatic[:, None], state.twist[:, 3:], state.twist[:, :3])
+    for i, relation in enumerate(state.relation):
+        a, b = direction[i], direction[i + 1]
+        if relation == FREE:
+            continue
+        jacobian = np.zeros((3, start[-1]))
+        one, two = slice(start[i], start[i + 1]), slice(start[i + 1], start[i + 2])
+        if relation == ACROSS:
+            residual = np.array([a @ b, 0.0, 0.0])
+            jacobian[0, one] = np.cross(a, b) @ basis[i][:3]
+            jacobian[0, two] = np.cross(b, a) @ basis[i + 1][:3]
+        else:
+            same = 1.0 if a @ b > 0 else -1.0
+            residual = a - same * b
+            jacobian[:, one] = -cross_matrix(a) @ basis[i][:3]
+            jacobian[:, two] = same * cross_matrix(b) @ basis[i + 1][:3]
+        matrix += jacobian.T @ jacobian / _SQUARE**2
+        vector -= jacobian.T @ residual / _SQUARE**2
+    return Normal(matrix, vector)
+
+
 def adjust(
     surfaces: Surfaces,
     clouds: tuple[Cloud, ...],
@@ -181,9 +214,9 @@ def adjust(
         prior = smoothness(state.angle, last)
         n.matrix[:held, :held] += prior.matrix
         n.vector[:held] += prior.vector
-        at_hinges = closeness(state, basis, hinges)
-        n.matrix[held:, held:] += at_hinges.matrix
-        n.vector[held:] += at_hinges.vector
+        for belief in (closeness(state, basis, hinges), squareness(state, basis)):
+            n.matrix[held:, held:] += belief.matrix
+            n.vector[held:] += belief.vector
         hessian = n.matrix
         damping = 1e-4 * np.diag(n.matrix) + 1.0
         damping[held:] += 100.0

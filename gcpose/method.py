@@ -9,6 +9,7 @@ from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
 from .articulation import Hypothesis, Tracker, knowledge, search
 from .bundle import adjust
 from .chain import screws_of
+from .denoise import smoothed
 from .flow import Flow, dis_flow
 from .surface import measure
 
@@ -35,9 +36,14 @@ class GCPose:
             observation.axis_direction,
             observation.axis_line,
         )
-        surfaces = measure(observation.depth, observation.intrinsics)
-        tracker = Tracker(surfaces, known, _CANDIDATES)
-        best = search(tracker, observation.rgb, self.flow)
+        if observation.depth_noise > 0:
+            surfaces = smoothed(
+                observation.depth, observation.intrinsics, observation.depth_noise
+            )
+        else:
+            surfaces = measure(observation.depth, observation.intrinsics)
+        tracker = Tracker(surfaces, observation.rgb, known, _CANDIDATES)
+        best = search(tracker, self.flow)
         last = surfaces.frames - 1
         state, hessian = adjust(surfaces, best.clouds, best.state, known.freedom, (1.0, 0.7, 0.7), tracker.hinges(best.clouds[0]))
         joints = len(known.prismatic)

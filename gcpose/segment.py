@@ -40,14 +40,14 @@ class Candidates:
 def changed(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
     """[H W] whether a pixel's depth ever differs from that in `frame`."""
     here = surfaces.depth[frame]
-    tolerance = 0.5 * surfaces.footprint(here) + 5e-4
+    tolerance = surfaces.tolerance(here)
     out = np.zeros(here.shape, bool)
     for depth in surfaces.depth:
         out |= np.abs(depth - here) > tolerance
     return out
 
 
-def settled(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
+def settled(surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int) -> NDArray[np.bool_]:
     """[H W] whether a pixel of `frame` looks still: never seen through, and seen again unchanged.
 
     What hides it later may be near it for long; where it reappears, or has not been hidden yet,
@@ -59,17 +59,27 @@ def settled(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
     for t, depth in enumerate(surfaces.depth):
         if t == frame:
             continue
-        same = np.abs(depth - here) < _SAME
+        same = np.abs(depth - here) < _SAME + 3 * surfaces.noise
+        if surfaces.noise:
+            same &= alike(rgb[t], rgb[frame])
         again += np.where(same, 3 if abs(t - frame) == 1 else 1, 0)
-        through |= (depth > here + 0.5 * surfaces.footprint(here) + 5e-4) | (depth == 0)
+        through |= (depth > here + surfaces.tolerance(here)) | (depth == 0)
     return ~through & (again >= 3)
 
 
-def candidates(surfaces: Surfaces, frame: int, most: int) -> Candidates:
+def alike(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """[H W] whether two images show the same around a pixel."""
+    difference = cv2.blur(cv2.absdiff(a, b), (3, 3)).max(axis=2)
+    return difference <= 2
+
+
+def candidates(
+    surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int, most: int
+) -> Candidates:
     """At most about `most` points of a frame in and around the pixels that change."""
     moving = changed(surfaces, frame).astype(np.uint8)
     wide = cv2.dilate(moving, np.ones((9, 9), np.uint8)) > 0
-    wide &= surfaces.normal[frame].any(axis=2) & ~settled(surfaces, frame)
+    wide &= surfaces.normal[frame].any(axis=2) & ~settled(surfaces, rgb, frame)
     stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(wide) / most))))
     v, u = np.nonzero(wide[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride

@@ -34,6 +34,10 @@ class Surfaces:
         """Size of a pixel on a surface at depth z, m."""
         return z / float(self.intrinsics[0, 0])
 
+    def tolerance(self, z: Image) -> Image:
+        """What two measurements of a still surface at depth z [...] never differ by, m."""
+        return np.float32(0.5 / self.intrinsics[0, 0]) * z + np.float32(5e-4 + 5 * self.noise)
+
     def points(self, frame: int, pixel: NDArray[np.int64]) -> Array:
         """Points [N 3] of a frame at the pixels (u, v) [N 2]."""
         z = self.depth[frame, pixel[:, 1], pixel[:, 0]].astype(np.float64)

@@ -1,0 +1,81 @@
+"""Surfaces of noisy depth: planes fitted to windows, each within its own layer of depth.
+
+Noise of s per pixel leaves s / (2 r + 1) in the middle of a window of radius r, and slopes that are
+good enough to align with. A window must not reach across an edge in depth: the median of a few
+pixels says which layer a pixel is in, and the moments of each layer are box-filtered apart.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ..robots.geometry import Array
+from .surface import Image, Surfaces
+
+_RADIUS = 8  # px, of the windows
+_LAYER = 4.0  # spacing of the layers, in standard deviations of the median
+
+
+def smoothed(depth: Image, intrinsics: Array, noise: float) -> Surfaces:
+    """Surfaces of depth [T H W] with independent noise of standard deviation `noise`, m."""
+    fitted = [fit_planes(d, intrinsics, noise) for d in depth]
+    left = noise / (2 * _RADIUS + 1)
+    return Surfaces(
+        np.stack([z for z, _ in fitted]), np.stack([n for _, n in fitted]), intrinsics, left
+    )
+
+
+def fit_planes(depth: Image, intrinsics: Array, noise: float) -> tuple[Image, Image]:
+    """Depth [H W] and normals [H W 3] of one frame."""
+    valid = depth > 0
+    rough = cv2.medianBlur(depth, 5)
+    rough = np.where(valid & (rough <= 0), depth, rough)
+    spacing = _LAYER * noise / 3.0
+    low, high = float(rough[valid].min(initial=np.inf)), float(rough[valid].max(initial=0.0))
+    z, n = np.zeros_like(depth), np.zeros((*depth.shape, 3), np.float32)
+    if not valid.any():
+        return z, n
+    height, width = depth.shape
+    x = np.broadcast_to(((np.arange(width) - intrinsics[0, 2]) / intrinsics[0, 0]), depth.shape)
+    y = np.broadcast_to(((np.arange(height) - intrinsics[1, 2]) / intrinsics[1, 1])[:, None],
+                        depth.shape)
+    layer = np.rint((rough - low) / spacing).astype(np.int64)
+    del high
+    for k in np.unique(layer[valid]):
+        mine = valid & (layer == k)
+        v, u = np.nonzero(mine)
+        pad = _RADIUS + 1
+        box = (slice(max(0, v.min() - pad), v.max() + pad + 1),
+               slice(max(0, u.min() - pad), u.max() + pad + 1))
+        near = valid[box] & (np.abs(rough[box] - (low + k * spacing)) < 1.5 * spacing)
+        zz, nn = window_planes(depth[box], near, x[box], y[box])
+        take = mine[box]
+        z[box][take], n[box][take] = zz[take], nn[take]
+    return z, n
+
+
+def window_planes(depth: Image, mask: Array, x: Array, y: Array) -> tuple[Image, Image]:
+    """Least squares of z = a + b x + c y over each window's masked pixels; normals from it."""
+    size = (2 * _RADIUS + 1, 2 * _RADIUS + 1)
+    m = mask.astype(np.float64)
+    x0, y0 = float(x.mean()), float(y.mean())
+    x, y, z = (x - x0) * m, (y - y0) * m, depth * m
+    channels = [m, x, y, x * x, x * y, y * y, z, x * z, y * z]
+    s = [cv2.boxFilter(c, -1, size, normalize=True, borderType=cv2.BORDER_CONSTANT)
+         for c in channels]
+    w = np.maximum(s[0], 1e-9)
+    mx, my, mz = s[1] / w, s[2] / w, s[6] / w
+    xx, xy, yy = s[3] / w - mx * mx, s[4] / w - mx * my, s[5] / w - my * my
+    xz, yz = s[7] / w - mx * mz, s[8] / w - my * mz
+    ridge = 1e-2 * (xx + yy) + 1e-12
+    xx, yy = xx + ridge, yy + ridge
+    det = xx * yy - xy * xy
+    b, c = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
+    fitted = mz + b * (x - mx) + c * (y - my)
+    # the surface z(x, y) in rays: n ~ (-b, -c, z + b x + c y) / ..., away from the camera
+    n = np.stack([-b, -c, fitted + b * (x + x0) + c * (y + y0)], axis=2)
+    n /= np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-12)
+    enough = (s[0] * size[0] * size[1] > 60) & mask.astype(bool)
+    n[~enough] = 0
+    return np.where(enough, fitted, depth).astype(np.float32), n.astype(np.float32)
