@@ -75,7 +75,8 @@ def leaderboard_md(lines: Sequence[Line], ranks: Sequence[int], version: str) ->
         "",
         "Error of each scored joint at the last frame: mean over all pairs of sequence and joint, "
         "with its 95 % interval (bootstrap by sequence). Rows that paired differences on the same "
-        "sequences cannot tell apart share a rank. A failed joint counts as no motion at all.",
+        "sequences cannot tell apart share a rank. A failed joint counts as no motion at all. "
+        "(best sign): the better of the two signs of each joint, where none is known or returned.",
     ]
     labels = labels_of(lines)
     for group in dict.fromkeys(line.group for line in lines):
@@ -92,11 +93,12 @@ def leaderboard_md(lines: Sequence[Line], ranks: Sequence[int], version: str) ->
         for k in sorted(mine, key=lambda k: (ranks[k], lines[k].summary.mean)):
             line, s = lines[k], lines[k].summary
             seconds = line.means.get("seconds_per_frame")
+            best = " (best sign)" if "best" in line.sign else ""
             out.append(_md_row([
-                str(ranks[k]), markdown(labels[k]), markdown(line.row.training), str(s.sequences),
-                value(s.mean, unit), interval(line), value(s.std, unit), value(s.median, unit),
-                value(s.p90, unit), percent(s.pcp[PCP5]), percent(s.coverage),
-                NONE if seconds is None else f"{seconds:.3g}",
+                str(ranks[k]), markdown(labels[k]) + best, markdown(line.row.training),
+                str(s.sequences), value(s.mean, unit), interval(line), value(s.std, unit),
+                value(s.median, unit), value(s.p90, unit), percent(s.pcp[PCP5]),
+                percent(s.coverage), NONE if seconds is None else f"{seconds:.3g}",
             ]))  # fmt: skip
     return "\n".join([*out, "", f"Made by gcbench {version}.", ""])
 

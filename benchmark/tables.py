@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from . import paper
 from .board import PCP5, Line, labels_of
-from .statistics import Summary
+from .statistics import Summary, best_half
 
 NONE = "–"
+STARRED = " * With the better of the two signs of each joint: none is known or returned."
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,8 @@ class _Column:
 
 def paper_tables(lines: Sequence[Line]) -> list[Table]:
     """Every table of a board: by robot and by object for each suite, by joint for each dataset."""
-    labels = labels_of(lines)
-    named = list(zip(lines, labels, strict=True))
+    named = [(line, label + ("*" if "best" in line.sign else ""))
+             for line, label in zip(lines, labels_of(lines), strict=True)]  # fmt: skip
     out: list[Table] = []
     for suite in dict.fromkeys(_suite(line) for line in lines):
         for unit in dict.fromkeys(line.unit for line in lines if _suite(line) == suite):
@@ -91,6 +92,9 @@ def _by_dataset(named: Sequence[tuple[Line, str]], table: int, title: str, unit:
         columns.append(_Column(head, "mean ± std", cells))
         cells = {label: percent(line.summary.pcp[PCP5]) for line, label in mine}
         columns.append(_Column(head, f"PCP@5{'°' if unit == 'deg' else ' cm'}", cells))
+        if mine[0][0].robot == paper.OWI:  # as CRAVES publishes it
+            cells = {label: value(best_half([*x.error.values()]), unit) for x, label in mine}
+            columns.append(_Column(head, "best half", cells))
         columns += _reference(mine, table, mine[0][0].robot, 0, head)
     limit = "5°" if unit == "deg" else "5 cm"
     caption = f"Error at the last frame in {unit}, mean and standard deviation over all pairs of " \
@@ -155,7 +159,7 @@ def _table(title: str, caption: str, columns: Sequence[_Column], ours: Sequence[
             groups.append((column.group, 1))
     return Table(
         title,
-        caption,
+        caption + (STARRED if any(label.endswith("*") for label in ours) else ""),
         tuple(groups),
         ("method", *(column.title for column in columns)),
         (False, *(column.reference for column in columns)),

@@ -163,6 +163,12 @@ def test_ranks_are_among_the_rows_shown(page: Any) -> None:
     assert column(page, "#") == ["1", "2"]
 
 
+def test_a_chosen_sign_is_said(page: Any) -> None:
+    said = {row.locator(".name").text_content(): row.locator(".method").text_content()
+            for row in page.locator("#board tbody tr").all()}
+    assert "better sign" in said["hold-still"] and "better sign" not in said["icp"]
+
+
 def test_all_columns(page: Any) -> None:
     page.get_by_label("all columns").check()
     heads = [text.strip() for text in page.locator("#board thead th").all_text_contents()]
@@ -212,6 +218,8 @@ def test_hover_reads_the_curves(page: Any, results: Path) -> None:
     worst = max(lines, key=lambda line: line.drift[4])
     assert rows[0] == f"hold-still{worst.drift[4]:.3f}°"
     assert len(rows) == len(lines)
+    assert tip.bounding_box()["height"] < 30 * (1 + len(lines))
+    assert {s.bounding_box()["width"] for s in tip.locator("svg").all()} == {22}
     page.mouse.move(5, 5)
     assert not tip.is_visible()
 
@@ -293,7 +301,8 @@ def test_no_horizontal_scrolling(browser: Any, file: Path, width: int, scheme: s
     for tab in opened(browser, file, width, scheme):
         assert tab.evaluate("document.documentElement.scrollWidth") <= width
         tab.get_by_label("all columns").check()
-        tab.locator("summary").click()
+        for summary in tab.locator("summary").all():
+            summary.click()
         assert tab.evaluate("document.documentElement.scrollWidth") <= width
         inside = tab.evaluate("""() => [...document.querySelectorAll('section, .chart svg, figure')]
             .filter(n => n.getBoundingClientRect().right > innerWidth + 1).length""")
