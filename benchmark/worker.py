@@ -74,27 +74,35 @@ def _serve(connection: Connection, source: str, threads: int) -> None:
 
     method = load(source)
     connection.send_bytes(READY + json.dumps(asdict(declare(method, source))).encode())
-    opened: dict[str, Any] = {}
+    opened: dict[tuple[str, bool], Any] = {}
     while data := connection.recv_bytes():
         task = Task(**json.loads(data))
-        if task.data not in opened:
+        key = task.data, task.knowledge == "model"
+        if key not in opened:
             from ..renderer.dataset import open_dataset
 
-            opened[task.data] = open_dataset(Path(task.data))
-        stored = _attempt(method, task, opened[task.data], connection)
+            dataset = open_dataset(Path(task.data))
+            opened[key] = dataset, load_model(dataset) if key[1] else None
+        dataset, model = opened[key]
+        stored = _attempt(method, task, dataset, model, connection)
         from .estimates import dump_stored
 
         connection.send_bytes(DONE + dump_stored(stored))
 
 
-def _attempt(method: Method, task: Task, dataset: Dataset, connection: Connection) -> Stored:
+def _attempt(
+    method: Method,
+    task: Task,
+    dataset: Dataset,
+    model: ArticulatedModel | None,
+    connection: Connection,
+) -> Stored:
     """Whatever the method does, something that can be stored (unless the process dies)."""
     from .estimates import InvalidEstimateError, Stored, checked
     from .observation import observe
     from .scoring import shape_of
 
     sequence = dataset[task.sequence]
-    model = load_model(dataset) if task.knowledge == "model" else None
     observation = observe(sequence, task.inputs, task.knowledge, task.oracles, model)  # pyright: ignore[reportArgumentType]
     shape: Shape = shape_of(sequence)
     connection.send_bytes(STARTED)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from gcbench.benchmark.scoring import shape_of
 from gcbench.benchmark.standings import standings, text
 from gcbench.renderer.dataset import open_dataset
 
-from . import bench_data
+from . import analytic, bench_data
 
 METHODS = Path(__file__).parent / "bad_methods.py"
 
@@ -115,6 +116,14 @@ def test_unknown_names_list_what_exists() -> None:
     with pytest.raises(GcbenchError, match="no module 'no_such_module'"):
         methods.load("no_such_module.deep:Method")
     assert methods.METHODS["gcpose"] == "gcbench.gcpose.method:GCPose"
+
+
+def test_installed_packages_add_methods(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [EntryPoint("theirs", "package.module:Method", methods.GROUP),
+             EntryPoint("gcpose", "package.module:Impostor", methods.GROUP)]
+    monkeypatch.setattr(methods.metadata, "entry_points", lambda group: found)
+    assert methods.locate("theirs") == "package.module:Method"
+    assert methods.locate("gcpose") == methods.METHODS["gcpose"]
 
 
 def test_rows_are_what_is_supported(data: Path) -> None:
@@ -212,6 +221,9 @@ def test_knowledge_is_exactly_what_is_handed_over(data: Path) -> None:
     assert given["rgbd", "free"] == always | {"rgb", "depth"}
     assert given["rgbd", "axes"] == always | {"rgb", "depth"} | axes
     assert given["rgbd-noise", "kinematics"] == always | {"rgb", "depth"} | axes | {"axis_line"}
+    everything = observe(sequence, "rgb", "model", model=analytic.arm())
+    assert everything.model is not None
+    assert everything.axis_line is not None
     oracle = observe(sequence, "rgb", "free", ("true-parts", "true-flow"))
     assert oracle.part is not None
     assert set(np.unique(oracle.part)) == {0, 1, 2}
