@@ -165,6 +165,7 @@ class Rasterizer:
         self._loaded: ArticulatedModel | None = None
         self._projected = np.zeros(0, bool)
         self._corners = list[tuple[int, Array]]()
+        self._outward = list[NDArray[np.bool_]]()
         self._room: Mesh | None = None
         self._scene_textures: list[int] = []
         self._shadow = _Target(gl, _SHADOW_SIZE, _SHADOW_SIZE, [], None)
@@ -471,20 +472,18 @@ class Rasterizer:
             projected = np.zeros(len(model.visuals), bool)
         if self._loaded is model and np.array_equal(self._projected, projected):
             return
+        if self._loaded is not model:
+            self._outward = _one_sided(model)
+            self._corners = [(visual.part, _corners(visual)) for visual in model.visuals]
         self._delete_mesh(self._model)
         pieces = list[_Piece]()
-        for part in sorted({v.part for v in model.visuals}):
-            chosen = [k for k, v in enumerate(model.visuals) if v.part == part]
-            visuals = [model.visuals[k] for k in chosen]
-            closed = one_sided([v.vertices for v in visuals], [v.faces for v in visuals])
-            for k, visual, outward in zip(chosen, visuals, closed, strict=True):
-                v, f, n, uv = visual.vertices, visual.faces, visual.normals, visual.uv
-                if projected[k]:
-                    v, f, n, uv = box_projection(v, f, n, 1.0)
-                pieces.append(_Piece(part, k, v, f, n, uv, outward))
+        for k, visual in sorted(enumerate(model.visuals), key=lambda item: item[1].part):
+            v, f, n, uv = visual.vertices, visual.faces, visual.normals, visual.uv
+            if projected[k]:
+                v, f, n, uv = box_projection(v, f, n, 1.0)
+            pieces.append(_Piece(visual.part, k, v, f, n, uv, self._outward[k]))
         self._model = self._upload(pieces)
         self._loaded, self._projected = model, projected
-        self._corners = [(visual.part, _corners(visual)) for visual in model.visuals]
 
     def _upload(self, pieces: Sequence[_Piece]) -> Mesh:
         """One vertex buffer (position, normal, uv) and one index buffer for all pieces."""
@@ -593,6 +592,18 @@ class _Piece:
     normals: Array
     uv: Array | None
     one_sided: NDArray[np.bool_]
+
+
+def _one_sided(model: ArticulatedModel) -> list[NDArray[np.bool_]]:
+    """For each visual, which of its triangles [F] are seen from outside only."""
+    out = [np.zeros(0, bool)] * len(model.visuals)
+    for part in {v.part for v in model.visuals}:
+        chosen = [k for k, v in enumerate(model.visuals) if v.part == part]
+        visuals = [model.visuals[k] for k in chosen]
+        found = one_sided([v.vertices for v in visuals], [v.faces for v in visuals])
+        for k, outward in zip(chosen, found, strict=True):
+            out[k] = outward
+    return out
 
 
 def _runs(surfaces: Iterable[Surface]) -> list[Surface]:
