@@ -21,7 +21,9 @@ from .motion import Correspondence, correspond, costs, fit
 from .segment import Candidates, candidates, changed, label_costs, order_from_base, smooth
 from .surface import Surfaces
 
-_SLACK = 0.12  # how far an axis may pass from its hinge, of the object's size
+_SLIPS = (0.0075, 0.0015)  # how far a hinge may move in a start, of the object's size
+_SLACK = 0.08  # how far an axis may pass from its hinge, of the object's size
+_COARSE = 500  # candidates that starts are judged on
 _KEY = 3  # frames from one key frame to the next
 _CUTS = (0.06, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
 
@@ -127,6 +129,7 @@ def first_motion(
     known: Known,
     origin: Array,
     to: int,
+    slip: float,
 ) -> Hypothesis:
     """EM over frames 0 and `to` from initial labels [N]; the displacement goes on evenly."""
     joints = len(known.prismatic)
@@ -137,7 +140,7 @@ def first_motion(
     at = hinges(grid.point, label, rank, joints)
     for _ in range(5):
         at = hinges(grid.point, label, rank, joints)
-        prior = np.stack([hinge_prior(p - origin, scale) for p in at])
+        prior = np.stack([hinge_prior(p - origin, slip * scale) for p in at])
         added = fit(data, label, space, prior)
         volume = smooth(costs(data, added), grid)
         label = volume.argmin(axis=1)
@@ -151,9 +154,9 @@ def first_motion(
     return Hypothesis(Articulation(twist, angle, known.prismatic), (cloud,), cost)
 
 
-def hinge_prior(hinge: Array, scale: float) -> Array:
+def hinge_prior(hinge: Array, slip: float) -> Array:
     """[6 6] weak belief that a joint turns by some degrees and leaves its hinge [3] in place."""
-    turn, slip = 0.15, 0.0075 * scale
+    turn = 0.15
     x, y, z = hinge
     drag = np.array([[0, z, -y, 1, 0, 0], [-z, 0, x, 0, 1, 0], [y, -x, 0, 0, 0, 1]])
     out = drag.T @ drag / slip**2
@@ -177,6 +180,10 @@ class Tracker:
         base = surfaces.points(0, np.argwhere(still)[:, ::-1] * 4)
         self.rank = np.zeros(len(grid.point))
         self.rank[self.moving] = order_from_base(grid.point[self.moving], base)
+
+    def thinned(self, most: int) -> Tracker:
+        """The same with fewer candidates."""
+        return Tracker(self.surfaces, self.rgb, self.known, most)
 
     def grid(self, frame: int) -> Candidates:
         """Candidates of a key frame."""
@@ -245,23 +252,47 @@ def starts(rank: Array, moving: NDArray[np.bool_], joints: int) -> list[NDArray[
 
 
 def search(tracker: Tracker, flow: Flow) -> Hypothesis:
-    """The best hypothesis over all frames, from many starts on the first ones."""
-    surfaces, known = tracker.surfaces, tracker.known
-    grid, end = tracker.grid(0), surfaces.frames - 1
-    moving, rank = tracker.moving, tracker.rank
-    origin = grid.point[moving].mean(axis=0)
-    first = starts(rank, moving, len(known.prismatic))
-    found: list[Hypothesis] = []
-    for to in (1, 2):
-        field = flow(tracker.rgb[0], tracker.rgb[to])[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
-        data = correspond(surfaces, grid.point, grid.pixel, field, to, origin)
-        some = [first_motion(data, label, grid, rank, known, origin, to) for label in first]
-        wide = (16.0, 8.0, 4.0, 2.0)
-        found += [tracker.settle(extend(h, 2), 2, wide) for h in distinct(some, 8)]
-    found = [tracker.follow(h, min(5, end)) for h in distinct(found, 6)]
+    """The best hypothesis over all frames, from many starts on the first ones.
+
+    Many are judged on few points and frames, few on all. Where axes are unknown, or depth is
+    noisy, the first frames decide less: more are kept for longer.
+    """
+    end, known = tracker.surfaces.frames - 1, tracker.known
+    hard = known.freedom == 4 or (known.freedom > 0 and tracker.surfaces.noise > 0)
+    coarse = tracker.thinned(_COARSE) if hard else tracker
+    wide, middling = (16.0, 8.0, 4.0, 2.0), (4.0, 4.0, 2.0, 2.0)
+    found = beginnings(coarse, flow, (2, 4) if hard else (1, 2), 9 if hard else 8)
+    found = [coarse.settle(extend(h, min(2, end)), 2, wide) for h in found]
+    if hard:
+        found = [coarse.follow(h, min(4, end)) for h in distinct(found, 24)]
+        found = [coarse.settle(h, 1, middling) for h in distinct(found, 16)]
+        found = [coarse.follow(h, min(7, end)) for h in distinct(found, 10)]
+        found = [coarse.settle(h, 2, middling) for h in distinct(found, 6)]
+        found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds))
+                 for h in distinct(found, 4)]
+    else:
+        found = [tracker.follow(h, min(5, end)) for h in distinct(found, 6)]
     found = [tracker.follow(h, end) for h in distinct(found, 3)]
     best = tracker.settle(distinct(found, 1)[0], 2)
     return squared(tracker, best) if known.freedom == 4 else best
+
+
+def beginnings(tracker: Tracker, flow: Flow, spans: tuple[int, ...], most: int) -> list[Hypothesis]:
+    """The best starts by flow from frame 0 over each of `spans` frames."""
+    grid, known, rank = tracker.grid(0), tracker.known, tracker.rank
+    origin = grid.point[tracker.moving].mean(axis=0)
+    first = starts(rank, tracker.moving, len(known.prismatic))
+    found: list[Hypothesis] = []
+    for span in spans:
+        to = min(span, tracker.surfaces.frames - 1)
+        field = flow(tracker.rgb[0], tracker.rgb[to])
+        field = field[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
+        data = correspond(tracker.surfaces, grid.point, grid.pixel, field, to, origin)
+        for slip in _SLIPS if known.freedom else _SLIPS[:1]:
+            some = [first_motion(data, label, grid, rank, known, origin, to, slip)
+                    for label in first]
+            found += distinct(some, most)
+    return found
 
 
 def squared(tracker: Tracker, best: Hypothesis) -> Hypothesis:
@@ -275,7 +306,7 @@ def squared(tracker: Tracker, best: Hypothesis) -> Hypothesis:
 
 def extend(guess: Hypothesis, until: int) -> Hypothesis:
     """Go on evenly to frame `until`."""
-    angle = guess.state.angle
+    angle = guess.state.angle[: until + 1]
     while len(angle) <= until:
         angle = np.concatenate([angle, 2 * angle[-1:] - angle[-2:-1]])
     return replace(guess, state=replace(guess.state, angle=angle))

@@ -59,11 +59,11 @@ def settled(surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int) -> NDArray[n
     for t, depth in enumerate(surfaces.depth):
         if t == frame:
             continue
-        same = np.abs(depth - here) < _SAME + 3 * surfaces.noise
+        same = np.abs(depth - here) < _SAME + 5 * surfaces.noise
         if surfaces.noise:
             same &= alike(rgb[t], rgb[frame])
         again += np.where(same, 3 if abs(t - frame) == 1 else 1, 0)
-        through |= (depth > here + surfaces.tolerance(here)) | (depth == 0)
+        through |= (depth > here + surfaces.tolerance(here) + 20 * surfaces.noise) | (depth == 0)
     return ~through & (again >= 3)
 
 
