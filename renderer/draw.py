@@ -155,19 +155,21 @@ class DrawSampler:
         flow = np.zeros((frames - 1, joints))
         self._rasterizer.begin_truth(self.model, camera, poses)
         # The ends of a motion are where it is most likely to hide: judge them first.
-        for t in sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t)):
-            self._rasterizer.draw_truth(poses[t])
-            self._rasterizer.draw_coverage(poses[t], self._group)
+        order = sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t))
+        self._rasterizer.draw_truth(poses[order[0]])
+        for t, then in zip(order, [*order[1:], None], strict=True):
             depth[t], part[t] = self._rasterizer.read_truth()
+            if then is not None:  # drawn meanwhile
+                self._rasterizer.draw_truth(poses[then])
             index = np.flatnonzero(part[t] > 0)
             number = part[t].ravel()[index]
             pixels[t] = self._count(number)
+            covered[t] = pixels[t] + self._hidden(poses[t], camera, index, number)
             for j in range(joints) if t < frames - 1 else ():
                 flow[t, j] = own_motion(
                     depth[t], index, number, camera, screws[t, j], self._prismatic[j],
                     steps[t, j], self._moved[j],
                 )
-            covered[t] = self._covered(self._rasterizer.read_coverage())
             reason = "" if keep else self._reason(_seen(pixels[[t]], covered[[t]]))
             if reason:
                 return reason
@@ -200,12 +202,58 @@ class DrawSampler:
         counts = np.bincount(number, minlength=len(self.model.parent) + 1)[1:]
         return self._moved @ counts
 
-    def _covered(self, bits: NDArray[np.uint32]) -> NDArray[np.int64]:
-        """[S] pixels that each scored joint's subtree would show with nothing before it, from
-        the bits [H W] of `Rasterizer.read_coverage`."""
+    def _hidden(
+        self, poses: Array, camera: Camera, index: NDArray[np.int64], number: NDArray[np.uint16]
+    ) -> NDArray[np.int64]:
+        """[S] pixels where each scored joint's subtree lies behind other parts of the model.
+
+        From poses [P 4 4] and the flat index [N] and part number [N] of the pixels with a part.
+        A subtree is drawn only where parts that it does not move are seen.
+        """
+        boxes = _boxes(index, number, len(poses), camera.width)
+        hiders = np.array([
+            _around(boxes[(self._moved[self._moved[:, part]] == 0).any(0)])
+            for part in range(len(poses))
+        ])
+        outlines = self._rasterizer.outlines(camera, poses)
+        low, high = (np.maximum(outlines[:, :2], hiders[:, :2]),
+                     np.minimum(outlines[:, 2:], hiders[:, 2:]))
+        self._rasterizer.draw_coverage(
+            poses, self._group, np.concatenate([low, np.maximum(low, high)], axis=1))
+        bits = self._rasterizer.read_coverage().ravel()[index]
         masks = [sum(1 << g for g, row in enumerate(self._patterns) if row[j])
                  for j in range(len(self.scored))]
-        return np.array([np.count_nonzero(bits & np.uint32(mask)) for mask in masks], np.int64)
+        return np.array([
+            np.count_nonzero((bits & np.uint32(mask)) * ~moved[number - 1])
+            for mask, moved in zip(masks, self._moved, strict=True)
+        ], np.int64)
+
+
+def _boxes(
+    index: NDArray[np.int64], number: NDArray[np.uint16], parts: int, width: int
+) -> NDArray[np.int64]:
+    """[P 4] px around each part's pixels: first column and row, and those after the last.
+
+    Zeros for a part that shows none.
+    """
+    order = np.argsort(number, kind="stable")
+    row, column = np.divmod(index[order].astype(np.int32), np.int32(width))
+    seen, first = np.unique(number[order], return_index=True)
+    out = np.zeros((parts, 4), np.int64)
+    if len(seen):
+        out[seen - 1] = np.stack([
+            np.minimum.reduceat(column, first), np.minimum.reduceat(row, first),
+            np.maximum.reduceat(column, first) + 1, np.maximum.reduceat(row, first) + 1,
+        ], axis=1)
+    return out
+
+
+def _around(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """[4] the box around boxes [N 4] (as `_boxes`); zeros around none."""
+    boxes = boxes[boxes[:, 2] > 0]
+    if not len(boxes):
+        return np.zeros(4, np.int64)
+    return np.concatenate([boxes[:, :2].min(0), boxes[:, 2:].max(0)])
 
 
 def _seen(pixels: NDArray[np.int64], covered: NDArray[np.int64]) -> list[JointVisibility]:

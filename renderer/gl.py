@@ -221,6 +221,23 @@ class Rasterizer:
                 _draw(gl, surface)
         return self._read_depth()
 
+    def outlines(self, camera: Camera, world_from_part: Array) -> NDArray[np.int64]:
+        """[P 4] px: a box that holds each part of the model in the image, from poses [P 4 4].
+
+        First column and row, and those after the last; parts without a surface have none.
+        """
+        out = np.zeros((len(world_from_part), 4), np.int64)
+        whole = np.array([0, 0, self.width, self.height])
+        for part in {part for part, _ in self._corners}:
+            corners = np.concatenate([c for p, c in self._corners if p == part])
+            uv = camera.project(apply(world_from_part[part], corners))
+            if uv[:, 2].min() <= 0:
+                out[part] = whole
+                continue
+            low, high = np.floor(uv[:, :2].min(0)) - 1, np.ceil(uv[:, :2].max(0)) + 2
+            out[part] = np.clip(np.concatenate([low, high]), 0, np.tile(whole[2:], 2))
+        return out
+
     # -- appearance: colours ------------------------------------------------------------------
 
     def begin_color(self, scene: Scene, world_from_part: Array) -> None:
@@ -271,10 +288,13 @@ class Rasterizer:
             rgba = cv2.resize(rgba, size, interpolation=cv2.INTER_AREA)
         return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), np.uint8)
 
-    def draw_coverage(self, world_from_part: Array, group: NDArray[np.int64]) -> None:
+    def draw_coverage(
+        self, world_from_part: Array, group: NDArray[np.int64], where: NDArray[np.int64]
+    ) -> None:
         """Begin to draw what `read_coverage` gives; `begin_truth` was before it.
 
-        Poses are [P 4 4], `group` [P] is 0..31, or -1 for parts that are left out.
+        Poses are [P 4 4], `group` [P] is 0..31, or -1 for parts that are left out. Each part is
+        drawn in its box `where` [P 4] px alone: first column and row, and those after the last.
         """
         gl, program = self._gl, self._programs.coverage
         assert self._model is not None
@@ -284,19 +304,26 @@ class Rasterizer:
         gl.glDisable(gl.GL_DEPTH_TEST)
         gl.glEnable(gl.GL_COLOR_LOGIC_OP)
         gl.glLogicOp(gl.GL_OR)
+        gl.glEnable(gl.GL_SCISSOR_TEST)
         gl.glUseProgram(program.id)
         gl.glBindVertexArray(self._model.vao)
-        for surface in _runs(s for s in self._model.surfaces if group[s.part] >= 0):
+        boxes = np.concatenate([where[:, :2], where[:, 2:] - where[:, :2]], axis=1)
+        drawn = (group >= 0) & (boxes[:, 2:] > 0).all(1)
+        for surface in _runs(s for s in self._model.surfaces if drawn[s.part]):
+            gl.glScissor(*boxes[surface.part].tolist())  # row 0 is OpenGL's lowest, too
             program.matrix("clip_from_part", self._clip_from_world @ world_from_part[surface.part])
             channel, bit = divmod(int(group[surface.part]), 8)
             gl.glUniform4f(program["bits"], *((1 << bit) / 255.0 * np.eye(4)[channel]))
             _draw(gl, surface)
+        gl.glDisable(gl.GL_SCISSOR_TEST)
         gl.glDisable(gl.GL_COLOR_LOGIC_OP)
         gl.glEnable(gl.GL_DEPTH_TEST)
         gl.glFlush()
 
     def read_coverage(self) -> NDArray[np.uint32]:
-        """[H W] bits: bit g is set where a part of group g would be seen with nothing before it."""
+        """[H W] bits: bit g is set where a part of group g would be seen with nothing before it
+        (and its box allows).
+        """
         gl = self._gl
         rgba = np.empty((self.height, self.width, 4), np.uint8)
         self._covered.read(0, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, rgba)

@@ -152,7 +152,8 @@ def test_coverage_sees_through_what_is_in_front(rasterizer: Rasterizer) -> None:
     things = model(quad(0, 0.5, 0.5), quad(1, 0.0, 0.3), quad(2, -0.2, 0.3, at=(0.4, 0)))
     rasterizer.begin_truth(things, camera(), poses(things))
     rasterizer.draw_truth(poses(things)[0])
-    rasterizer.draw_coverage(poses(things)[0], np.array([-1, 0, 9]))
+    where = np.tile([0, 0, WIDTH, HEIGHT], (3, 1))
+    rasterizer.draw_coverage(poses(things)[0], np.array([-1, 0, 9]), where)
     _, part = rasterizer.read_truth()
     bits = rasterizer.read_coverage()
     assert not (part == 2).any()  # hidden by the first
@@ -160,6 +161,32 @@ def test_coverage_sees_through_what_is_in_front(rasterizer: Rasterizer) -> None:
         _, alone = truth(rasterizer, model(replace(visual, part=0)))
         np.testing.assert_array_equal((bits >> bit) & 1, alone)
     assert not (bits & ~np.uint32(1 | 1 << 9)).any()
+
+
+def test_coverage_keeps_to_each_part_s_box(rasterizer: Rasterizer) -> None:
+    things = model(quad(0, 0.0, 0.5), quad(1, 0.1, 0.5))
+    rasterizer.begin_truth(things, camera(), poses(things))
+    where = np.array([[40, 30, 50, 33], [10, 20, 10, 60]])
+    rasterizer.draw_coverage(poses(things)[0], np.array([0, 1]), where)
+    bits = rasterizer.read_coverage()
+    assert (bits[30:33, 40:50] == 1).all()
+    assert (bits > 0).sum() == 30
+    assert truth(rasterizer, things)[1].astype(bool).sum() > 500  # nothing of it is left
+
+
+def test_an_outline_holds_a_part_tightly(rasterizer: Rasterizer) -> None:
+    things = model(quad(0, 0.0, 0.3), quad(2, 0.2, 0.2, at=(0.1, 0.2)))
+    view = camera()
+    _, part = truth(rasterizer, things, view)
+    boxes = rasterizer.outlines(view, poses(things)[0])
+    assert boxes[1].tolist() == [0, 0, 0, 0]
+    for number in (1, 3):
+        v, u = np.nonzero(part == number)
+        assert (boxes[number - 1][:2] <= [u.min(), v.min()]).all()
+        assert (boxes[number - 1][2:] > [u.max(), v.max()]).all()
+        assert np.ptp(boxes[number - 1].reshape(2, 2), axis=0).max() < 40
+    behind = replace(view, world_from_cam=transform(None, [0, 0, 0.1]))
+    assert rasterizer.outlines(behind, poses(things)[0])[0].tolist() == [0, 0, WIDTH, HEIGHT]
 
 
 def test_no_part_number_is_too_large_for_the_mask(rasterizer: Rasterizer) -> None:
