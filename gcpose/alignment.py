@@ -52,6 +52,49 @@ def align(surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: 
     return Alignment(plane, row, np.where(inside, gap, np.nan), hit)
 
 
+def project(intrinsics: Array, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Pixels [... 2] of points [... 3]."""
+    focal = np.array([intrinsics[0, 0], intrinsics[1, 1]], np.float32)
+    centre = np.array([intrinsics[0, 2], intrinsics[1, 2]], np.float32)
+    return points[..., :2] / np.maximum(points[..., 2:], np.float32(1e-3)) * focal + centre
+
+
+def flow_residuals(
+    surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, next_motion: Array, points: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Flow against the motion of points [N 3] from frame t to t + 1 (Sec. 3.4, L_w).
+
+    motion and next_motion [T 4 4] take the points to the frames t and t + 1. Returns the measured
+    minus the predicted displacement [T 2N] px, its rows [T 2N 6] to the twist of the step, and
+    whether each point is seen in frame t [T 2N].
+    """
+    assert surfaces.flow is not None
+    k = surfaces.intrinsics
+    height, width = surfaces.depth.shape[1:]
+    one, two = (
+        points.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2) + m[:, None, :3, 3]
+        for m in (motion.astype(np.float32), next_motion.astype(np.float32))
+    )
+    here, there = project(k, one), project(k, two)
+    u = np.rint(np.clip(here[..., 0], -2, width + 1)).astype(np.int32)
+    v = np.rint(np.clip(here[..., 1], -2, height + 1)).astype(np.int32)
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    pixel = np.where(inside, v * width + u, 0) + (frames * (height * width))[:, None]
+    gap = surfaces.depth.reshape(-1).take(pixel) - one[..., 2]
+    seen = inside & (np.abs(gap) < 15 * surfaces.noise)
+    residual = surfaces.flow.reshape(-1, 2).take(pixel, axis=0) - (there - here)
+    z = np.maximum(two[..., 2], np.float32(1e-3))
+    zero = np.zeros_like(z)
+    du = np.stack([k[0, 0] / z, zero, -k[0, 0] * two[..., 0] / z**2], axis=-1).astype(np.float32)
+    dv = np.stack([zero, k[1, 1] / z, -k[1, 1] * two[..., 1] / z**2], axis=-1).astype(np.float32)
+    rows = [np.concatenate([cross(two, d), d], axis=2) for d in (du, dv)]
+    return (
+        np.concatenate([residual[..., 0], residual[..., 1]], axis=1),
+        np.concatenate(rows, axis=1),
+        np.concatenate([seen, seen], axis=1),
+    )
+
+
 def cross(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
     """a x b over the last axis (np.cross is several times slower)."""
     a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]

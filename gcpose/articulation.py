@@ -121,6 +121,12 @@ def hinges(points: Array, label: NDArray[np.int64], rank: Array, joints: int) ->
     return out
 
 
+def extent(points: Array) -> float:
+    """Size of the points [N 3] along the camera axis they stretch most along, but for strays, m."""
+    low, high = np.quantile(points, [0.04, 0.96], axis=0)
+    return float((high - low).max())
+
+
 def first_motion(
     data: Correspondence,
     label: NDArray[np.int64],
@@ -135,7 +141,7 @@ def first_motion(
     joints = len(known.prismatic)
     space = tuple(about(origin, s.T).T for s in spaces(known))
     added = [np.zeros(6)] * joints
-    scale = float(np.ptp(grid.point[label > 0], axis=0).max()) if (label > 0).any() else 1.0
+    scale = extent(grid.point[label > 0]) if (label > 0).any() else 1.0
     cost = np.inf
     at = hinges(grid.point, label, rank, joints)
     for _ in range(5):
@@ -227,8 +233,7 @@ class Tracker:
     def hinges(self, cloud: Cloud) -> Hinges:
         """Where frame 0's labels put the joints."""
         at = hinges(cloud.point, cloud.label, self.rank, len(self.known.prismatic))
-        extent = float(np.ptp(cloud.point[self.moving], axis=0).max())
-        return Hinges(at, _SLACK * extent)
+        return Hinges(at, _SLACK * extent(cloud.point[self.moving]))
 
     def fit(
         self,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array, inverse
-from .alignment import align, normal_equations, robust_weight
+from .alignment import align, flow_residuals, normal_equations, robust_weight
 from .chain import (
     adjoint,
     angle_derivatives,
@@ -26,6 +26,8 @@ from .chain import (
 from .surface import Surfaces
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
+_FLOW_SCALE = 1.0  # px, of flow's errors
+_FLOW_SHARE = 0.05  # of its pixels that err independently
 _ACCELERATION = np.radians(2.0)  # prior: change of a joint's step from frame to frame, rad or m
 
 
@@ -104,6 +106,16 @@ def assemble(
                 g = g - adjoint(here_from_there) @ derivative[cloud.frame, j]
             matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
             vector += np.tensordot(right, g, axes=2)
+            if surfaces.flow is not None and last > 0:
+                steps = np.arange(last)
+                there = motion[:, j] @ inverse(motion[cloud.frame, j])
+                residual, row, seen = flow_residuals(surfaces, steps, there[:-1], there[1:], point)
+                weight = np.where(seen, robust_weight(residual, _FLOW_SCALE), 0.0) * _FLOW_SHARE
+                six, right = normal_equations(row, residual, weight.astype(np.float32))
+                step = motion[1:, j] @ inverse(motion[:-1, j])
+                g = derivative[1:, j] - adjoint(step) @ derivative[:-1, j]
+                matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
+                vector += np.tensordot(right, g, axes=2)
     return Normal(matrix, vector)
 
 

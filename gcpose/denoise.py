@@ -9,58 +9,83 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ..robots.geometry import Array
+from .flow import Flow
 from .surface import Image, Surfaces
 
 _RADIUS = 8  # px, of the windows
 _LAYER = 4.0  # spacing of the layers, in standard deviations of the median
 
 
-def smoothed(depth: Image, intrinsics: Array, noise: float) -> Surfaces:
-    """Surfaces of depth [T H W] with independent noise of standard deviation `noise`, m."""
-    fitted = [fit_planes(d, intrinsics, noise) for d in depth]
+def smoothed(
+    depth: Image, rgb: NDArray[np.uint8], intrinsics: Array, noise: float, flow: Flow
+) -> Surfaces:
+    """Surfaces of depth [T H W] with independent noise of standard deviation `noise`, m.
+
+    Only in and around what moves in the images [T H W 3]; flow goes with them.
+    """
+    lively = np.zeros(depth.shape[1:], np.uint8)
+    for image in rgb[1:]:
+        lively |= (cv2.absdiff(image, rgb[0]).max(axis=2) > 2).astype(np.uint8)
+    lively = cv2.dilate(cv2.medianBlur(lively, 5), np.ones((21, 21), np.uint8)) > 0
+    fitted = [fit_planes(d, lively, intrinsics, noise) for d in depth]
+    flows = np.zeros((len(depth) - 1, *lively.shape, 2), np.float32)
+    if lively.any():
+        v, u = np.nonzero(lively)
+        box = (slice(max(0, v.min() - 16), v.max() + 17), slice(max(0, u.min() - 16), u.max() + 17))
+        for t in range(len(flows)):
+            a, b = (np.ascontiguousarray(image[box]) for image in rgb[t : t + 2])
+            flows[t][box] = flow(a, b)
     left = noise / (2 * _RADIUS + 1)
     return Surfaces(
-        np.stack([z for z, _ in fitted]), np.stack([n for _, n in fitted]), intrinsics, left
+        np.stack([z for z, _ in fitted]), np.stack([n for _, n in fitted]), intrinsics, left, flows
     )
 
 
-def fit_planes(depth: Image, intrinsics: Array, noise: float) -> tuple[Image, Image]:
-    """Depth [H W] and normals [H W 3] of one frame."""
+def fit_planes(
+    depth: Image, lively: NDArray[np.bool_], intrinsics: Array, noise: float
+) -> tuple[Image, Image]:
+    """Depth [H W] and normals [H W 3] of one frame; no normals outside `lively` [H W]."""
     valid = depth > 0
-    rough = cv2.medianBlur(depth, 5)
-    rough = np.where(valid & (rough <= 0), depth, rough)
+    rough = cv2.medianBlur(np.ascontiguousarray(depth, np.float32), 5)
+    rough = np.where(valid & (rough > 0), rough, depth)
     spacing = _LAYER * noise / 3.0
-    low, high = float(rough[valid].min(initial=np.inf)), float(rough[valid].max(initial=0.0))
-    z, n = np.zeros_like(depth), np.zeros((*depth.shape, 3), np.float32)
-    if not valid.any():
+    z, n = rough.copy(), np.zeros((*depth.shape, 3), np.float32)
+    wanted = valid & lively
+    if not wanted.any():
         return z, n
+    low = float(rough[wanted].min())
     height, width = depth.shape
-    x = np.broadcast_to(((np.arange(width) - intrinsics[0, 2]) / intrinsics[0, 0]), depth.shape)
-    y = np.broadcast_to(((np.arange(height) - intrinsics[1, 2]) / intrinsics[1, 1])[:, None],
+    x = np.broadcast_to(((np.arange(width) - intrinsics[0, 2]) / intrinsics[0, 0]).astype(np.float32), depth.shape)
+    y = np.broadcast_to(((np.arange(height) - intrinsics[1, 2]) / intrinsics[1, 1]).astype(np.float32)[:, None],
                         depth.shape)
     layer = np.rint((rough - low) / spacing).astype(np.int64)
-    del high
-    for k in np.unique(layer[valid]):
-        mine = valid & (layer == k)
+    for k in np.unique(layer[wanted]):
+        mine = wanted & (layer == k)
         v, u = np.nonzero(mine)
         pad = _RADIUS + 1
         box = (slice(max(0, v.min() - pad), v.max() + pad + 1),
                slice(max(0, u.min() - pad), u.max() + pad + 1))
         near = valid[box] & (np.abs(rough[box] - (low + k * spacing)) < 1.5 * spacing)
-        zz, nn = window_planes(depth[box], near, x[box], y[box])
+        zz, nn = window_planes(depth[box], near, x[box], y[box], low + float(k) * spacing)
         take = mine[box]
         z[box][take], n[box][take] = zz[take], nn[take]
     return z, n
 
 
-def window_planes(depth: Image, mask: Array, x: Array, y: Array) -> tuple[Image, Image]:
-    """Least squares of z = a + b x + c y over each window's masked pixels; normals from it."""
+def window_planes(
+    depth: Image, mask: NDArray[np.bool_], x: Image, y: Image, around: float
+) -> tuple[Image, Image]:
+    """Least squares of z = a + b x + c y over each window's masked pixels; normals from it.
+
+    Depth is taken relative to `around`, which keeps single precision good enough.
+    """
     size = (2 * _RADIUS + 1, 2 * _RADIUS + 1)
-    m = mask.astype(np.float64)
+    m = mask.astype(np.float32)
     x0, y0 = float(x.mean()), float(y.mean())
-    x, y, z = (x - x0) * m, (y - y0) * m, depth * m
+    x, y, z = (x - x0) * m, (y - y0) * m, (depth - around) * m
     channels = [m, x, y, x * x, x * y, y * y, z, x * z, y * z]
     s = [cv2.boxFilter(c, -1, size, normalize=True, borderType=cv2.BORDER_CONSTANT)
          for c in channels]
@@ -72,10 +97,10 @@ def window_planes(depth: Image, mask: Array, x: Array, y: Array) -> tuple[Image,
     xx, yy = xx + ridge, yy + ridge
     det = xx * yy - xy * xy
     b, c = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
-    fitted = mz + b * (x - mx) + c * (y - my)
+    fitted = around + mz + b * (x - mx) + c * (y - my)
     # the surface z(x, y) in rays: n ~ (-b, -c, z + b x + c y) / ..., away from the camera
     n = np.stack([-b, -c, fitted + b * (x + x0) + c * (y + y0)], axis=2)
     n /= np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-12)
-    enough = (s[0] * size[0] * size[1] > 60) & mask.astype(bool)
-    n[~enough] = 0
+    enough = (s[0] * size[0] * size[1] > 60) & mask
+    n[~enough] = 0.0
     return np.where(enough, fitted, depth).astype(np.float32), n.astype(np.float32)

@@ -38,7 +38,11 @@ class GCPose:
         )
         if observation.depth_noise > 0:
             surfaces = smoothed(
-                observation.depth, observation.intrinsics, observation.depth_noise
+                observation.depth,
+                observation.rgb,
+                observation.intrinsics,
+                observation.depth_noise,
+                self.flow,
             )
         else:
             surfaces = measure(observation.depth, observation.intrinsics)

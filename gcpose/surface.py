@@ -25,6 +25,8 @@ class Surfaces:
     """[3 3] px"""
     noise: float
     """Standard deviation of the depth, m."""
+    flow: Image | None = None
+    """[T-1 H W 2] to the next frame, px, where depth alone is too poor."""
 
     @property
     def frames(self) -> int:
