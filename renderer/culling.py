@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
+from ..robots.model import ArticulatedModel
 
 
 def one_sided(
@@ -48,3 +49,15 @@ def one_sided(
     volume = np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)), minlength=n)
     outward = ~is_open[label] & (volume[label] > 0)
     return np.split(outward, np.cumsum(counts)[:-1])
+
+
+def one_sided_of(model: ArticulatedModel) -> list[NDArray[np.bool_]]:
+    """For each visual, which of its triangles [F] are seen from outside only."""
+    out = [np.zeros(0, bool)] * len(model.visuals)
+    for part in {v.part for v in model.visuals}:
+        chosen = [k for k, v in enumerate(model.visuals) if v.part == part]
+        visuals = [model.visuals[k] for k in chosen]
+        found = one_sided([v.vertices for v in visuals], [v.faces for v in visuals])
+        for k, outward in zip(chosen, found, strict=True):
+            out[k] = outward
+    return out

@@ -71,7 +71,8 @@ def _draw() -> str:
     """Draw a triangle with the real passes, check its depth, and time a frame."""
     from ..robots.model import ArticulatedModel, Material, Visual
     from .camera import Camera, intrinsics_from_fov
-    from .gl import NoRendererError, Rasterizer
+    from .gl import NoRendererError
+    from .rasterizer import Rasterizer
 
     points = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 2, 2]])
     visual = Visual(0, points, np.array([[0, 1, 2]], np.int32), np.tile([0.0, 0, -1], (3, 1)), None,

@@ -21,9 +21,9 @@ from ..robots.model import ArticulatedModel, forward_kinematics, joint_screws
 from ..robots.trajectory import JointTrajectory, sample_trajectory
 from .camera import Camera
 from .config import RenderConfig
-from .gl import Rasterizer
 from .observe import MIN_ANGLE, JointVisibility, is_prismatic, own_motion, subtrees
 from .randomize import Streams, draw_camera
+from .rasterizer import Rasterizer
 
 MAX_DRAWS = 100
 """Draws before a sequence is kept although it is not observable (and marked so)."""

@@ -19,8 +19,8 @@ from ..robots.geometry import Array
 from ..robots.model import ArticulatedModel, forward_kinematics
 from .camera import Camera
 from .config import RenderConfig
-from .gl import Rasterizer
 from .pictures import Image
+from .rasterizer import Rasterizer
 from .sequence import Sequence
 
 RED = (224, 28, 36)

@@ -17,8 +17,8 @@ from ..robots.trajectory import default_scored_joints, joint_indices
 from .config import RenderConfig, resolved
 from .draw import Draw, DrawSampler
 from .flow import pose_table, surface_points, visibility
-from .gl import Rasterizer
 from .randomize import Streams, draw_scene
+from .rasterizer import Rasterizer
 from .scene import Scene
 from .sequence import Frame, Meta, State
 

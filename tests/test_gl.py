@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gcbench.renderer.camera import Camera, intrinsics_from_fov, look_at
 from gcbench.renderer.culling import one_sided
-from gcbench.renderer.gl import Rasterizer
+from gcbench.renderer.rasterizer import Rasterizer
 from gcbench.renderer.room import RoomSurface
 from gcbench.renderer.scene import Light, Scene
 from gcbench.robots.geometry import inverse, rotation_from_rpy, transform
@@ -238,7 +238,7 @@ def test_culling_changes_no_pixel(
     drawn = [truth(rasterizer, model(visual), view) for view in views]
     colors = color(rasterizer, scene(model(visual)))
     monkeypatch.setattr(
-        "gcbench.renderer.gl.one_sided", lambda v, f: [np.zeros(len(x), bool) for x in f])
+        "gcbench.renderer.culling.one_sided", lambda v, f: [np.zeros(len(x), bool) for x in f])
     both = [truth(rasterizer, model(visual), view) for view in views]
     for one, two in zip(drawn, both, strict=True):
         np.testing.assert_array_equal(one[0], two[0])

@@ -1,0 +1,432 @@
+"""Draws a scene's frames: the truth of its geometry, and its colours.
+
+One vertex buffer holds the whole model, and everything that does not move is drawn once a sequence
+into a layer that each frame starts from. Depth and part numbers come from their own pass, into
+float32 and integer targets without multisampling, so that no value is ever a mixture of two
+surfaces. Colours are drawn finer and averaged: on a CPU that is half the price of multisampling,
+and smooths shading as well as edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robots.geometry import Array, apply
+from ..robots.model import ArticulatedModel, Material
+from .camera import Camera
+from .culling import one_sided_of
+from .gl import (
+    SHADOW_SIZE,
+    Context,
+    Mesh,
+    NoRendererError,
+    Piece,
+    Program,
+    Programs,
+    Surface,
+    Target,
+    delete_mesh,
+    draw_surface,
+    picture_texture,
+    runs_of,
+    shadow_texture,
+    upload,
+)
+from .projection import clip_from_light, clip_from_world, corners
+from .scene import Scene
+from .uv import box_projection
+
+
+class Rasterizer:
+    """Draws one scene after another at one image size. One per process (lessons 18)."""
+
+    def __init__(self, width: int, height: int, finer: int = 2) -> None:
+        self.context = Context()
+        self._gl = gl = self.context.gl
+        self.width, self.height = width, height
+        self._finer = finer
+        size = (width * finer, height * finer)
+        most = int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE))
+        if max(size) > most:
+            raise NoRendererError(f"images of {width} x {height} are too large here: "
+                                  f"the driver draws at most {most // finer} px a side")
+        color, truth = [gl.GL_RGBA8], [gl.GL_R32F, gl.GL_R16UI]
+        self._color = Target(gl, *size, color, gl.GL_DEPTH_COMPONENT24)
+        self._color_still = Target(gl, *size, color, gl.GL_DEPTH_COMPONENT24)
+        self._truth = Target(gl, width, height, truth, gl.GL_DEPTH_COMPONENT32F)
+        self._truth_still = Target(gl, width, height, truth, gl.GL_DEPTH_COMPONENT32F)
+        self._covered = Target(gl, width, height, color, None)
+        self._samples = np.empty((height * finer, width * finer, 4), np.uint8)
+        self._programs = Programs(gl)
+        self._empty_vao = int(gl.glGenVertexArrays(1))
+        self._model: Mesh | None = None
+        self._loaded: ArticulatedModel | None = None
+        self._projected = np.zeros(0, bool)
+        self._corners = list[tuple[int, Array]]()
+        self._outward = list[NDArray[np.bool_]]()
+        self._room: Mesh | None = None
+        self._scene_textures: list[int] = []
+        self._shadow = Target(gl, SHADOW_SIZE, SHADOW_SIZE, [], None)
+        gl.glEnable(gl.GL_DEPTH_TEST)
+        gl.glCullFace(gl.GL_BACK)
+        gl.glDisable(gl.GL_DITHER)
+        gl.glFrontFace(gl.GL_CW)
+        gl.glPixelStorei(gl.GL_PACK_ALIGNMENT, 1)
+        gl.glPixelStorei(gl.GL_UNPACK_ALIGNMENT, 1)
+
+    # -- geometry: truth ----------------------------------------------------------------------
+
+    def begin_truth(self, model: ArticulatedModel, camera: Camera, world_from_part: Array) -> None:
+        """Draw the parts that stand still in all frames; world_from_part [T P 4 4]."""
+        self._upload_model(model)
+        self._split_by_motion(world_from_part)
+        self._clip_from_world = clip_from_world(camera, self._box(world_from_part))
+        self._truth_still.bind()
+        self._clear_truth()
+        self._draw_truth(world_from_part[0], self._standing)
+
+    def truth(self, world_from_part: Array) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:
+        """Depth [H W] m (0: none) and part [H W] of the model alone, from part poses [P 4 4]."""
+        self.draw_truth(world_from_part)
+        return self.read_truth()
+
+    def draw_truth(self, world_from_part: Array) -> None:
+        """Begin to draw what `read_truth` gives.
+
+        The software rasterizer works in threads of its own: what is drawn before something is
+        read goes on meanwhile.
+        """
+        self._truth_still.copy_to(self._truth)
+        self._truth.bind()
+        self._draw_truth(world_from_part, self._moving)
+        self._gl.glFlush()
+
+    def read_truth(self) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:
+        """Depth [H W] m (0: none) and part [H W] of the model alone."""
+        return self._read_depth(), self._read_part()
+
+    def room_depth(self) -> NDArray[np.float32]:
+        """Depth [H W] m of the current scene's room alone; 0 where there is none."""
+        self._truth.bind()
+        self._clear_truth()
+        if self._room is not None:
+            gl, program = self._gl, self._programs.truth
+            gl.glUseProgram(program.id)
+            gl.glBindVertexArray(self._room.vao)
+            program.matrix("clip_from_part", self._clip_from_world)
+            gl.glUniform1ui(program["part"], 0)
+            for surface in runs_of(self._room.surfaces):
+                draw_surface(gl, surface)
+        return self._read_depth()
+
+    def outlines(self, camera: Camera, world_from_part: Array) -> NDArray[np.int64]:
+        """[P 4] px: a box that holds each part of the model in the image, from poses [P 4 4].
+
+        First column and row, and those after the last; parts without a surface have none.
+        """
+        out = np.zeros((len(world_from_part), 4), np.int64)
+        whole = np.array([0, 0, self.width, self.height])
+        for part in {part for part, _ in self._corners}:
+            corners = np.concatenate([c for p, c in self._corners if p == part])
+            uv = camera.project(apply(world_from_part[part], corners))
+            if uv[:, 2].min() <= 0:
+                out[part] = whole
+                continue
+            low, high = np.floor(uv[:, :2].min(0)) - 1, np.ceil(uv[:, :2].max(0)) + 2
+            out[part] = np.clip(np.concatenate([low, high]), 0, np.tile(whole[2:], 2))
+        return out
+
+    # -- appearance: colours ------------------------------------------------------------------
+
+    def begin_color(self, scene: Scene, world_from_part: Array) -> None:
+        """Take a scene in and draw what stands still in all frames; world_from_part [T P 4 4]."""
+        gl = self._gl
+        self._forget_scene()
+        self._scene = scene
+        self._upload_model(scene.model, scene.texture_size > 0)
+        self._split_by_motion(world_from_part)
+        if scene.shadows:  # a moving shadow falls on what stands still
+            self._moving, self._standing = [*self._standing, *self._moving], []
+        self._room = upload(gl, [
+            Piece(-1, k, s.vertices, s.faces, s.normals, s.uv, np.zeros(len(s.faces), bool))
+            for k, s in enumerate(scene.room)
+        ])
+        self._textures = [self._texture(m.texture) for m in scene.materials]
+        self._room_materials = [
+            Material(s.name, (*s.base_color, 1.0), 0.0, s.roughness, s.texture) for s in scene.room
+        ]
+        self._room_textures = [self._texture(m.texture) for m in self._room_materials]
+        self._shadow_textures = [shadow_texture(gl) for _ in scene.lights if scene.shadows]
+        self._scene_textures += self._shadow_textures
+        points = np.concatenate([self._box(world_from_part), *(s.vertices for s in scene.room)])
+        self._clip_from_world = clip_from_world(scene.camera, points)
+
+        self._color_still.bind()
+        gl.glClearColor(0.0, 0.0, 0.0, 1.0)
+        gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
+        if scene.backdrop is not None:
+            self._draw_backdrop(scene.backdrop)
+        if not scene.shadows:
+            self._shade(world_from_part[0], self._standing, room=True)
+
+    def draw_color(self, world_from_part: Array) -> None:
+        """Begin to draw the colours of one frame from part poses [P 4 4] (see `draw_truth`)."""
+        if self._scene.shadows:
+            self._draw_shadows(world_from_part)
+        self._color_still.copy_to(self._color)
+        self._color.bind()
+        self._shade(world_from_part, self._moving, room=self._scene.shadows)
+        self._gl.glFlush()
+
+    def read_color(self) -> NDArray[np.uint8]:
+        """RGB [H W 3] of the frame that `draw_color` began."""
+        gl, rgba = self._gl, self._samples
+        self._color.read(0, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, rgba)
+        if self._finer > 1:
+            size = (self.width, self.height)
+            rgba = cv2.resize(rgba, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), np.uint8)
+
+    def draw_coverage(
+        self, world_from_part: Array, group: NDArray[np.int64], where: NDArray[np.int64]
+    ) -> None:
+        """Begin to draw what `read_coverage` gives; `begin_truth` was before it.
+
+        Poses are [P 4 4], `group` [P] is 0..31, or -1 for parts that are left out. Each part is
+        drawn in its box `where` [P 4] px alone: first column and row, and those after the last.
+        """
+        gl, program = self._gl, self._programs.coverage
+        assert self._model is not None
+        self._covered.bind()
+        gl.glClearColor(0.0, 0.0, 0.0, 0.0)
+        gl.glClear(gl.GL_COLOR_BUFFER_BIT)
+        gl.glDisable(gl.GL_DEPTH_TEST)
+        gl.glEnable(gl.GL_COLOR_LOGIC_OP)
+        gl.glLogicOp(gl.GL_OR)
+        gl.glEnable(gl.GL_SCISSOR_TEST)
+        gl.glUseProgram(program.id)
+        gl.glBindVertexArray(self._model.vao)
+        boxes = np.concatenate([where[:, :2], where[:, 2:] - where[:, :2]], axis=1)
+        drawn = (group >= 0) & (boxes[:, 2:] > 0).all(1)
+        for surface in runs_of(s for s in self._model.surfaces if drawn[s.part]):
+            gl.glScissor(*boxes[surface.part].tolist())  # row 0 is OpenGL's lowest, too
+            program.matrix("clip_from_part", self._clip_from_world @ world_from_part[surface.part])
+            channel, bit = divmod(int(group[surface.part]), 8)
+            gl.glUniform4f(program["bits"], *((1 << bit) / 255.0 * np.eye(4)[channel]))
+            draw_surface(gl, surface)
+        gl.glDisable(gl.GL_SCISSOR_TEST)
+        gl.glDisable(gl.GL_COLOR_LOGIC_OP)
+        gl.glEnable(gl.GL_DEPTH_TEST)
+        gl.glFlush()
+
+    def read_coverage(self) -> NDArray[np.uint32]:
+        """[H W] bits: bit g is set where a part of group g would be seen with nothing before it
+        (and its box allows).
+        """
+        gl = self._gl
+        rgba = np.empty((self.height, self.width, 4), np.uint8)
+        self._covered.read(0, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, rgba)
+        return rgba.view("<u4")[..., 0]
+
+    def close(self) -> None:
+        """Free everything that OpenGL holds."""
+        self._forget_scene()
+        self.context.close()
+
+    # -- passes -------------------------------------------------------------------------------
+
+    def _clear_truth(self) -> None:
+        gl = self._gl
+        gl.glClearBufferfv(gl.GL_COLOR, 0, np.zeros(4, np.float32))
+        gl.glClearBufferuiv(gl.GL_COLOR, 1, np.zeros(4, np.uint32))
+        gl.glClear(gl.GL_DEPTH_BUFFER_BIT)
+
+    def _draw_truth(self, world_from_part: Array, surfaces: Sequence[Surface]) -> None:
+        gl, program = self._gl, self._programs.truth
+        assert self._model is not None
+        gl.glUseProgram(program.id)
+        gl.glBindVertexArray(self._model.vao)
+        for surface in runs_of(surfaces):
+            program.matrix("clip_from_part", self._clip_from_world @ world_from_part[surface.part])
+            gl.glUniform1ui(program["part"], surface.part + 1)
+            draw_surface(gl, surface)
+
+    def _read_depth(self) -> NDArray[np.float32]:
+        depth = np.empty((self.height, self.width), np.float32)
+        self._truth.read(0, self._gl.GL_RED, self._gl.GL_FLOAT, depth)
+        return depth
+
+    def _read_part(self) -> NDArray[np.uint16]:
+        part = np.empty((self.height, self.width), np.uint16)
+        self._truth.read(1, self._gl.GL_RED_INTEGER, self._gl.GL_UNSIGNED_SHORT, part)
+        return part
+
+    def _shade(self, world_from_part: Array, surfaces: Sequence[Surface], room: bool) -> None:
+        """Draw colours: opaque surfaces, then transparent ones from far to near."""
+        assert self._model is not None
+        scene = self._scene
+        if room and self._room is not None:
+            self._gl.glBindVertexArray(self._room.vao)
+            for s in self._room.surfaces:
+                material = self._room_materials[s.material]
+                self._shade_one(s, np.eye(4), material, self._room_textures[s.material], 1.0)
+        if not surfaces:
+            return
+        self._gl.glBindVertexArray(self._model.vao)
+        eye = scene.camera.world_from_cam[:3, 3]
+
+        def far_first(s: Surface) -> float:
+            """Opaque surfaces before all others; those from far to near."""
+            if scene.materials[s.material].base_color[3] >= 1.0:
+                return -np.inf
+            return -float(np.linalg.norm(world_from_part[s.part][:3, 3] - eye))
+
+        for s in sorted(surfaces, key=far_first):
+            size = scene.texture_size[s.material]
+            self._shade_one(
+                s, world_from_part[s.part], scene.materials[s.material],
+                self._textures[s.material], 1.0 / size if size > 0 else 1.0,
+            )
+
+    def _shade_one(
+        self, surface: Surface, pose: Array, material: Material, texture: int, uv_scale: float
+    ) -> None:
+        gl, scene = self._gl, self._scene
+        program = self._programs.surface(texture != 0, len(scene.lights), scene.shadows)
+        gl.glUseProgram(program.id)
+        if program.scene is not scene:
+            program.scene = scene
+            self._set_lights(program)
+        program.matrix("clip_from_part", self._clip_from_world @ pose)
+        program.matrix("world_from_part", pose)
+        gl.glUniform2f(program["uv_scale"], uv_scale, uv_scale)
+        gl.glUniform4f(program["material.base_color_factor"], *material.base_color)
+        gl.glUniform1f(program["material.metallic_factor"], material.metallic)
+        gl.glUniform1f(program["material.roughness_factor"], material.roughness)
+        if texture:
+            gl.glActiveTexture(gl.GL_TEXTURE0)
+            gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
+        transparent = material.base_color[3] < 1.0
+        if transparent:
+            gl.glEnable(gl.GL_BLEND)
+            gl.glBlendFunc(gl.GL_SRC_ALPHA, gl.GL_ONE_MINUS_SRC_ALPHA)
+        draw_surface(gl, surface)
+        if transparent:
+            gl.glDisable(gl.GL_BLEND)
+
+    def _set_lights(self, program: Program) -> None:
+        gl, scene = self._gl, self._scene
+        gl.glUniform3f(program["cam_pos"], *scene.camera.world_from_cam[:3, 3])
+        gl.glUniform3f(program["ambient_light"], *[scene.ambient] * 3)
+        gl.glUniform3f(program["material.emissive_factor"], 0.0, 0.0, 0.0)
+        gl.glUniform1i(program["material.base_color_texture"], 0)
+        for k, light in enumerate(scene.lights):
+            name = f"directional_lights[{k}]."
+            gl.glUniform3f(program[name + "direction"], *light.direction)
+            gl.glUniform3f(program[name + "color"], *light.color)
+            gl.glUniform1f(program[name + "intensity"], light.intensity)
+
+    def _draw_backdrop(self, picture: NDArray[np.uint8]) -> None:
+        gl = self._gl
+        texture = self._texture(picture[::-1], repeat=False)  # textures are turned upside down
+        gl.glUseProgram(self._programs.backdrop.id)
+        gl.glUniform1i(self._programs.backdrop["picture"], 0)
+        gl.glActiveTexture(gl.GL_TEXTURE0)
+        gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
+        gl.glDepthMask(gl.GL_FALSE)
+        gl.glDisable(gl.GL_DEPTH_TEST)
+        gl.glDisable(gl.GL_CULL_FACE)  # left by whatever was drawn before
+        gl.glBindVertexArray(self._empty_vao)
+        gl.glDrawArrays(gl.GL_TRIANGLES, 0, 3)
+        gl.glEnable(gl.GL_DEPTH_TEST)
+        gl.glDepthMask(gl.GL_TRUE)
+
+    def _draw_shadows(self, world_from_part: Array) -> None:
+        """Depth seen from each light into its map. Walls throw no shadow: light passes them."""
+        gl, scene = self._gl, self._scene
+        assert self._model is not None
+        points = self._box(world_from_part)
+        # pyrender's shader looks up to two texels aside on both axes: a surface that slopes away
+        # from the light must lie that much deeper, or it shades itself.
+        gl.glEnable(gl.GL_POLYGON_OFFSET_FILL)
+        gl.glPolygonOffset(4.0, 4.0)
+        for k, light in enumerate(scene.lights):
+            clip_from_world = clip_from_light(light, points)
+            self._shadow.bind_depth(self._shadow_textures[k])
+            gl.glClear(gl.GL_DEPTH_BUFFER_BIT)
+            program = self._programs.truth
+            gl.glUseProgram(program.id)
+            gl.glBindVertexArray(self._model.vao)
+            for surface in runs_of(self._model.surfaces):
+                program.matrix("clip_from_part", clip_from_world @ world_from_part[surface.part])
+                # A light's clip space has the other handedness: front faces would be left out.
+                draw_surface(gl, replace(surface, one_sided=False))
+            for textured in (False, True):
+                program = self._programs.surface(textured, len(scene.lights), True)
+                gl.glUseProgram(program.id)
+                name = f"directional_lights[{k}]."
+                program.matrix(name + "light_matrix", clip_from_world)
+                gl.glUniform1i(program[name + "shadow_map"], 1 + k)
+            gl.glActiveTexture(gl.GL_TEXTURE0 + 1 + k)
+            gl.glBindTexture(gl.GL_TEXTURE_2D, self._shadow_textures[k])
+        gl.glDisable(gl.GL_POLYGON_OFFSET_FILL)
+
+    # -- what lives on the device -------------------------------------------------------------
+
+    def _split_by_motion(self, world_from_part: Array) -> None:
+        """Which surfaces have one pose in all frames [T P 4 4], and which move."""
+        assert self._model is not None
+        stands = np.all(world_from_part == world_from_part[:1], axis=(0, 2, 3))
+        self._moving = [s for s in self._model.surfaces if not stands[s.part]]
+        self._standing = [s for s in self._model.surfaces if stands[s.part]]
+
+    def _box(self, world_from_part: Array) -> Array:
+        """Corners [N 3] of the visuals' bounding boxes in the world, for poses [... P 4 4]."""
+        poses = world_from_part.reshape(-1, *world_from_part.shape[-3:])
+        boxes = [apply(poses[:, part], corners).reshape(-1, 3) for part, corners in self._corners]
+        return np.concatenate([np.zeros((0, 3)), *boxes])
+
+    def _upload_model(
+        self, model: ArticulatedModel, projected: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Geometry stays on the device from scene to scene.
+
+        `projected` [visuals] says which get box-projected UVs; None: it does not matter.
+        """
+        if self._loaded is model and projected is None:
+            return
+        if projected is None:
+            projected = np.zeros(len(model.visuals), bool)
+        if self._loaded is model and np.array_equal(self._projected, projected):
+            return
+        if self._loaded is not model:
+            self._outward = one_sided_of(model)
+            self._corners = [(visual.part, corners(visual)) for visual in model.visuals]
+        delete_mesh(self._gl, self._model)
+        pieces = list[Piece]()
+        for k, visual in sorted(enumerate(model.visuals), key=lambda item: item[1].part):
+            v, f, n, uv = visual.vertices, visual.faces, visual.normals, visual.uv
+            if projected[k]:
+                v, f, n, uv = box_projection(v, f, n, 1.0)
+            pieces.append(Piece(visual.part, k, v, f, n, uv, self._outward[k]))
+        self._model = upload(self._gl, pieces)
+        self._loaded, self._projected = model, projected
+
+    def _texture(self, picture: NDArray[np.uint8] | None, repeat: bool = True) -> int:
+        """A texture that goes with the scene; 0 for no picture."""
+        if picture is None:
+            return 0
+        self._scene_textures.append(picture_texture(self._gl, picture, repeat))
+        return self._scene_textures[-1]
+
+    def _forget_scene(self) -> None:
+        if self._scene_textures:
+            self._gl.glDeleteTextures(len(self._scene_textures), self._scene_textures)
+        self._scene_textures = list[int]()
+        delete_mesh(self._gl, self._room)
+        self._room = None
