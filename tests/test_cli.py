@@ -363,12 +363,12 @@ def test_doctor_is_content_with_this_machine(capsys: Lines) -> None:
 
 
 def test_doctor_fails_where_nothing_renders(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gcbench.renderer import gl
+    from gcbench.renderer import gl, rasterizer
 
     def fail(*_: object) -> None:
         raise gl.NoRendererError("no device")
 
-    monkeypatch.setattr(gl, "Rasterizer", fail)
+    monkeypatch.setattr(rasterizer, "Rasterizer", fail)
     monkeypatch.setattr(gl, "device_names", fail)
     assert main(["doctor"]) == 2
     said = capsys.readouterr().out
