@@ -16,6 +16,9 @@ from ..robots.geometry import Array
 from .surface import Surfaces
 
 
+_AGREE = 0.6  # least cosine between the normals of two measurements of one surface element
+
+
 @dataclass(frozen=True)
 class Alignment:
     """T frames, N points."""
@@ -27,11 +30,19 @@ class Alignment:
     gap: Array
     """[T N] measured depth behind the predicted point, m; inf: nothing is there; NaN: outside."""
     hit: NDArray[np.bool_]
-    """[T N] whether a surface element with a normal is there."""
+    """[T N] whether a surface element is there that faces as the moved one does."""
+    turned: NDArray[np.bool_]
+    """[T N] whether the moved surface element faces away: its own object hides it."""
 
 
-def align(surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: Array) -> Alignment:
-    """Projective association: each point [N 3], moved by motion [T 4 4], meets its pixel."""
+def align(
+    surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: Array, normals: Array
+) -> Alignment:
+    """Projective association: each point [N 3], moved by motion [T 4 4], meets its pixel.
+
+    A point that has turned to the back of a part meets the front, a part's thickness away: the
+    normals [N 3] tell.
+    """
     k = surfaces.intrinsics
     height, width = surfaces.depth.shape[1:]
     m = motion.astype(np.float32)
@@ -43,13 +54,15 @@ def align(surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: 
     pixel = np.where(inside, v * width + u, 0) + (frames * (height * width))[:, None]
     depth = surfaces.depth.reshape(-1).take(pixel)
     n = surfaces.normal.reshape(-1, 3).take(pixel, axis=0)
-    hit = inside & (depth > 0) & n.any(axis=2)
+    facing = normals.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2)
+    turned = np.einsum("tnc,tnc->tn", facing, moved) < 0
+    hit = inside & (depth > 0) & (np.einsum("tnc,tnc->tn", facing, n) > _AGREE)
     ray = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]], axis=2).astype(np.float32)
     target = np.concatenate([ray * depth[..., None], depth[..., None]], axis=2)
     plane = np.where(hit, np.einsum("tnc,tnc->tn", n, target - moved), 0.0)
     gap = np.where(depth > 0, depth - moved[..., 2], np.inf)
     row = np.concatenate([cross(moved, n), n], axis=2)
-    return Alignment(plane, row, np.where(inside, gap, np.nan), hit)
+    return Alignment(plane, row, np.where(inside, gap, np.nan), hit, turned)
 
 
 def project(intrinsics: Array, points: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -93,6 +106,35 @@ def flow_residuals(
         np.concatenate(rows, axis=1),
         np.concatenate([seen, seen], axis=1),
     )
+
+
+def shade_residuals(
+    surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: Array, shade: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Brightness of points [N 3] where motion [T 4 4] takes them against theirs [N] (L_b).
+
+    Returns the difference [T N], its rows [T N 6] and whether each point is seen [T N].
+    """
+    assert surfaces.shade is not None
+    k = surfaces.intrinsics
+    height, width = surfaces.depth.shape[1:]
+    m = motion.astype(np.float32)
+    moved = points.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2) + m[:, None, :3, 3]
+    at = project(k, moved)
+    near = np.rint(np.clip(at, -2, max(height, width) + 1)).astype(np.int32)
+    u, v = near[..., 0], near[..., 1]
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    pixel = np.where(inside, v * width + u, 0) + (frames * (height * width))[:, None]
+    gap = surfaces.depth.reshape(-1).take(pixel) - moved[..., 2]
+    known = surfaces.normal.reshape(-1, 3).take(pixel, axis=0).any(axis=2)
+    seen = inside & known & (np.abs(gap) < 6 * surfaces.noise)
+    s = surfaces.shade.reshape(-1, 3).take(pixel, axis=0)
+    there = s[..., 0] + s[..., 1] * (at[..., 0] - u) + s[..., 2] * (at[..., 1] - v)
+    z = np.maximum(moved[..., 2], np.float32(1e-3))
+    du, dv = s[..., 1] * np.float32(k[0, 0]) / z, s[..., 2] * np.float32(k[1, 1]) / z
+    slope = np.stack([du, dv, -(du * moved[..., 0] + dv * moved[..., 1]) / z], axis=2)
+    row = np.concatenate([cross(moved, slope), slope], axis=2)
+    return shade.astype(np.float32)[None] - there, row, seen
 
 
 def cross(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:

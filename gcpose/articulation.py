@@ -156,7 +156,7 @@ def first_motion(
         z = about(-origin, added[j])
         twist[j], end = axis_from(z, known, j, at[j], np.radians(0.3))
         angle[:, j] = np.linspace(0, end, to + 1)
-    cloud = Cloud(0, grid.point, label)
+    cloud = Cloud(0, grid.point, grid.normal, grid.shade, label)
     return Hypothesis(Articulation(twist, angle, known.prismatic), (cloud,), cost)
 
 
@@ -200,9 +200,10 @@ class Tracker:
     def label(self, state: Articulation, frame: int) -> tuple[Cloud, float]:
         """E-step for a frame's candidates; and their mean cost a frame."""
         grid = self.grid(frame)
-        volume = smooth(label_costs(self.surfaces, grid, state.motions(len(state.angle))), grid)
+        volume = label_costs(self.surfaces, grid, state.motions(len(state.angle)))
+        volume = smooth(volume, grid, 4 if self.surfaces.noise else 2)
         cost = float(volume.min(axis=1).mean()) / max(1, len(state.angle) - 1)
-        return Cloud(frame, grid.point, volume.argmin(axis=1)), cost
+        return Cloud(frame, grid.point, grid.normal, grid.shade, volume.argmin(axis=1)), cost
 
     def relabel(self, state: Articulation, frames: tuple[int, ...]) -> Hypothesis:
         """E-step for key frames."""

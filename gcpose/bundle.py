@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array, inverse
-from .alignment import align, flow_residuals, normal_equations, robust_weight
+from .alignment import (
+    align,
+    flow_residuals,
+    normal_equations,
+    robust_weight,
+    shade_residuals,
+)
 from .chain import (
     adjoint,
     angle_derivatives,
@@ -28,7 +34,9 @@ from .surface import Surfaces
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
 _FLOW_SCALE = 1.0  # px, of flow's errors
 _FLOW_SHARE = 0.05  # of its pixels that err independently
-_ACCELERATION = np.radians(2.0)  # prior: change of a joint's step from frame to frame, rad or m
+_SHADE_SCALE = 6.0  # of 255
+_SHADE_SHARE = 0.2
+_ACCELERATION = np.radians(0.6)  # prior: change of a joint's step from frame to frame, rad or m
 
 
 FREE, ACROSS, ALONG = 0, 1, 2
@@ -60,6 +68,9 @@ class Normal:
 
     matrix: Array
     vector: Array
+    scatter: Array | None = None
+    """Sum of the outer products of each cloud's, part's and frame's vector: the covariance of
+    `vector` if what errs errs together there."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +80,10 @@ class Cloud:
     frame: int
     point: Array
     """[N 3] at that frame, camera frame, m"""
+    normal: Array
+    """[N 3]"""
+    shade: Array
+    """[N] brightness"""
     label: NDArray[np.int64]
     """[N] 0..J"""
 
@@ -80,6 +95,7 @@ def assemble(
     basis: tuple[Array, ...],
     last: int,
     scale: float,
+    fine: bool,
 ) -> Normal:
     """Clouds against all frames up to `last`; `scale` is in footprints of a pixel.
 
@@ -88,7 +104,7 @@ def assemble(
     motion = state.motions(last + 1)
     derivative = derivatives(state, motion, basis)
     size = derivative.shape[-1]
-    matrix, vector = np.zeros((size, size)), np.zeros(size)
+    matrix, vector, scatter = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
     for cloud in clouds:
         frames = np.delete(np.arange(last + 1), cloud.frame)
         for j in range(1, len(state.twist) + 1):
@@ -97,16 +113,31 @@ def assemble(
                 continue
             here_from_there = motion[frames, j] @ inverse(motion[cloud.frame, j])
             point = cloud.point[mine]
-            a = align(surfaces, frames, here_from_there, point)
-            sigma = scale * (surfaces.footprint(point[:, 2]) + 2 * surfaces.noise)
+            a = align(surfaces, frames, here_from_there, point, cloud.normal[mine])
+            sigma = scale * (surfaces.footprint(point[:, 2]) + surfaces.noise)
             weight = np.where(a.hit, robust_weight(a.plane, sigma), 0.0)
             six, right = normal_equations(a.row, a.plane, weight)
             g = derivative[frames, j]
             if cloud.frame:
                 g = g - adjoint(here_from_there) @ derivative[cloud.frame, j]
             matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
-            vector += np.tensordot(right, g, axes=2)
-            if surfaces.flow is not None and last > 0:
+            each = np.einsum("ti,tiu->tu", right, g)
+            vector += each.sum(axis=0)
+            scatter += each.T @ each
+            if surfaces.shade is not None and fine:
+                residual, row, seen = shade_residuals(
+                    surfaces, frames, here_from_there, point, cloud.shade[mine]
+                )
+                weight = np.where(seen, robust_weight(residual, _SHADE_SCALE), 0.0) * _SHADE_SHARE
+                six, right = normal_equations(row, residual, weight.astype(np.float32))
+                g = derivative[frames, j]
+                if cloud.frame:
+                    g = g - adjoint(here_from_there) @ derivative[cloud.frame, j]
+                matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
+                each = np.einsum("ti,tiu->tu", right, g)
+                vector += each.sum(axis=0)
+                scatter += each.T @ each
+            elif surfaces.flow is not None:
                 steps = np.arange(last)
                 there = motion[:, j] @ inverse(motion[cloud.frame, j])
                 residual, row, seen = flow_residuals(surfaces, steps, there[:-1], there[1:], point)
@@ -115,8 +146,10 @@ def assemble(
                 step = motion[1:, j] @ inverse(motion[:-1, j])
                 g = derivative[1:, j] - adjoint(step) @ derivative[:-1, j]
                 matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
-                vector += np.tensordot(right, g, axes=2)
-    return Normal(matrix, vector)
+                each = np.einsum("ti,tiu->tu", right, g)
+                vector += each.sum(axis=0)
+                scatter += each.T @ each
+    return Normal(matrix, vector, scatter)
 
 
 def derivatives(state: Articulation, motion: Array, basis: tuple[Array, ...]) -> Array:
@@ -211,23 +244,28 @@ def adjust(
     scales: tuple[float, ...],
     hinges: Hinges,
     newest: bool = False,
+    fine: bool = False,
 ) -> tuple[Articulation, Array]:
     """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
 
     With `newest` only the last frame's displacements move. Returns the articulation and the
-    Hessian of the last iteration.
+    standard deviation of its displacements [T J].
     """
     joints, last = len(state.twist), len(state.angle) - 1
     held = last * joints
-    hessian = np.zeros((0, 0))
+    hessian, scatter = np.zeros((0, 0)), np.zeros((0, 0))
     for scale in scales:
         basis = axis_bases(state, clouds, 0 if newest else freedom)
-        n = assemble(surfaces, clouds, state, basis, last, scale)
+        n = assemble(surfaces, clouds, state, basis, last, scale, fine)
         prior = smoothness(state.angle, last)
+        assert n.scatter is not None
+        scatter = n.scatter.copy()
+        scatter[:held, :held] += prior.matrix
         n.matrix[:held, :held] += prior.matrix
         n.vector[:held] += prior.vector
         for belief in (closeness(state, basis, hinges), squareness(state, basis)):
             n.matrix[held:, held:] += belief.matrix
+            scatter[held:, held:] += belief.matrix
             n.vector[held:] += belief.vector
         hessian = n.matrix
         damping = 1e-4 * np.diag(n.matrix) + 1.0
@@ -241,7 +279,16 @@ def adjust(
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
         if np.abs(step).max() < 1e-6:
             break
-    return state, hessian
+    return state, deviation(hessian, scatter, last, joints)
+
+
+def deviation(hessian: Array, scatter: Array, last: int, joints: int) -> Array:
+    """[T J] of the displacements: H^-1 S H^-1, S the scatter of what pulls at them."""
+    out = np.zeros((last + 1, joints))
+    inverse_hessian = np.linalg.inv(hessian + 1e-6 * np.eye(len(hessian)))
+    variance = np.diag(inverse_hessian @ scatter @ inverse_hessian)[: last * joints]
+    out[1:] = np.sqrt(np.maximum(variance, 0.0)).reshape(last, joints)
+    return out
 
 
 def axis_bases(

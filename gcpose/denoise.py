@@ -15,7 +15,9 @@ from ..robots.geometry import Array
 from .flow import Flow
 from .surface import Image, Surfaces
 
-_RADIUS = 8  # px, of the windows
+_RADIUS = 8  # px, of the windows that slopes are from
+_CENTRE = 4  # px, of those that depths are from: curved surfaces are flattened with its square
+_RIM = 5  # px; a round limb's rim shows its front where a point has turned to its back
 _LAYER = 4.0  # spacing of the layers, in standard deviations of the median
 
 
@@ -38,10 +40,17 @@ def smoothed(
         for t in range(len(flows)):
             a, b = (np.ascontiguousarray(image[box]) for image in rgb[t : t + 2])
             flows[t][box] = flow(a, b)
-    left = noise / (2 * _RADIUS + 1)
+    left = noise / (2 * _CENTRE + 1)
     return Surfaces(
-        np.stack([z for z, _ in fitted]), np.stack([n for _, n in fitted]), intrinsics, left, flows
+        np.stack([z for z, _ in fitted]), np.stack([n for _, n in fitted]), intrinsics, left, flows, np.stack([shading(image) for image in rgb]),
     )
+
+
+def shading(image: NDArray[np.uint8]) -> Image:
+    """Brightness and gradient [H W 3] of an image [H W 3]."""
+    gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
+    du, dv = (cv2.Sobel(gray, cv2.CV_32F, *d, ksize=3, scale=0.125) for d in ((1, 0), (0, 1)))
+    return np.stack([gray, du, dv], axis=2)
 
 
 def fit_planes(
@@ -97,10 +106,15 @@ def window_planes(
     xx, yy = xx + ridge, yy + ridge
     det = xx * yy - xy * xy
     b, c = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
-    fitted = around + mz + b * (x - mx) + c * (y - my)
+    small = (2 * _CENTRE + 1, 2 * _CENTRE + 1)
+    t = [cv2.boxFilter(q, -1, small, normalize=True, borderType=cv2.BORDER_CONSTANT)
+         for q in (m, x, y, z)]
+    v = np.maximum(t[0], 1e-9)
+    fitted = around + t[3] / v + b * (x - t[1] / v) + c * (y - t[2] / v)
     # the surface z(x, y) in rays: n ~ (-b, -c, z + b x + c y) / ..., away from the camera
     n = np.stack([-b, -c, fitted + b * (x + x0) + c * (y + y0)], axis=2)
     n /= np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-12)
-    enough = (s[0] * size[0] * size[1] > 60) & mask
+    rim = cv2.boxFilter(m, -1, (_RIM, _RIM), normalize=True, borderType=cv2.BORDER_CONSTANT)
+    enough = (rim > 0.95) & mask
     n[~enough] = 0.0
-    return np.where(enough, fitted, depth).astype(np.float32), n.astype(np.float32)
+    return np.where(mask, fitted, depth).astype(np.float32), n.astype(np.float32)

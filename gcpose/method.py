@@ -48,12 +48,16 @@ class GCPose:
             surfaces = measure(observation.depth, observation.intrinsics)
         tracker = Tracker(surfaces, observation.rgb, known, _CANDIDATES)
         best = search(tracker, self.flow)
-        last = surfaces.frames - 1
-        state, hessian = adjust(surfaces, best.clouds, best.state, known.freedom, (1.0, 0.7, 0.7), tracker.hinges(best.clouds[0]))
-        joints = len(known.prismatic)
-        sigma = np.zeros((last + 1, joints))
-        variance = np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(len(hessian))))
-        sigma[1:] = np.sqrt(np.maximum(variance[: last * joints], 0)).reshape(last, joints)
+        fine = (1.0, 0.6, 0.4, 0.4) if surfaces.noise else (1.0, 0.7, 0.7)
+        state, sigma = adjust(
+            surfaces,
+            best.clouds,
+            best.state,
+            known.freedom,
+            fine,
+            tracker.hinges(best.clouds[0]),
+            fine=True,
+        )
         self.tracker, self.best = tracker, best
         self.log = f"cost {best.cost:.3f}"
         screw = screws_of(state.twist, state.prismatic)

@@ -21,7 +21,7 @@ from .alignment import align
 from .surface import Surfaces
 
 _SAME = 1.5e-4  # m, between two measurements of one still point
-_SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE = 9.0, 3.0, 1.0, 2.0  # costs, in variances
+_SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE, _TURNED = 9.0, 3.0, 1.0, 2.0, 2.0  # costs, in variances
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,10 @@ class Candidates:
     """[N 2] (u, v)"""
     point: Array
     """[N 3] m"""
+    normal: Array
+    """[N 3]"""
+    shade: Array
+    """[N] brightness, where it is used"""
     stride: int
     """Pixels from one to the next."""
 
@@ -83,7 +87,11 @@ def candidates(
     stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(wide) / most))))
     v, u = np.nonzero(wide[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride
-    return Candidates(frame, pixel, surfaces.points(frame, pixel), stride)
+    shade = np.zeros(len(pixel))
+    if surfaces.shade is not None:
+        shade = surfaces.shade[frame, pixel[:, 1], pixel[:, 0], 0].astype(np.float64)
+    normal = surfaces.normal[frame, pixel[:, 1], pixel[:, 0]].astype(np.float64)
+    return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, shade, stride)
 
 
 def label_costs(surfaces: Surfaces, grid: Candidates, motion: Array) -> Array:
@@ -93,12 +101,13 @@ def label_costs(surfaces: Surfaces, grid: Candidates, motion: Array) -> Array:
     out = np.zeros((len(grid.point), motion.shape[1]))
     for j in range(motion.shape[1]):
         here_from_there = motion[frames, j] @ inverse(motion[grid.frame, j])
-        a = align(surfaces, frames, here_from_there, grid.point)
+        a = align(surfaces, frames, here_from_there, grid.point, grid.normal)
         hidden = _HIDDEN if j else _HIDDEN_STILL
         beyond = np.where(a.gap > 0, _SEEN_THROUGH, hidden)
         near = np.abs(a.gap) < 20 * scale
         cost = np.where(a.hit & near, np.minimum((a.plane / scale) ** 2, beyond), beyond)
         cost = np.where(~a.hit & near, 1.0, cost)
+        cost = np.where(a.turned, np.minimum(cost, _TURNED), cost)
         out[:, j] = np.where(np.isnan(a.gap), _OUTSIDE, cost).sum(axis=0)
     return out
 
