@@ -1,1 +1,1 @@
-"""Run, score, compare. Built by a later issue; see the README."""
+"""Run, score, compare methods that estimate articulated motion."""

@@ -1,1 +1,1 @@
-"""GC-Pose, the method of the paper. Built by a later issue; see the README."""
+"""GC-Pose, the method of the paper: joint motion of an articulated object from video."""
