@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from .surface import Surfaces
-
+from .surface import Floats, Surfaces
 
 _AGREE = 0.6  # least cosine between the normals of two measurements of one surface element
 
@@ -23,11 +22,11 @@ _AGREE = 0.6  # least cosine between the normals of two measurements of one surf
 class Alignment:
     """T frames, N points."""
 
-    plane: Array
+    plane: Floats
     """[T N] point-to-plane distance of the measured surface, m; 0 where not `hit`."""
-    row: Array
+    row: Floats
     """[T N 6] derivative of `plane` to minus the twist."""
-    gap: Array
+    gap: Floats
     """[T N] measured depth behind the predicted point, m; inf: nothing is there; NaN: outside."""
     hit: NDArray[np.bool_]
     """[T N] whether a surface element is there that faces as the moved one does."""
@@ -65,7 +64,7 @@ def align(
     return Alignment(plane, row, np.where(inside, gap, np.nan), hit, turned)
 
 
-def project(intrinsics: Array, points: NDArray[np.float32]) -> NDArray[np.float32]:
+def project(intrinsics: Array, points: Floats) -> Floats:
     """Pixels [... 2] of points [... 3]."""
     focal = np.array([intrinsics[0, 0], intrinsics[1, 1]], np.float32)
     centre = np.array([intrinsics[0, 2], intrinsics[1, 2]], np.float32)
@@ -74,7 +73,7 @@ def project(intrinsics: Array, points: NDArray[np.float32]) -> NDArray[np.float3
 
 def flow_residuals(
     surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, next_motion: Array, points: Array
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Flow against the motion of points [N 3] from frame t to t + 1 (Sec. 3.4, L_w).
 
     motion and next_motion [T 4 4] take the points to the frames t and t + 1. Returns the measured
@@ -110,7 +109,7 @@ def flow_residuals(
 
 def shade_residuals(
     surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: Array, shade: Array
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Brightness of points [N 3] where motion [T 4 4] takes them against theirs [N] (L_b).
 
     Returns the difference [T N], its rows [T N 6] and whether each point is seen [T N].
@@ -137,19 +136,19 @@ def shade_residuals(
     return shade.astype(np.float32)[None] - there, row, seen
 
 
-def cross(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+def cross(a: Floats, b: Floats) -> Floats:
     """a x b over the last axis (np.cross is several times slower)."""
     a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
     b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
 
 
-def robust_weight(residual: Array, scale: Array | float) -> Array:
+def robust_weight(residual: Floats, scale: Floats | float) -> Floats:
     """Geman-McClure's weight, over the variance."""
     return 1.0 / (1.0 + (residual / scale) ** 2) ** 2 / np.square(scale)
 
 
-def normal_equations(row: Array, residual: Array, weight: Array) -> tuple[Array, Array]:
+def normal_equations(row: Floats, residual: Floats, weight: Floats) -> tuple[Array, Array]:
     """A [T 6 6] and b [T 6] of rows [T N 6], residuals [T N], weights [T N]."""
     weighted = (row * weight[..., None]).swapaxes(1, 2)
     matrix = (weighted @ row).astype(np.float64)

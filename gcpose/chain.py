@@ -8,6 +8,7 @@ in the camera frame at frame 0, which the static camera keeps.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..robots.geometry import Array, apply, prismatic_motion, revolute_motion, transform
 
@@ -44,13 +45,13 @@ def exponential(twist: Array) -> Array:
     return transform(r, np.einsum("...ij,...j->...i", left, v))
 
 
-def twists_of(screw: Array, prismatic: Array) -> Array:
+def twists_of(screw: Array, prismatic: NDArray[np.bool_]) -> Array:
     """Twists [J 6] of the dataset's screws [J 6]; prismatic [J] bool."""
     slide = np.concatenate([np.zeros_like(screw[:, :3]), screw[:, :3]], axis=1)
     return np.where(prismatic[:, None], slide, screw)
 
 
-def screws_of(twist: Array, prismatic: Array) -> Array:
+def screws_of(twist: Array, prismatic: NDArray[np.bool_]) -> Array:
     """The dataset's screws [J 6] of twists [J 6]."""
     slide = np.concatenate([twist[:, 3:], np.zeros_like(twist[:, 3:])], axis=1)
     return np.where(prismatic[:, None], slide, twist)
@@ -106,8 +107,9 @@ def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Arra
     direction (d = 2 where freedom is 4).
     """
     direction = twist[3:] if prismatic else twist[:3]
-    first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    first /= np.linalg.norm(first)
+    least = np.eye(3)[np.argmin(np.abs(direction))]
+    first = np.asarray(np.cross(direction, least), np.float64)
+    first = first / float(np.linalg.norm(first))
     across = np.stack([first, np.cross(direction, first)], axis=1)
     zero = np.zeros((3, 2))
     if prismatic:
@@ -121,10 +123,10 @@ def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Arra
 
 def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:
     """The twist [6] of an axis after exp(by): again a unit direction, again without pitch."""
-    moved = adjoint(exponential(by)) @ twist
+    moved: Array = adjoint(exponential(by)) @ twist
     if prismatic:
-        return np.concatenate([np.zeros(3), moved[3:] / np.linalg.norm(moved[3:])])
-    l = moved[:3] / np.linalg.norm(moved[:3])
+        return np.concatenate([np.zeros(3), moved[3:] / float(np.linalg.norm(moved[3:]))])
+    l = moved[:3] / float(np.linalg.norm(moved[:3]))
     return np.concatenate([l, moved[3:] - l * (l @ moved[3:])])
 
 

@@ -42,7 +42,12 @@ def smoothed(
             flows[t][box] = flow(a, b)
     left = noise / (2 * _CENTRE + 1)
     return Surfaces(
-        np.stack([z for z, _ in fitted]), np.stack([n for _, n in fitted]), intrinsics, left, flows, np.stack([shading(image) for image in rgb]),
+        np.stack([z for z, _ in fitted]),
+        np.stack([n for _, n in fitted]),
+        intrinsics,
+        left,
+        flows,
+        np.stack([shading(image) for image in rgb]),
     )
 
 
@@ -50,7 +55,7 @@ def shading(image: NDArray[np.uint8]) -> Image:
     """Brightness and gradient [H W 3] of an image [H W 3]."""
     gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
     du, dv = (cv2.Sobel(gray, cv2.CV_32F, *d, ksize=3, scale=0.125) for d in ((1, 0), (0, 1)))
-    return np.stack([gray, du, dv], axis=2)
+    return np.stack([gray, du, dv], axis=2).astype(np.float32)
 
 
 def fit_planes(
@@ -66,10 +71,9 @@ def fit_planes(
     if not wanted.any():
         return z, n
     low = float(rough[wanted].min())
-    height, width = depth.shape
-    x = np.broadcast_to(((np.arange(width) - intrinsics[0, 2]) / intrinsics[0, 0]).astype(np.float32), depth.shape)
-    y = np.broadcast_to(((np.arange(height) - intrinsics[1, 2]) / intrinsics[1, 1]).astype(np.float32)[:, None],
-                        depth.shape)
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float32)
+    x = (u - np.float32(intrinsics[0, 2])) / np.float32(intrinsics[0, 0])
+    y = (v - np.float32(intrinsics[1, 2])) / np.float32(intrinsics[1, 1])
     layer = np.rint((rough - low) / spacing).astype(np.int64)
     for k in np.unique(layer[wanted]):
         mine = wanted & (layer == k)

@@ -6,14 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
-from .articulation import Hypothesis, Tracker, knowledge, search
+from ..robots.geometry import Array
+from .articulation import Articulation
 from .bundle import adjust
 from .chain import screws_of
 from .denoise import smoothed
 from .flow import Flow, dis_flow
+from .knowledge import Known, knowledge
+from .search import search
+from .segment import candidates
 from .surface import measure
+from .tracker import Tracker
 
 _CANDIDATES = 1500
+_FEWEST = 30  # candidates that are worth a search
+_CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
+_CALIBRATION = ((3.5, np.radians(0.001)), (6.0, np.radians(0.25)))  # exact depth, noisy depth
 
 
 class GCPose:
@@ -29,47 +37,80 @@ class GCPose:
         self.flow = flow
 
     def estimate(self, observation: Observation) -> Estimate:
-        """Sec. 3.2 to 3.4 on one sequence."""
-        assert observation.depth is not None and observation.rgb is not None
+        """Sec. 3.2 to 3.4 on one sequence; where nothing can be seen to move, no motion."""
         known = knowledge(
-            np.array([t == "prismatic" for t in observation.joint_types]),
+            np.array([t == "prismatic" for t in observation.joint_types], bool),
             observation.axis_direction,
             observation.axis_line,
         )
-        if observation.depth_noise > 0:
-            surfaces = smoothed(
-                observation.depth,
-                observation.rgb,
-                observation.intrinsics,
-                observation.depth_noise,
-                self.flow,
-            )
+        rgb = observation.rgb
+        if observation.depth is None or rgb is None or len(observation.depth) < 2:
+            return unmoved(observation, known)
+        noise = observation.depth_noise
+        if noise > 0:
+            surfaces = smoothed(observation.depth, rgb, observation.intrinsics, noise, self.flow)
         else:
             surfaces = measure(observation.depth, observation.intrinsics)
-        tracker = Tracker(surfaces, observation.rgb, known, _CANDIDATES)
+        if len(candidates(surfaces, rgb, 0, _CANDIDATES).point) < _FEWEST:
+            return unmoved(observation, known)
+        tracker = Tracker(surfaces, rgb, known, _CANDIDATES)
         best = search(tracker, self.flow)
-        fine = (1.0, 0.6, 0.4, 0.4) if surfaces.noise else (1.0, 0.7, 0.7)
         state, sigma = adjust(
             surfaces,
             best.clouds,
             best.state,
             known.freedom,
-            fine,
+            (1.0, 0.6, 0.4, 0.4) if noise else (1.0, 0.7, 0.7),
             tracker.hinges(best.clouds[0]),
             fine=True,
         )
-        self.tracker, self.best = tracker, best
-        self.log = f"cost {best.cost:.3f}"
-        screw = screws_of(state.twist, state.prismatic)
-        return Estimate(state.angle, screw, parts(tracker, best), sigma)
+        if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
+            return unmoved(observation, known)
+        return Estimate(
+            displacement=state.angle,
+            screw=screws_of(state.twist, state.prismatic),
+            part=parts(tracker, state),
+            sigma=calibrated(sigma, noise > 0),
+        )
 
 
-def parts(tracker: Tracker, best: Hypothesis) -> NDArray[np.uint8]:
-    """[T H W]"""
-    out = np.zeros(tracker.surfaces.depth.shape, np.uint8)
-    for cloud in best.clouds:
-        grid = tracker.grid(cloud.frame)
-        h = grid.stride
-        for (u, v), l in zip(grid.pixel, cloud.label, strict=True):
-            out[cloud.frame, v : v + h, u : u + h] = l
+def calibrated(sigma: Array, noisy: bool) -> Array:
+    """Standard deviations [T J] that two thirds of the errors lie within.
+
+    What errs together (labels, smoothing, the bend of surfaces within a pixel) is more than the
+    residuals show: factor and floor are from training sequences.
+    """
+    factor, floor = _CALIBRATION[noisy]
+    out = np.minimum(np.hypot(factor * sigma, floor), _CLUELESS)
+    out[0] = 0.0
+    return out
+
+
+def unmoved(observation: Observation, known: Known) -> Estimate:
+    """The estimate where there is nothing to see: no motion, and no trust in it."""
+    frames, joints = len(observation.times), observation.n_joints
+    shape = (frames, *(observation.depth.shape[1:] if observation.depth is not None else (1, 1)))
+    sigma = np.full((frames, joints), _CLUELESS)
+    sigma[0] = 0.0
+    screw = None
+    if known.line is not None:
+        screw = screws_of(known.line, known.prismatic)
+    part = np.zeros(shape, np.uint8) if observation.depth is not None else None
+    return Estimate(np.zeros((frames, joints)), screw, part, sigma)
+
+
+def parts(tracker: Tracker, state: Articulation) -> NDArray[np.uint8]:
+    """[T H W] labels of all frames; what no candidate stands for is still."""
+    surfaces = tracker.surfaces
+    height, width = surfaces.depth[0].shape
+    out = np.zeros((surfaces.frames, height, width), np.uint8)
+    for frame in range(surfaces.frames):
+        grid = tracker.grid(frame)
+        if not len(grid.point):
+            continue
+        cloud, _ = tracker.label(state, frame)
+        step = grid.stride
+        small = np.zeros((height // step + 1, width // step + 1), np.uint8)
+        small[grid.pixel[:, 1] // step, grid.pixel[:, 0] // step] = cloud.label
+        out[frame] = small.repeat(step, axis=0).repeat(step, axis=1)[:height, :width]
     return out

@@ -58,7 +58,9 @@ def correspond(
     flow_sigma = _FLOW_SIGMA + 0.1 * np.linalg.norm(flow, axis=1)
     rows = [(n, sigma), (du, flow_sigma), (dv, flow_sigma)]
     arm = points - origin
-    row = np.stack([np.concatenate([cross(arm, d), d], axis=1) / s[:, None] for d, s in rows], axis=1)
+    row = np.stack(
+        [np.concatenate([cross(arm, d), d], axis=1) / s[:, None] for d, s in rows], axis=1
+    )
     along = np.einsum("nc,nc->n", n, target - points) / sigma
     value = np.stack([along, flow[:, 0] / flow_sigma, flow[:, 1] / flow_sigma], axis=1)
     return Correspondence(row, value, np.stack([hit, inside, inside], axis=1))

@@ -21,7 +21,8 @@ from .alignment import align
 from .surface import Surfaces
 
 _SAME = 1.5e-4  # m, between two measurements of one still point
-_SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE, _TURNED = 9.0, 3.0, 1.0, 2.0, 2.0  # costs, in variances
+# costs of a point that should be seen and is not, in variances
+_SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE, _TURNED = 9.0, 3.0, 1.0, 2.0, 2.0
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from ..robots.geometry import Array
 
 Image = NDArray[np.float32]
+Floats = NDArray[np.floating[Any]]
 _STEEPEST = 0.12  # cosine between normal and ray under which a pixel's normal is not trusted
 
 

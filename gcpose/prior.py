@@ -1,0 +1,96 @@
+"""What is believed of any articulated object before it is seen to move; weak beside the images.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..robots.geometry import Array
+from .articulation import ACROSS, FREE, Articulation
+from .chain import cross_matrix
+
+_ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m
+_SQUARE = np.radians(0.5)  # how exactly machines are built at right angles
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of an articulation: unknowns are k*J displacements, then the axes'."""
+
+    matrix: Array
+    vector: Array
+    scatter: Array | None = None
+    """Sum of the outer products of each cloud's, part's and frame's vector: the covariance of
+    `vector` if what errs errs together there."""
+
+
+@dataclass(frozen=True)
+class Hinges:
+    """Where joints are believed to be: an axis passes near where its part begins."""
+
+    point: Array
+    """[J 3] m"""
+    slack: float
+    """Standard deviation of the distance, m."""
+
+
+def smoothness(angle: Array, last: int) -> Normal:
+    """Prior on the displacements of frames 1..last: joints do not jerk."""
+    joints = angle.shape[1]
+    size = last * joints
+    matrix, vector = np.zeros((size, size)), np.zeros(size)
+    for t in range(1, last):  # angle[t+1] - 2 angle[t] + angle[t-1], angle[0] = 0
+        row = np.zeros(last)
+        row[t], row[t - 1] = 1.0, -2.0
+        if t > 1:
+            row[t - 2] = 1.0
+        part = np.kron(np.outer(row, row), np.eye(joints))
+        matrix += part
+        vector -= part @ angle[1 : last + 1].reshape(-1)
+    return Normal(matrix / _ACCELERATION**2, vector / _ACCELERATION**2)
+
+
+def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> Normal:
+    """Prior on the axes' unknowns: a hinge should stay where it is when its joint turns."""
+    sizes = [b.shape[1] for b in basis]
+    matrix, vector = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
+    at = 0
+    for twist, b, point, prismatic in zip(
+        state.twist, basis, hinges.point, state.prismatic, strict=True
+    ):
+        if b.shape[1] and not prismatic:
+            l = twist[:3]
+            foot = np.cross(l, twist[3:])
+            offset = point - foot - l * (l @ (point - foot))  # from the axis to the hinge
+            moved = b[3:, :2]  # the axis' slides; its turning hardly changes the distance
+            here = slice(at, at + 2)
+            matrix[here, here] += moved.T @ moved / hinges.slack**2
+            vector[here] += moved.T @ offset / hinges.slack**2
+        at += b.shape[1]
+    return Normal(matrix, vector)
+
+
+def squareness(state: Articulation, basis: tuple[Array, ...]) -> Normal:
+    """Prior on the axes' unknowns: neighbouring axes lie as the hypothesis' relations say."""
+    start = np.concatenate([[0], np.cumsum([b.shape[1] for b in basis])])
+    matrix, vector = np.zeros((start[-1], start[-1])), np.zeros(start[-1])
+    direction = np.where(state.prismatic[:, None], state.twist[:, 3:], state.twist[:, :3])
+    for i, relation in enumerate(state.relation):
+        a, b = direction[i], direction[i + 1]
+        if relation == FREE:
+            continue
+        jacobian = np.zeros((3, start[-1]))
+        one, two = slice(start[i], start[i + 1]), slice(start[i + 1], start[i + 2])
+        if relation == ACROSS:
+            residual = np.array([a @ b, 0.0, 0.0])
+            jacobian[0, one] = np.cross(a, b) @ basis[i][:3]
+            jacobian[0, two] = np.cross(b, a) @ basis[i + 1][:3]
+        else:
+            same = 1.0 if a @ b > 0 else -1.0
+            residual = a - same * b
+            jacobian[:, one] = -cross_matrix(a) @ basis[i][:3]
+            jacobian[:, two] = same * cross_matrix(b) @ basis[i + 1][:3]
+        matrix += jacobian.T @ jacobian / _SQUARE**2
+        vector -= jacobian.T @ residual / _SQUARE**2
+    return Normal(matrix, vector)

@@ -1,0 +1,159 @@
+"""GC-Pose on boxes cast by rays: exact data give exact answers, and nothing ever raises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gcbench.gcpose.chain import part_motions, twists_of
+from gcbench.gcpose.denoise import smoothed
+from gcbench.gcpose.flow import dis_flow
+from gcbench.gcpose.method import GCPose
+from gcbench.gcpose.surface import measure, surface_normals
+from gcbench.renderer.observation import Estimate, Observation
+from gcbench.robots.geometry import inverse, rotation_from_rpy
+
+HEIGHT, WIDTH, FRAMES = 180, 240, 8
+INTRINSICS = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
+TILT = rotation_from_rpy([0.45, -0.6, 0.0])
+
+
+Box = tuple[int, list[float], list[float]]
+
+
+def cast(motion: np.ndarray, boxes: list[Box]) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and part [T H W] of boxes (part, centre, half size) before a wall at 3 m."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH]
+    ray = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(INTRINSICS).T
+    depth = np.full((len(motion), HEIGHT, WIDTH), 3.0)
+    part = np.zeros(depth.shape, int)
+    world = np.eye(4)
+    world[:3, :3], world[:3, 3] = TILT, [0.0, 0.0, 1.3]
+    for t in range(len(motion)):
+        for j, centre, half in boxes:
+            box_from_cam = inverse(motion[t, j] @ world)
+            o = box_from_cam[:3, 3] - np.array(centre)
+            d = ray @ box_from_cam[:3, :3].T
+            with np.errstate(divide="ignore", invalid="ignore"):
+                one, two = (-np.array(half) - o) / d, (np.array(half) - o) / d
+            near, far = np.minimum(one, two).max(-1), np.maximum(one, two).min(-1)
+            hit = (near < far) & (near > 0.1) & (near < depth[t])
+            depth[t][hit], part[t][hit] = near[hit], j
+    return np.round(depth, 4).astype(np.float32), part
+
+
+def scene(kind: str) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray]:
+    """An observation with known lines, the true displacement, screws and parts."""
+    world = np.eye(4)
+    world[:3, :3], world[:3, 3] = TILT, [0.0, 0.0, 1.3]
+    up, side = TILT[:, 1], TILT[:, 2]
+    base = world[:3, 3] + TILT @ np.array([0.0, 0.3, 0.0])
+    elbow = world[:3, 3] + TILT @ np.array([0.0, -0.05, 0.0])
+    time = np.linspace(0, 1, FRAMES)
+    boxes: list[Box]
+    if kind == "slide":
+        screw, prismatic = np.concatenate([TILT[:, 0], np.zeros(3)])[None], np.array([True])
+        angle = (0.15 * time)[:, None]
+        boxes = [(0, [0, 0.2, 0], [0.25, 0.05, 0.1]), (1, [-0.1, 0.08, 0.02], [0.1, 0.07, 0.08])]
+    else:
+        screw = np.stack([np.r_[up, np.cross(base, up)], np.r_[side, np.cross(elbow, side)]])
+        prismatic = np.array([False, False])
+        angle = np.stack([0.5 * time, -0.6 * time**1.3], axis=1)
+        boxes = [(0, [0, 0.33, 0], [0.14, 0.04, 0.14]), (1, [0, 0.12, 0], [0.06, 0.16, 0.04]),
+                 (2, [0.12, -0.08, 0], [0.2, 0.05, 0.06])]
+    depth, part = cast(part_motions(twists_of(screw, prismatic), angle), boxes)
+    rgb = np.repeat((60 + 50 * part)[..., None], 3, axis=-1).astype(np.uint8)
+    observation = Observation(
+        rgb, depth, INTRINSICS, time, len(screw),
+        tuple("prismatic" if p else "revolute" for p in prismatic),
+        axis_direction=screw[:, :3], axis_line=screw,
+    )
+    return observation, angle, screw, part
+
+
+def told(observation: Observation, knowledge: str) -> Observation:
+    """The observation with no more than some knowledge."""
+    if knowledge != "kinematics":
+        observation = replace(observation, axis_line=None)
+    return replace(observation, axis_direction=None) if knowledge == "free" else observation
+
+
+@pytest.mark.parametrize("kind", ["slide", "arm"])
+@pytest.mark.parametrize("knowledge", ["kinematics", "axes", "free"])
+def test_exact_depth_gives_the_motion(kind: str, knowledge: str) -> None:
+    observation, angle, screw, part = scene(kind)
+    found = GCPose().estimate(told(observation, knowledge))
+    assert found.screw is not None and found.part is not None and found.sigma is not None
+    sign = np.where(np.sum(found.screw[:, :3] * screw[:, :3], axis=1) < 0, -1, 1)
+    if knowledge != "free":
+        assert (sign == 1).all()
+    assert np.abs(sign * found.displacement - angle).max() < np.radians(0.5)
+    along = np.abs(np.sum(found.screw[:, :3] * screw[:, :3], axis=1))
+    assert along.min() > np.cos(np.radians(3))
+    assert (found.displacement[0] == 0).all() and (found.sigma[0] == 0).all()
+    assert found.part.shape == part.shape
+    outer = len(screw)
+    both = (found.part[0] == outer) & (part[0] == outer)
+    assert both.sum() > 0.6 * ((found.part[0] == outer) | (part[0] == outer)).sum()
+
+
+def test_an_axis_given_the_other_way_round_turns_the_sign() -> None:
+    observation, angle, screw, _ = scene("arm")
+    turned = replace(observation, axis_line=-screw, axis_direction=-screw[:, :3])
+    assert np.abs(GCPose().estimate(turned).displacement + angle).max() < np.radians(0.5)
+
+
+def test_the_same_input_gives_the_same_output() -> None:
+    observation = told(scene("arm")[0], "axes")
+    one, two = GCPose().estimate(observation), GCPose().estimate(observation)
+    assert (one.displacement == two.displacement).all()
+
+
+def test_noisy_depth_gives_about_the_motion() -> None:
+    observation, angle, _, _ = scene("arm")
+    assert observation.depth is not None
+    noise = np.random.default_rng(0).normal(0, 0.02, observation.depth.shape)
+    depth = (observation.depth + noise).astype(np.float32)
+    noisy = replace(observation, depth=depth, depth_noise=0.02)
+    found = GCPose().estimate(noisy)
+    assert np.abs(found.displacement[-1] - angle[-1]).max() < np.radians(4.0)
+
+
+@pytest.mark.parametrize("fault", ["still", "empty", "none", "one frame", "flicker"])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_nothing_to_see_is_said(fault: str, noise: float) -> None:
+    observation, _, screw, _ = scene("arm")
+    assert observation.depth is not None and observation.rgb is not None
+    depth, rgb, times = observation.depth, observation.rgb, observation.times
+    if fault == "still":
+        depth, rgb = np.repeat(depth[:1], FRAMES, 0), np.repeat(rgb[:1], FRAMES, 0)
+    elif fault == "empty":
+        depth = np.zeros_like(depth)
+    elif fault == "one frame":
+        depth, rgb, times = depth[:1], rgb[:1], times[:1]
+    elif fault == "flicker":
+        depth = depth * (np.random.default_rng(0).random(depth.shape) < 0.02)
+    seen = None if fault == "none" else depth
+    given = replace(observation, depth=seen, rgb=rgb, times=times, depth_noise=noise)
+    for knowledge in ("kinematics", "free"):
+        found: Estimate = GCPose().estimate(told(given, knowledge))
+        assert found.displacement.shape == (len(times), len(screw))
+        assert found.sigma is not None
+        assert np.isfinite(found.displacement).all() and np.isfinite(found.sigma).all()
+        if fault in ("still", "empty", "none"):
+            assert (found.displacement == 0).all() and (found.sigma[1:] >= 0.5).all()
+
+
+def test_normals_of_a_plane_are_its_normal() -> None:
+    n = np.array([0.3, -0.2, 0.9]) / np.linalg.norm([0.3, -0.2, 0.9])
+    v, u = np.mgrid[:60, :80]
+    ray = np.stack([u - 40, v - 30, np.full_like(u, 100)], -1) / 100.0
+    depth = (1.2 / (ray @ n)).astype(np.float32)
+    k = np.array([[100.0, 0, 40], [0, 100.0, 30], [0, 0, 1]])
+    found = surface_normals(depth, k, 0.1)[1:-1, 1:-1]
+    assert np.abs(found - n).max() < 1e-3
+    rgb = np.random.default_rng(0).integers(0, 255, (2, 60, 80, 3)).astype(np.uint8)
+    fitted = smoothed(np.stack([depth, depth]), rgb, k, 0.5, dis_flow)
+    assert np.abs(fitted.normal[0, 20:40, 20:60] - n).max() < 0.03
+    assert np.abs(measure(depth[None], k).depth[0] - depth).max() == 0

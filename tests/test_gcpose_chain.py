@@ -1,0 +1,93 @@
+"""The chain's motions and their derivatives, against closed forms and finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gcbench.gcpose.chain import (
+    adjoint,
+    angle_derivatives,
+    axis_basis,
+    axis_derivatives,
+    displace_axis,
+    exponential,
+    part_motions,
+    screws_of,
+    twists_of,
+)
+from gcbench.robots.geometry import inverse, revolute_motion
+
+PRISMATIC = np.array([False, True, False])
+
+
+def chain(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Twists [3 6] and displacements [4 3] of a chain with a slide in its middle."""
+    l = rng.normal(size=(3, 3))
+    l /= np.linalg.norm(l, axis=1, keepdims=True)
+    screw = np.concatenate([l, np.cross(rng.normal(size=(3, 3)), l)], axis=1)
+    screw[1, 3:] = 0.0
+    angle = rng.normal(size=(4, 3))
+    angle[0] = 0.0
+    return twists_of(screw, PRISMATIC), angle
+
+
+def twist_of(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Small twist with exp(twist) a = b."""
+    d = b @ inverse(a)
+    return np.array([d[2, 1], d[0, 2], d[1, 0], *d[:3, 3]])
+
+
+def test_a_screw_survives_the_way_to_a_twist_and_back() -> None:
+    twist, _ = chain(np.random.default_rng(0))
+    screw = screws_of(twist, PRISMATIC)
+    assert np.allclose(screw[1, 3:], 0)
+    assert np.allclose(twists_of(screw, PRISMATIC), twist)
+
+
+def test_exponential_of_a_revolute_twist_is_its_motion() -> None:
+    twist, _ = chain(np.random.default_rng(1))
+    assert np.allclose(exponential(twist[0] * 0.7), revolute_motion(twist[0], 0.7))
+    assert np.allclose(exponential(np.zeros(6)), np.eye(4))
+
+
+def test_adjoint_moves_twists_as_motions_conjugate() -> None:
+    twist, angle = chain(np.random.default_rng(2))
+    m = part_motions(twist, angle)[2, 3]
+    moved = exponential(adjoint(m) @ (0.4 * twist[2]))
+    assert np.allclose(moved, m @ exponential(0.4 * twist[2]) @ inverse(m))
+
+
+def test_angle_derivatives_are_finite_differences() -> None:
+    twist, angle = chain(np.random.default_rng(3))
+    motion, step = part_motions(twist, angle), 1e-6
+    derivative = angle_derivatives(twist, motion)
+    for i in range(3):
+        more = angle.copy()
+        more[:, i] += step
+        moved = part_motions(twist, more)
+        for t in range(4):
+            for j in range(4):
+                seen = twist_of(motion[t, j], moved[t, j]) / step
+                assert np.allclose(seen, derivative[t, j, :, i], atol=1e-4)
+
+
+@pytest.mark.parametrize("freedom", [0, 2, 4])
+def test_axis_derivatives_are_finite_differences(freedom: int) -> None:
+    twist, angle = chain(np.random.default_rng(4))
+    motion, step = part_motions(twist, angle), 1e-6
+    near = np.array([0.3, -0.2, 1.5])
+    pairs = zip(twist, PRISMATIC, strict=True)
+    basis = tuple(axis_basis(s, bool(p), near, freedom) for s, p in pairs)
+    derivative = axis_derivatives(motion, basis)
+    at = 0
+    for i, b in enumerate(basis):
+        for c in range(b.shape[1]):
+            other = twist.copy()
+            other[i] = displace_axis(twist[i], b[:, c] * step, bool(PRISMATIC[i]))
+            moved = part_motions(other, angle)
+            for t in range(4):
+                for j in range(4):
+                    seen = twist_of(motion[t, j], moved[t, j]) / step
+                    assert np.allclose(seen, derivative[t, j, :, at + c], atol=1e-4)
+        at += b.shape[1]
+    assert at == derivative.shape[-1] == {0: 0, 2: 4, 4: 10}[freedom]
