@@ -23,6 +23,7 @@ from .chain import (
 FREE, ACROSS, ALONG = 0, 1, 2
 """Two neighbouring axes: anyhow, at right angles, parallel (as machines are built)."""
 
+
 @dataclass(frozen=True)
 class Articulation:
     """A hypothesis about the object: J joints, T frames, all since frame 0 in the camera frame."""

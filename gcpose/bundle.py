@@ -31,6 +31,7 @@ _FLOW_SHARE = 0.05  # of its pixels that err independently
 _SHADE_SCALE = 6.0  # of 255
 _SHADE_SHARE = 0.2
 
+
 def assemble(
     surfaces: Surfaces,
     clouds: tuple[Cloud, ...],

@@ -1,5 +1,4 @@
-"""What is known of the joints, and what that leaves of their motion.
-"""
+"""What is known of the joints, and what that leaves of their motion."""
 
 from __future__ import annotations
 

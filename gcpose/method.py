@@ -21,7 +21,8 @@ from .tracker import Tracker
 _CANDIDATES = 1500
 _FEWEST = 30  # candidates that are worth a search
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
-_CALIBRATION = ((3.5, np.radians(0.001)), (6.0, np.radians(0.25)))  # exact depth, noisy depth
+_CALIBRATION = {0: 2.5, 2: 3.3, 4: 5.0}  # of standard deviations, by the axes' freedom
+_NOISY = (15.0, np.radians(0.5))  # where depth is noisy: factor, and the least
 
 
 class GCPose:
@@ -70,17 +71,17 @@ class GCPose:
             displacement=state.angle,
             screw=screws_of(state.twist, state.prismatic),
             part=parts(tracker, state),
-            sigma=calibrated(sigma, noise > 0),
+            sigma=calibrated(sigma, known, noise > 0),
         )
 
 
-def calibrated(sigma: Array, noisy: bool) -> Array:
+def calibrated(sigma: Array, known: Known, noisy: bool) -> Array:
     """Standard deviations [T J] that two thirds of the errors lie within.
 
     What errs together (labels, smoothing, the bend of surfaces within a pixel) is more than the
     residuals show: factor and floor are from training sequences.
     """
-    factor, floor = _CALIBRATION[noisy]
+    factor, floor = _NOISY if noisy else (_CALIBRATION[known.freedom], 0.0)
     out = np.minimum(np.hypot(factor * sigma, floor), _CLUELESS)
     out[0] = 0.0
     return out

@@ -1,5 +1,4 @@
-"""What is believed of any articulated object before it is seen to move; weak beside the images.
-"""
+"""What is believed of any articulated object before it is seen to move; weak beside the images."""
 
 from __future__ import annotations
 
@@ -13,6 +12,7 @@ from .chain import cross_matrix
 
 _ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m
 _SQUARE = np.radians(0.5)  # how exactly machines are built at right angles
+
 
 @dataclass(frozen=True)
 class Normal:

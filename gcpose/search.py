@@ -1,5 +1,4 @@
-"""The choice among hypotheses: many starts, few survivors, what explains all frames best.
-"""
+"""The choice among hypotheses: many starts, few survivors, what explains all frames best."""
 
 from __future__ import annotations
 
@@ -14,6 +13,7 @@ from .start import beginnings
 from .tracker import Tracker
 
 _COARSE = 500  # candidates that hard starts are judged on
+
 
 def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     """The best hypothesis over all frames, from many starts on the first ones.

@@ -1,5 +1,4 @@
-"""Where the search begins: parts cut in many ways, their motion from flow and depth (Sec. 3.3).
-"""
+"""Where the search begins: parts cut in many ways, their motion from flow and depth (Sec. 3.3)."""
 
 from __future__ import annotations
 
@@ -18,6 +17,7 @@ from .tracker import Tracker, extent, hinges
 
 _CUTS = (0.06, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # of the way from the base outward
 _SLIPS = (0.0075, 0.0015)  # how far a hinge may move in a start, of the object's size
+
 
 def beginnings(tracker: Tracker, flow: Flow, spans: tuple[int, ...], most: int) -> list[Hypothesis]:
     """The best starts by flow from frame 0 over each of `spans` frames."""

@@ -1,5 +1,4 @@
-"""EM over the frames of a video (Sec. 3.2): labels by all residuals so far, motion by adjustment.
-"""
+"""EM over a video (Sec. 3.2): labels by all residuals so far, motion by bundle adjustment."""
 
 from __future__ import annotations
 
@@ -18,6 +17,7 @@ from .surface import Surfaces
 
 _KEY = 3  # frames from one key frame to the next
 _SLACK = 0.08  # how far an axis may pass from its hinge, of the object's size
+
 
 class Tracker:
     """The video seen by a hypothesis: clouds of key frames whose labels follow the motion."""
