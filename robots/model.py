@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,13 +32,40 @@ class Material:
 
 
 @dataclass(frozen=True)
+class Skin:
+    """How vertices follow several parts: linear blend skinning (glTF 2.0, section 3.7.3.1)."""
+
+    bone_part: NDArray[np.int64]
+    """[B] index of the part that is each bone."""
+    part_from_mesh: Array
+    """[B 4 4] affine: a vertex as stored to the bone's part frame (inverse bind, scale baked)."""
+    bone: NDArray[np.int64]
+    """[V K] index into the bones."""
+    weight: Array
+    """[V K], rows sum to 1."""
+
+
+@dataclass(frozen=True)
+class Morph:
+    """Displacements of vertices, each scaled by a weight of the model (glTF morph targets)."""
+
+    channel: NDArray[np.int64]
+    """[M] index into the model's morph weights."""
+    displacement: Array
+    """[M V 3] m, in the frame of the stored vertices; added before the skin."""
+    normal_displacement: Array | None
+    """[M V 3]"""
+
+
+@dataclass(frozen=True)
 class Visual:
     """The triangles of one part that share a material."""
 
     part: int
-    """Index into the model's parts (0-based)."""
+    """Index into the model's parts (0-based): the one that masks show for these triangles. Of a
+    skin, a visual has the triangles that follow one part most."""
     vertices: Array
-    """[V 3] m, in the part's frame."""
+    """[V 3] m, in the part's frame; with a skin, in the mesh's own."""
     faces: NDArray[np.int32]
     """[F 3] counter-clockwise from outside."""
     normals: Array
@@ -45,6 +73,40 @@ class Visual:
     uv: Array | None
     """[V 2], (0, 0) at the bottom left as in OpenGL and OBJ; None where the mesh has none."""
     material: Material
+    skin: Skin | None = None
+    morph: Morph | None = None
+
+    @property
+    def deforms(self) -> bool:
+        """Whether its vertices move otherwise than its part."""
+        return self.skin is not None or self.morph is not None
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Where the parts of a model are over time, and how its surfaces are stretched. T instants."""
+
+    world_from_part: Array
+    """[T P 4 4] rigid"""
+    stretch: Array | None
+    """[T P 4 4] affine, what a part's own frame suffers before its pose (animated scale), applied
+    by skins only; None: nothing."""
+    morph: Array
+    """[T M] weights of the morph channels."""
+
+
+class Animation(Protocol):
+    """A motion that comes with a model."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def duration(self) -> float:
+        """s"""
+        ...
+    def at(self, times: Array) -> Posture:
+        """The posture at times [T] s, held before the first key and after the last."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -81,6 +143,14 @@ class ArticulatedModel:
     limits: Array
     """[J 2] rad or m; -inf, inf where a joint has none."""
     visuals: tuple[Visual, ...]
+    animations: tuple[Animation, ...] = ()
+    morph_weights: Array = field(default_factory=lambda: np.zeros(0))
+    """[M] at rest; M morph channels."""
+    keypoint_names: tuple[str, ...] = ()
+    keypoint_part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """[K] index of the part that carries each keypoint."""
+    keypoint: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """[K 3] m, in that part's frame."""
     source: str = ""
     """Where the model came from: a catalogue name or a file name."""
     licence: str = ""
