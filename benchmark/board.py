@@ -204,11 +204,10 @@ def compare(lines: Sequence[Line]) -> dict[tuple[int, int], Difference]:
         for a, first in enumerate(lines[:b]):
             if first.group != second.group:
                 continue
-            common = first.error.keys() & second.error.keys()
-            if len({first.cluster[pair] for pair in common}) < 2:
-                continue  # an interval of one cluster says nothing
             rng = np.random.default_rng(seed)
-            found[a, b] = paired_difference(first.error, second.error, rng, first.cluster)
+            difference = paired_difference(first.error, second.error, rng, first.cluster)
+            if difference.clusters > 1:  # an interval of one cluster says nothing
+                found[a, b] = difference
     return found
 
 

@@ -109,14 +109,15 @@ class Difference:
     """Two rows on the same (sequence, joint) pairs: a - b."""
 
     pairs: int
+    clusters: int
     mean: float
     ci_low: float
     ci_high: float
 
     @property
     def told_apart(self) -> bool:
-        """Whether the interval leaves out zero."""
-        return self.pairs > 0 and (self.ci_low > 0.0 or self.ci_high < 0.0)
+        """Whether the interval leaves out zero; one cluster alone has no interval."""
+        return self.clusters > 1 and (self.ci_low > 0.0 or self.ci_high < 0.0)
 
 
 Pair = tuple[str, str]
@@ -133,10 +134,11 @@ def paired_difference(
     sequence). Without common pairs: zero pairs, NaN."""
     common = sorted(a.keys() & b.keys())
     if not common:
-        return Difference(0, float("nan"), float("nan"), float("nan"))
+        return Difference(0, 0, float("nan"), float("nan"), float("nan"))
     delta = np.array([a[pair] - b[pair] for pair in common])
-    low, high = bootstrap_mean(delta, [(cluster or {}).get(p, p[0]) for p in common], rng)
-    return Difference(len(common), float(delta.mean()), low, high)
+    groups = [(cluster or {}).get(p, p[0]) for p in common]
+    low, high = bootstrap_mean(delta, groups, rng)
+    return Difference(len(common), len(set(groups)), float(delta.mean()), low, high)
 
 
 def shared_ranks(

@@ -123,6 +123,11 @@ def test_only_common_pairs_are_compared() -> None:
     assert paired_difference(a, b, rng()).pairs == 49
 
 
+def test_a_single_sequence_tells_no_rows_apart() -> None:
+    a, b = ({("s", str(j)): value for j in range(3)} for value in (1.0, 2.0))
+    assert shared_ranks([a, b], rng()) == [1, 1]
+
+
 def test_rows_that_cannot_be_told_apart_share_a_rank() -> None:
     ranks = shared_ranks(rows(0.5, 0.0, 0.01, 3.0), rng())
     assert ranks == [3, 1, 1, 4]
