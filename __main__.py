@@ -284,7 +284,7 @@ def robots(args: Sequence[str]) -> int:
             str(len(e.scored)),
             e.licence,
             "yes" if catalog.is_fetched(e) else "no",
-            e.files.requirement,
+            "generated" if isinstance(e, catalog.Generated) else e.files.requirement,
         )
         for e in catalog.CATALOG
     ]
@@ -323,7 +323,8 @@ def _fetch(args: Sequence[str]) -> int:
         raise GcbenchError("name the robots to fetch, or give --all")
     entries = catalog.CATALOG if options.all else [catalog.find(name) for name in options.names]
     for entry in entries:
-        print(f"{entry.name}: {catalog.fetch(entry)}")
+        made = isinstance(entry, catalog.Generated)
+        print(f"{entry.name}: {'generated, nothing to fetch' if made else catalog.fetch(entry)}")
     return 0
 
 

@@ -98,16 +98,13 @@ def reference_of(config: RenderConfig) -> tuple[Reference, list[str]]:
     pairs = (text.partition("=") for text in config.package)
     packages = {name: Path(folder) for name, _, folder in pairs}
     try:
-        urdf = Path(robot)
-        if not catalog.is_path(robot):
-            entry = catalog.find(robot)
-            if not catalog.is_fetched(entry):
-                raise GcbenchError(f"{robot} is not in the cache")
-            urdf = catalog.fetch(entry) / entry.urdf
+        if not catalog.is_path(robot) and not catalog.is_fetched(catalog.find(robot)):
+            raise GcbenchError(f"{robot} is not in the cache")
+        urdf = catalog.urdf_file(robot)
         model = catalog.load(robot, packages, config.allow_missing)
     except (GcbenchError, OSError) as error:
         return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
-    return Reference(replace(model, visuals=()), urdf if urdf.is_file() else None), []
+    return Reference(replace(model, visuals=()), urdf), []
 
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:

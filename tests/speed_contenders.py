@@ -256,10 +256,10 @@ def _obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
 def urdf(robot: str) -> Path:
     """The URDF file of a robot of the catalogue, or that path."""
-    if catalog.is_path(robot):
-        return Path(robot)
-    entry = catalog.find(robot)
-    return catalog.fetch(entry) / entry.urdf
+    path = catalog.urdf_file(robot)
+    if path is None:
+        raise SystemExit(f"{robot} has no URDF, which the others need")
+    return path
 
 
 CONTENDERS = {c.__name__: c for c in (Shipped, Encoded, Pure, Images, Pyrender, Bullet, Mujoco)}

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.robots import catalog
-from gcbench.robots.catalog import CATALOG, CatalogEntry
+from gcbench.robots.catalog import CATALOG, CatalogEntry, Generated
 from gcbench.robots.collision import CollisionChecker
 from gcbench.robots.geometry import inverse, rotation_about, transform
 from gcbench.robots.model import ArticulatedModel, forward_kinematics
@@ -42,6 +44,9 @@ BASE = {"ur5": "base", "iiwa14": "base_link", "irb2400": "base_link"}
 POSITION = {"ur5": 6e-12, "iiwa14": 1e-12, "irb2400": 1e-12}  # m
 ROTATION = 2e-11
 IIWA_OFFSET = 0.43624e-3  # m; along x at A2 and back at A4, in the wheel's file only
+
+
+FETCHED = tuple(entry for entry in CATALOG if isinstance(entry, CatalogEntry))
 
 
 @cache
@@ -111,7 +116,7 @@ def test_limits_are_those_of_the_data_sheet(name: str) -> None:
     np.testing.assert_allclose(np.rad2deg(loaded(name).limits), expected, atol=0.04)
 
 
-@pytest.mark.parametrize("entry", CATALOG, ids=lambda entry: entry.name)
+@pytest.mark.parametrize("entry", FETCHED, ids=lambda entry: entry.name)
 def test_the_model_is_what_the_catalogue_says(entry: CatalogEntry) -> None:
     model = loaded(entry.name)
     assert (model.name, model.licence, model.source) == (entry.name, entry.licence, entry.source)
@@ -123,7 +128,7 @@ def test_the_model_is_what_the_catalogue_says(entry: CatalogEntry) -> None:
     assert np.isfinite(points).all() and 0.1 < np.ptp(points, axis=0).max() < 3.0  # metres
 
 
-@pytest.mark.parametrize("entry", CATALOG, ids=lambda entry: entry.name)
+@pytest.mark.parametrize("entry", FETCHED, ids=lambda entry: entry.name)
 def test_the_licence_is_on_disk_beside_the_files(entry: CatalogEntry) -> None:
     folder = fetched(entry.name)
     assert entry.licence_files
@@ -132,7 +137,7 @@ def test_the_licence_is_on_disk_beside_the_files(entry: CatalogEntry) -> None:
     assert any(word[entry.licence] in text for text in texts)
 
 
-@pytest.mark.parametrize("entry", CATALOG, ids=lambda entry: entry.name)
+@pytest.mark.parametrize("entry", FETCHED, ids=lambda entry: entry.name)
 def test_the_fetched_folder_holds_the_robot_and_nothing_that_runs(entry: CatalogEntry) -> None:
     files = [path for path in fetched(entry.name).rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 15e6
@@ -161,7 +166,7 @@ def test_a_textured_robot_is_the_same_files() -> None:
 
 def test_names_are_unique_and_pins_are_whole() -> None:
     assert len({entry.name for entry in CATALOG}) == len(CATALOG)
-    for entry in CATALOG:
+    for entry in FETCHED:
         assert re.fullmatch("[0-9a-f]{64}", entry.files.sha256) and entry.files.size > 1e6
         assert len(entry.scored) == 3 and entry.urdf in entry.files.keep
         assert set(entry.licence_files) <= set(entry.files.keep)
@@ -188,5 +193,18 @@ def test_a_path_is_loaded_without_the_catalogue(tmp_path: Path) -> None:
 def test_whether_a_robot_is_there_is_known_without_fetching_it(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path))
-    assert not any(catalog.is_fetched(entry) for entry in CATALOG)
+    assert not any(catalog.is_fetched(entry) for entry in FETCHED)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_generated_model_needs_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path))
+    entry = Generated(name="made", maker="gcbench", title="model", joints=0, scored=(),
+                      licence="MIT", builder="made:build")
+    (tmp_path / "one.urdf").write_text('<robot name="one"><link name="a"/></robot>')
+    model = catalog.load(tmp_path / "one.urdf")
+    monkeypatch.setitem(sys.modules, "gcbench.robots.made", SimpleNamespace(build=lambda: model))
+    monkeypatch.setattr(catalog, "CATALOG", (*CATALOG, entry))
+    assert catalog.is_fetched(entry) and catalog.urdf_file("made") is None
+    model = catalog.load("made")
+    assert (model.name, model.licence, model.source) == ("made", "MIT", entry.source)

@@ -342,16 +342,19 @@ def test_robots_are_listed(capsys: Lines, tmp_path: Path, monkeypatch: pytest.Mo
     for row, entry in zip(rows, catalog.CATALOG, strict=True):
         assert entry.maker in row
         assert entry.licence in row
-        assert entry.files.requirement in row
-        assert re.search(rf" {entry.joints} .* no ", row)
+        made = isinstance(entry, catalog.Generated)
+        assert ("generated" if made else entry.files.requirement) in row
+        assert re.search(rf" {entry.joints} .* {'yes' if made else 'no'} ", row)
 
 
 def test_fetch_says_where_the_files_are(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(catalog, "fetch", lambda entry: Path("cache") / entry.name)  # type: ignore[misc]
     assert main(["robots", "fetch", "--all"]) == 0
     assert capsys.readouterr().out == "".join(
-        f"{entry.name}: cache/{entry.name}\n" for entry in catalog.CATALOG
-    )
+        f"{e.name}: generated, nothing to fetch\n" if isinstance(e, catalog.Generated)
+        else f"{e.name}: cache/{e.name}\n"
+        for e in catalog.CATALOG
+    )  # fmt: skip
 
 
 @pytest.mark.gl
