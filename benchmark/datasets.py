@@ -79,7 +79,12 @@ def select(name: str, folder: Path, n: int | None, keep_unobservable: bool) -> D
     if not keep_unobservable:
         seen = {s: read_meta(paths[s]).observability.get("observable") for s in chosen}
         kept = [s for s in chosen if seen[s] is not False]
-    kept = [s for s in kept if read_meta(paths[s]).scored_joints]
+    scored = [s for s in kept if read_meta(paths[s]).scored_joints]
+    if kept and not scored:
+        raise GcbenchError(
+            f"{folder}: nothing to score, no sequence has a scored joint (an animation moves the "
+            "model, or it has no joints); render with --animation none to move joints")
+    kept = scored
     if not kept:
         raise GcbenchError(f"{folder}: no sequence whose motion can be seen and is scored")
     return Data(name, dataset, tuple(kept), len(chosen) - len(kept))

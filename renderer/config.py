@@ -172,6 +172,8 @@ class RenderConfig:
     frames: int = 15
     width: int = 640
     height: int = 480
+    animation: str = ""
+    """Animation of the model to play; default: its first, if it has any; none: joints move."""
     scored_joints: tuple[str, ...] = ()
     """Joints that move and are scored; default: the bottom three (or those of the catalogue)."""
     vary: tuple[str, ...] = FACTORS

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import GcbenchError
-from ..robots.collision import CollisionChecker
-from ..robots.geometry import Array, apply
-from ..robots.model import ArticulatedModel, forward_kinematics, joint_screws
-from ..robots.trajectory import JointTrajectory, sample_trajectory
+from ..robots.geometry import Array
+from ..robots.model import Animation, ArticulatedModel, joint_screws
 from .camera import Camera
 from .config import RenderConfig
+from .motion import Motion, MotionSampler
 from .observe import MIN_ANGLE, JointVisibility, is_prismatic, own_motion, subtrees
 from .randomize import Streams, draw_camera
 from .rasterizer import Rasterizer
@@ -28,19 +27,6 @@ from .rasterizer import Rasterizer
 MAX_DRAWS = 100
 """Draws before a sequence is kept although it is not observable (and marked so)."""
 _LEAST_BAD = ("", "displacement", "still", "occluded", "hidden", "collision")
-
-
-@dataclass(frozen=True)
-class Motion:
-    """How the model moves, and where its floor is."""
-
-    trajectory: JointTrajectory
-    world_from_part: Array
-    """[T P 4 4]"""
-    floor: float
-    """z of the floor, m"""
-    touches: bool
-    """Whether the model touches itself or the floor in a frame."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +39,8 @@ class Draw:
     """T x [H W] m, 0 where the model is not"""
     part: list[NDArray[np.uint16]]
     """T x [H W]"""
+    face: list[NDArray[np.int32]]
+    """T x [H W] triangle through all visuals, -1 where the model is not; empty where none asks"""
     covered: NDArray[np.int64]
     """[T S] pixels of each joint's moving subtree with nothing before it"""
     flow: Array
@@ -67,16 +55,15 @@ class DrawSampler:
 
     def __init__(
         self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
-        rasterizer: Rasterizer,
+        rasterizer: Rasterizer, animation: Animation | None = None,
     ) -> None:
         self.model, self.scored, self.config = model, scored, config
+        self.motions = MotionSampler(model, scored, config, animation)
         self._rasterizer = rasterizer
         self._joints = np.array([model.joint_names.index(n) for n in scored], np.int64)
         self._prismatic = [is_prismatic(model, int(j)) for j in self._joints]
         self._moved = subtrees(model, self._joints)
         self._patterns, self._group = _groups(self._moved)
-        self._checker = CollisionChecker(model)
-        self._outline = _outline(model)
         longest = np.radians(config.randomization.motion.max_step) * (config.frames - 1)
         self._too_short = longest < MIN_ANGLE
 
@@ -98,13 +85,6 @@ class DrawSampler:
         del refused[best]
         return kept, dict(Counter(refused))
 
-    def outline(self, world_from_part: Array) -> Array:
-        """World points [N 3] m that bound the model in poses [... P 4 4]."""
-        return np.concatenate([
-            apply(world_from_part[..., part, :, :], points).reshape(-1, 3)
-            for part, points in self._outline
-        ])
-
     def judged_again(self, draw: Draw, part: list[NDArray[np.uint16]]) -> Draw:
         """The draw with the evidence of other part images T x [H W]: the room may hide pixels."""
         pixels = np.stack([self._count(p[p > 0]) for p in part])
@@ -113,13 +93,15 @@ class DrawSampler:
 
     def _attempt(self, streams: Streams, attempt: int, keep: bool) -> Draw | str:
         """A draw; or, unless it is to be kept anyhow, why it is refused."""
-        motion = self._move(streams.rng("motion", attempt))
+        motion = self.motions.draw(streams.rng("motion", attempt))
         if motion.touches and not keep:
             return "collision"
+        # An animation may lead anywhere, and no rule refuses what it leads out of the image.
+        framed = slice(None) if self.motions.animation else slice(1)
         camera = draw_camera(
             streams.rng("camera", attempt), self.config.randomization.camera,
             self.config.width, self.config.height,
-            self.outline(motion.world_from_part[0]), motion.floor,
+            self.motions.outline(motion.posed, framed), motion.floor,
         )
         draw = self._judge(motion, camera, keep)
         if isinstance(draw, str) or keep:
@@ -128,22 +110,6 @@ class DrawSampler:
         wanted = not draw.reason or (draw.reason == "displacement" and self._too_short)
         return draw if wanted else draw.reason
 
-    def _move(self, rng: np.random.Generator) -> Motion:
-        config, ranges = self.config, self.config.randomization.motion
-        trajectory = sample_trajectory(
-            self.model, self.scored, config.frames, rng=rng,
-            total=(np.radians(ranges.total[0]), np.radians(ranges.total[1])),
-            total_prismatic=ranges.total_prismatic,
-            max_step=np.radians(ranges.max_step), fps=ranges.fps,
-        )
-        world_from_part = forward_kinematics(self.model, trajectory.positions)
-        # What stands still must do so to the last bit: then its flow is exactly zero.
-        still = np.ptp(world_from_part, axis=0).max(axis=(1, 2)) < 1e-12
-        world_from_part[:, still] = world_from_part[0, still]
-        floor = self._checker.ground_height(world_from_part)
-        touches = self._checker.first_contact(world_from_part, floor) is not None
-        return Motion(trajectory, world_from_part, floor, touches)
-
     def _judge(self, motion: Motion, camera: Camera, keep: bool) -> Draw | str:
         """Render depth and parts of all frames; unless kept, stop at one that breaks the rule."""
         poses, frames, joints = motion.world_from_part, self.config.frames, len(self.scored)
@@ -151,20 +117,23 @@ class DrawSampler:
         screws = joint_screws(self.model, camera.cam_from_world @ poses)[:, self._joints]
         depth: list[Any] = [None] * frames
         part: list[Any] = [None] * frames
+        face: list[Any] = [None] * frames
         pixels, covered = np.zeros((2, frames, joints), np.int64)
         flow = np.zeros((frames - 1, joints))
-        self._rasterizer.begin_truth(self.model, camera, poses)
+        self._rasterizer.begin_truth(self.model, camera, poses, motion.posed.bounds)
         # The ends of a motion are where it is most likely to hide: judge them first.
         order = sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t))
-        self._rasterizer.draw_truth(poses[order[0]])
+        self._draw_truth(motion, order[0])
         for t, then in zip(order, [*order[1:], None], strict=True):
             depth[t], part[t] = self._rasterizer.read_truth()
+            if self._rasterizer.faces:
+                face[t] = self._rasterizer.read_faces()
             if then is not None:  # drawn meanwhile
-                self._rasterizer.draw_truth(poses[then])
+                self._draw_truth(motion, then)
             index = np.flatnonzero(part[t] > 0)
             number = part[t].ravel()[index]
             pixels[t] = self._count(number)
-            covered[t] = pixels[t] + self._hidden(poses[t], camera, index, number)
+            covered[t] = pixels[t] + self._hidden(motion, t, camera, index, number)
             for j in range(joints) if t < frames - 1 else ():
                 flow[t, j] = own_motion(
                     depth[t], index, number, camera, screws[t, j], self._prismatic[j],
@@ -174,7 +143,13 @@ class DrawSampler:
             if reason:
                 return reason
         seen, reason = self._verdict(motion, pixels, covered, flow)
-        return Draw(motion, camera, depth, part, covered, flow, seen, reason)
+        if not self._rasterizer.faces:
+            face = []
+        return Draw(motion, camera, depth, part, face, covered, flow, seen, reason)
+
+    def _draw_truth(self, motion: Motion, t: int) -> None:
+        self._rasterizer.place(motion.posed.surfaces(t))
+        self._rasterizer.draw_truth(motion.world_from_part[t])
 
     def _verdict(
         self, motion: Motion, pixels: NDArray[np.int64], covered: NDArray[np.int64], flow: Array
@@ -203,13 +178,18 @@ class DrawSampler:
         return self._moved @ counts
 
     def _hidden(
-        self, poses: Array, camera: Camera, index: NDArray[np.int64], number: NDArray[np.uint16]
+        self, motion: Motion, t: int, camera: Camera, index: NDArray[np.int64],
+        number: NDArray[np.uint16],
     ) -> NDArray[np.int64]:
         """[S] pixels where each scored joint's subtree lies behind other parts of the model.
 
-        From poses [P 4 4] and the flat index [N] and part number [N] of the pixels with a part.
-        A subtree is drawn only where parts that it does not move are seen.
+        From the flat index [N] and part number [N] of frame t's pixels with a part. A subtree is
+        drawn only where parts that it does not move are seen.
         """
+        if not len(self.scored):
+            return np.zeros(0, np.int64)
+        poses = motion.world_from_part[t]
+        self._rasterizer.place(motion.posed.surfaces(t))
         boxes = _boxes(index, number, len(poses), camera.width)
         hiders = np.array([
             _around(boxes[(self._moved[self._moved[:, part]] == 0).any(0)])
@@ -275,17 +255,3 @@ def _groups(moved: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int
     number = np.where(keep, np.cumsum(keep) - 1, -1)
     return patterns[keep], number[group.ravel()]
 
-
-def _outline(model: ArticulatedModel) -> list[tuple[int, Array]]:
-    """Each part's convex hull vertices [N 3] m in its frame: enough to find bounding boxes."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    out: list[tuple[int, Array]] = []
-    for part in sorted({v.part for v in model.visuals}):
-        points = np.concatenate([v.vertices for v in model.visuals if v.part == part])
-        try:
-            points = points[ConvexHull(points).vertices]
-        except QhullError:  # flat parts have no hull
-            points = np.unique(points, axis=0)
-        out.append((part, points))
-    return out

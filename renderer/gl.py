@@ -42,6 +42,8 @@ class Surface:
     """Number of the visual (or of the room's surface) that it belongs to."""
     one_sided: bool
     """Back faces are never seen and are left out."""
+    deforms: bool
+    """Its vertices are in the camera frame, and change with each frame."""
     first: int
     """First index in the index buffer."""
     count: int
@@ -54,6 +56,10 @@ class Mesh:
     vao: int
     buffers: tuple[int, int]
     surfaces: tuple[Surface, ...]
+    order: NDArray[np.uint32]
+    """[F] number of each triangle of the index buffer, counted through the pieces by `material`."""
+    first_vertex: dict[int, int]
+    """Of each piece, by `material`."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,7 @@ class Piece:
     normals: Array
     uv: Array | None
     one_sided: NDArray[np.bool_]
+    deforms: bool = False
 
 
 class Context:
@@ -144,7 +151,7 @@ def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
     """One vertex buffer (position, normal, uv) and one index buffer for all pieces."""
     vertices = [np.zeros((0, 8), np.float32)]
     indices = list[tuple[Piece, NDArray[np.uint32]]]()
-    base = 0
+    base, first_vertex = 0, dict[int, int]()
     for piece in pieces:
         block = np.zeros((len(piece.vertices), 8), np.float32)
         block[:, :3], block[:, 3:6] = piece.vertices, piece.normals
@@ -152,17 +159,25 @@ def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
             block[:, 6:] = piece.uv
         vertices.append(block)
         indices.append((piece, np.asarray(piece.faces, np.uint32) + np.uint32(base)))
+        first_vertex[piece.material] = base
         base += len(block)
+    first_face, faces = dict[int, int](), 0
+    for piece in sorted(pieces, key=lambda piece: piece.material):
+        first_face[piece.material] = faces
+        faces += len(piece.faces)
     # A part's one-sided triangles stand together, as do its others: two draws for its truth.
     index_blocks, surfaces, first = [np.zeros(0, np.uint32)], list[Surface](), 0
-    for part in dict.fromkeys(piece.part for piece in pieces):
+    order = [np.zeros(0, np.int64)]
+    for part, deforms in dict.fromkeys((piece.part, piece.deforms) for piece in pieces):
         for closed in (True, False):
             for piece, index in indices:
-                chosen = index[piece.one_sided == closed].ravel()
-                if piece.part == part and chosen.size:
-                    surfaces.append(Surface(part, piece.material, closed, first, chosen.size))
-                    index_blocks.append(chosen)
-                    first += chosen.size
+                found = np.flatnonzero(piece.one_sided == closed)
+                if (piece.part, piece.deforms) == (part, deforms) and found.size:
+                    count = 3 * found.size
+                    surfaces.append(Surface(part, piece.material, closed, deforms, first, count))
+                    index_blocks.append(index[found].ravel())
+                    order.append(first_face[piece.material] + found)
+                    first += count
     data = np.concatenate(vertices)
     index = np.concatenate(index_blocks)
     vao = int(gl.glGenVertexArrays(1))
@@ -178,7 +193,16 @@ def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
             location, size, gl.GL_FLOAT, gl.GL_FALSE, 32, ctypes.c_void_p(offset)
         )
     gl.glBindVertexArray(0)
-    return Mesh(vao, buffers, tuple(surfaces))
+    triangles = np.concatenate(order).astype(np.uint32)
+    return Mesh(vao, buffers, tuple(surfaces), triangles, first_vertex)
+
+
+def move_vertices(gl: Any, mesh: Mesh, piece: int, vertices: Array, normals: Array, uv: Array
+                  ) -> None:
+    """Replace the vertices [V 3], normals [V 3] and uv [V 2] of the piece of that `material`."""
+    block = np.concatenate([vertices, normals, uv], axis=1, dtype=np.float32, casting="same_kind")
+    gl.glBindBuffer(gl.GL_ARRAY_BUFFER, mesh.buffers[0])
+    gl.glBufferSubData(gl.GL_ARRAY_BUFFER, 32 * mesh.first_vertex[piece], block.nbytes, block)
 
 
 def picture_texture(gl: Any, picture: NDArray[np.uint8], repeat: bool = True) -> int:
@@ -234,7 +258,7 @@ def runs_of(surfaces: Iterable[Surface]) -> list[Surface]:
         last = runs[-1] if runs else None
         if (
             last
-            and (last.part, last.one_sided) == (s.part, s.one_sided)
+            and (last.part, last.one_sided, last.deforms) == (s.part, s.one_sided, s.deforms)
             and last.first + last.count == s.first
         ):
             runs[-1] = replace(last, count=last.count + s.count)
@@ -335,13 +359,16 @@ class Program:
 
 
 class Programs:
-    """The programs, compiled when first used."""
+    """The programs; those of colour are compiled when first used.
 
-    def __init__(self, gl: Any) -> None:
+    With `faces`, that of the truth tells triangles too.
+    """
+
+    def __init__(self, gl: Any, faces: bool = False) -> None:
         self._gl = gl
         self._surface: dict[tuple[bool, int, bool], Program] = {}
-        vertex = _source("truth.vert.glsl")
-        self.truth = Program(gl, vertex, _source("truth.frag.glsl"))
+        vertex, truth = _source("truth.vert.glsl"), _source("truth.frag.glsl")
+        self.truth = Program(gl, vertex, truth.replace("FACES", str(int(faces))))
         self.coverage = Program(gl, vertex, _source("coverage.frag.glsl"))
         self.backdrop = Program(gl, _source("backdrop.vert.glsl"), _source("backdrop.frag.glsl"))
 

@@ -75,6 +75,8 @@ def parse_meta(data: bytes, where: str) -> Meta:
     if tree.get("format") != FORMAT:
         raise GcbenchError(f"{where}: format {tree.get('format')!r}, this version reads {FORMAT!r}")
     for key, (fits, expected) in _META.items():
+        if key in _LATER:
+            tree.setdefault(key, [])
         if key not in tree:
             raise GcbenchError(f"{where}: no {key!r}")
         if not fits(tree[key]):
@@ -88,6 +90,8 @@ def parse_meta(data: bytes, where: str) -> Meta:
         raise GcbenchError(f"{where}: joint names, types and limits differ in number")
     if unknown := set(meta.scored_joints) - set(meta.joint_names):
         raise GcbenchError(f"{where}: scored joint {min(unknown)!r} is not in joint_names")
+    if unknown := set(meta.deforming_parts) - set(meta.part_names):
+        raise GcbenchError(f"{where}: deforming part {min(unknown)!r} is not in part_names")
     if meta.width * meta.height > MAX_PIXELS:
         raise GcbenchError(f"{where}: {meta.width}x{meta.height} px are more than {MAX_PIXELS}")
     return meta
@@ -136,8 +140,11 @@ _META: dict[str, tuple[Callable[[Any], bool], str]] = {
     "depth_unit": (lambda v: _is_number(v) and 0 < v < 1, "m per unit, between 0 and 1"),
     "camera_model": (lambda v: v == "pinhole", "'pinhole'"),
     "units": (_is_object, "an object"),
+    "deforming_parts": (_is_list(_is_text), "a list of strings"),
 }
-_TUPLES = ("joint_names", "joint_types", "joint_limits", "part_names", "scored_joints")
+_LATER = ("deforming_parts",)
+"""Lists that the first datasets do not have: there they are empty."""
+_TUPLES = ("joint_names", "joint_types", "joint_limits", "part_names", "scored_joints", *_LATER)
 
 
 def _frozen(values: list[Any]) -> tuple[Any, ...]:

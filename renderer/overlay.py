@@ -20,6 +20,7 @@ from ..robots.model import ArticulatedModel, forward_kinematics
 from .camera import Camera
 from .config import RenderConfig
 from .pictures import Image
+from .posed import posed_by_parts
 from .rasterizer import Rasterizer
 from .sequence import Sequence
 
@@ -90,7 +91,9 @@ class Painter:
         poses = forward_kinematics(self.model, positions)
         world_from_cam = np.linalg.inv(state.cam_from_world[t])
         camera = Camera(meta.width, meta.height, state.intrinsics, world_from_cam)
-        self._rasterizer.begin_truth(self.model, camera, poses[None])
+        posed = posed_by_parts(self.model, poses[None])
+        self._rasterizer.begin_truth(self.model, camera, poses[None], posed.bounds)
+        self._rasterizer.place(posed.surfaces(0))
         depth, part = self._rasterizer.truth(poses)
         frame = sequence.frame(t)
         return blend(frame.rgb, frame.part > 0, depth, part > 0, state.intrinsics)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..robots.geometry import Array, apply
-from ..robots.model import Visual
 from .camera import Camera
 from .scene import Light
 
@@ -29,9 +28,9 @@ def clip_from_cam(camera: Camera, near: float, far: float) -> Array:
     return clip
 
 
-def corners(visual: Visual) -> Array:
-    """[8 3] m of its bounding box, in its part's frame."""
-    low, high = visual.vertices.min(0), visual.vertices.max(0)
+def box_corners(points: Array) -> Array:
+    """[8 3] of the bounding box of points [N 3]."""
+    low, high = points.min(0), points.max(0)
     return np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
 
 

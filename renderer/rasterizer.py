@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robots.geometry import Array, apply
+from ..robots.geometry import Array, apply, inverse
 from ..robots.model import ArticulatedModel, Material
 from .camera import Camera
 from .culling import one_sided_of
@@ -32,20 +33,29 @@ from .gl import (
     Target,
     delete_mesh,
     draw_surface,
+    move_vertices,
     picture_texture,
     runs_of,
     shadow_texture,
     upload,
 )
-from .projection import clip_from_light, clip_from_world, corners
+from .posed import rest
+from .projection import box_corners, clip_from_light, clip_from_world
 from .scene import Scene
-from .uv import box_projection
+from .uv import box_split
+
+Posed = Sequence[tuple[Array, Array]]
+"""World vertices [V 3] m and normals [V 3] of each visual that deforms, at one instant."""
 
 
 class Rasterizer:
-    """Draws one scene after another at one image size. One per process (lessons 18)."""
+    """Draws one scene after another at one image size. One per process (lessons 18).
 
-    def __init__(self, width: int, height: int, finer: int = 2) -> None:
+    With `faces`, the truth tells the triangle of each pixel too. Surfaces that deform are drawn
+    where `place` put them last.
+    """
+
+    def __init__(self, width: int, height: int, finer: int = 2, faces: bool = False) -> None:
         self.context = Context()
         self._gl = gl = self.context.gl
         self.width, self.height = width, height
@@ -55,19 +65,22 @@ class Rasterizer:
         if max(size) > most:
             raise NoRendererError(f"images of {width} x {height} are too large here: "
                                   f"the driver draws at most {most // finer} px a side")
-        color, truth = [gl.GL_RGBA8], [gl.GL_R32F, gl.GL_R16UI]
+        color, truth = [gl.GL_RGBA8], [gl.GL_R32F, gl.GL_R16UI, *([gl.GL_R32UI] * faces)]
         self._color = Target(gl, *size, color, gl.GL_DEPTH_COMPONENT24)
         self._color_still = Target(gl, *size, color, gl.GL_DEPTH_COMPONENT24)
         self._truth = Target(gl, width, height, truth, gl.GL_DEPTH_COMPONENT32F)
         self._truth_still = Target(gl, width, height, truth, gl.GL_DEPTH_COMPONENT32F)
         self._covered = Target(gl, width, height, color, None)
         self._samples = np.empty((height * finer, width * finer, 4), np.uint8)
-        self._programs = Programs(gl)
+        self.faces = faces
+        self._programs = Programs(gl, faces)
         self._empty_vao = int(gl.glGenVertexArrays(1))
         self._model: Mesh | None = None
         self._loaded: ArticulatedModel | None = None
         self._projected = np.zeros(0, bool)
         self._corners = list[tuple[int, Array]]()
+        self._placed = list[tuple[int, Array]]()
+        self._deforming = list[tuple[int, NDArray[np.intp], Array]]()
         self._outward = list[NDArray[np.bool_]]()
         self._room: Mesh | None = None
         self._scene_textures: list[int] = []
@@ -81,14 +94,34 @@ class Rasterizer:
 
     # -- geometry: truth ----------------------------------------------------------------------
 
-    def begin_truth(self, model: ArticulatedModel, camera: Camera, world_from_part: Array) -> None:
-        """Draw the parts that stand still in all frames; world_from_part [T P 4 4]."""
+    def begin_truth(
+        self, model: ArticulatedModel, camera: Camera, world_from_part: Array,
+        bounds: Array | None = None,
+    ) -> None:
+        """Draw the parts that stand still in all frames; world_from_part [T P 4 4].
+
+        World points `bounds` [N 3] m are around what deforms, in all frames.
+        """
         self._upload_model(model)
         self._split_by_motion(world_from_part)
+        self._world_from_cam = camera.world_from_cam
+        self._bounds = np.zeros((0, 3)) if bounds is None else bounds
         self._clip_from_world = clip_from_world(camera, self._box(world_from_part))
         self._truth_still.bind()
         self._clear_truth()
         self._draw_truth(world_from_part[0], self._standing)
+
+    def place(self, surfaces: Posed) -> None:
+        """Put the surfaces that deform where they are drawn from now on; after `begin_truth`."""
+        assert self._model is not None
+        # In the camera frame single precision is enough, wherever in the world that is.
+        cam_from_world = inverse(self._world_from_cam)
+        self._placed = []
+        for (k, kept, uv), (vertices, normals) in zip(self._deforming, surfaces, strict=True):
+            local = apply(cam_from_world, vertices)
+            turned = normals @ cam_from_world[:3, :3].T
+            move_vertices(self._gl, self._model, k, local[kept], turned[kept], uv)
+            self._placed.append((self._parts[k], box_corners(vertices)))
 
     def truth(self, world_from_part: Array) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:
         """Depth [H W] m (0: none) and part [H W] of the model alone, from part poses [P 4 4]."""
@@ -110,6 +143,16 @@ class Rasterizer:
         """Depth [H W] m (0: none) and part [H W] of the model alone."""
         return self._read_depth(), self._read_part()
 
+    def read_faces(self) -> NDArray[np.int32]:
+        """[H W] number of the triangle that `read_truth` tells of, through all visuals; -1: none.
+
+        After `room_depth`, through the room's surfaces.
+        """
+        drawn = np.empty((self.height, self.width), np.uint32)
+        self._truth.read(2, self._gl.GL_RED_INTEGER, self._gl.GL_UNSIGNED_INT, drawn)
+        numbers = np.concatenate([np.array([-1]), self._drawn.order]).astype(np.int32)
+        return numbers[drawn]
+
     def room_depth(self) -> NDArray[np.float32]:
         """Depth [H W] m of the current scene's room alone; 0 where there is none."""
         self._truth.bind()
@@ -120,7 +163,9 @@ class Rasterizer:
             gl.glBindVertexArray(self._room.vao)
             program.matrix("clip_from_part", self._clip_from_world)
             gl.glUniform1ui(program["part"], 0)
+            self._drawn = self._room
             for surface in runs_of(self._room.surfaces):
+                gl.glUniform1ui(program["first_face"], surface.first // 3)
                 draw_surface(gl, surface)
         return self._read_depth()
 
@@ -131,9 +176,10 @@ class Rasterizer:
         """
         out = np.zeros((len(world_from_part), 4), np.int64)
         whole = np.array([0, 0, self.width, self.height])
-        for part in {part for part, _ in self._corners}:
-            corners = np.concatenate([c for p, c in self._corners if p == part])
-            uv = camera.project(apply(world_from_part[part], corners))
+        found = [(part, apply(world_from_part[part], c)) for part, c in self._corners]
+        found += self._placed
+        for part in {part for part, _ in found}:
+            uv = camera.project(np.concatenate([c for p, c in found if p == part]))
             if uv[:, 2].min() <= 0:
                 out[part] = whole
                 continue
@@ -143,13 +189,17 @@ class Rasterizer:
 
     # -- appearance: colours ------------------------------------------------------------------
 
-    def begin_color(self, scene: Scene, world_from_part: Array) -> None:
-        """Take a scene in and draw what stands still in all frames; world_from_part [T P 4 4]."""
+    def begin_color(
+        self, scene: Scene, world_from_part: Array, bounds: Array | None = None
+    ) -> None:
+        """Take a scene in and draw what stands still in all frames (see `begin_truth`)."""
         gl = self._gl
         self._forget_scene()
         self._scene = scene
         self._upload_model(scene.model, scene.texture_size > 0)
         self._split_by_motion(world_from_part)
+        self._world_from_cam = scene.camera.world_from_cam
+        self._bounds = np.zeros((0, 3)) if bounds is None else bounds
         if scene.shadows:  # a moving shadow falls on what stands still
             self._moving, self._standing = [*self._standing, *self._moving], []
         self._room = upload(gl, [
@@ -215,7 +265,8 @@ class Rasterizer:
         drawn = (group >= 0) & (boxes[:, 2:] > 0).all(1)
         for surface in runs_of(s for s in self._model.surfaces if drawn[s.part]):
             gl.glScissor(*boxes[surface.part].tolist())  # row 0 is OpenGL's lowest, too
-            program.matrix("clip_from_part", self._clip_from_world @ world_from_part[surface.part])
+            pose = self._pose(surface, world_from_part)
+            program.matrix("clip_from_part", self._clip_from_world @ pose)
             channel, bit = divmod(int(group[surface.part]), 8)
             gl.glUniform4f(program["bits"], *((1 << bit) / 255.0 * np.eye(4)[channel]))
             draw_surface(gl, surface)
@@ -243,18 +294,26 @@ class Rasterizer:
     def _clear_truth(self) -> None:
         gl = self._gl
         gl.glClearBufferfv(gl.GL_COLOR, 0, np.zeros(4, np.float32))
-        gl.glClearBufferuiv(gl.GL_COLOR, 1, np.zeros(4, np.uint32))
+        for target in (1, 2)[: 1 + self.faces]:
+            gl.glClearBufferuiv(gl.GL_COLOR, target, np.zeros(4, np.uint32))
         gl.glClear(gl.GL_DEPTH_BUFFER_BIT)
 
     def _draw_truth(self, world_from_part: Array, surfaces: Sequence[Surface]) -> None:
         gl, program = self._gl, self._programs.truth
         assert self._model is not None
+        self._drawn = self._model
         gl.glUseProgram(program.id)
         gl.glBindVertexArray(self._model.vao)
         for surface in runs_of(surfaces):
-            program.matrix("clip_from_part", self._clip_from_world @ world_from_part[surface.part])
+            pose = self._pose(surface, world_from_part)
+            program.matrix("clip_from_part", self._clip_from_world @ pose)
             gl.glUniform1ui(program["part"], surface.part + 1)
+            gl.glUniform1ui(program["first_face"], surface.first // 3)
             draw_surface(gl, surface)
+
+    def _pose(self, surface: Surface, world_from_part: Array) -> Array:
+        """[4 4] world from the frame that a surface's vertices are in."""
+        return self._world_from_cam if surface.deforms else world_from_part[surface.part]
 
     def _read_depth(self) -> NDArray[np.float32]:
         depth = np.empty((self.height, self.width), np.float32)
@@ -289,7 +348,7 @@ class Rasterizer:
         for s in sorted(surfaces, key=far_first):
             size = scene.texture_size[s.material]
             self._shade_one(
-                s, world_from_part[s.part], scene.materials[s.material],
+                s, self._pose(s, world_from_part), scene.materials[s.material],
                 self._textures[s.material], 1.0 / size if size > 0 else 1.0,
             )
 
@@ -363,7 +422,8 @@ class Rasterizer:
             gl.glUseProgram(program.id)
             gl.glBindVertexArray(self._model.vao)
             for surface in runs_of(self._model.surfaces):
-                program.matrix("clip_from_part", clip_from_world @ world_from_part[surface.part])
+                pose = self._pose(surface, world_from_part)
+                program.matrix("clip_from_part", clip_from_world @ pose)
                 # A light's clip space has the other handedness: front faces would be left out.
                 draw_surface(gl, replace(surface, one_sided=False))
             for textured in (False, True):
@@ -382,14 +442,16 @@ class Rasterizer:
         """Which surfaces have one pose in all frames [T P 4 4], and which move."""
         assert self._model is not None
         stands = np.all(world_from_part == world_from_part[:1], axis=(0, 2, 3))
-        self._moving = [s for s in self._model.surfaces if not stands[s.part]]
-        self._standing = [s for s in self._model.surfaces if stands[s.part]]
+        self._moving = [s for s in self._model.surfaces if s.deforms or not stands[s.part]]
+        self._standing = [s for s in self._model.surfaces if not s.deforms and stands[s.part]]
 
     def _box(self, world_from_part: Array) -> Array:
-        """Corners [N 3] of the visuals' bounding boxes in the world, for poses [... P 4 4]."""
+        """Points [N 3] (world) around the model: corners of the visuals' bounding boxes in poses
+        [... P 4 4], and the bounds of what deforms.
+        """
         poses = world_from_part.reshape(-1, *world_from_part.shape[-3:])
         boxes = [apply(poses[:, part], corners).reshape(-1, 3) for part, corners in self._corners]
-        return np.concatenate([np.zeros((0, 3)), *boxes])
+        return np.concatenate([self._bounds, *boxes])
 
     def _upload_model(
         self, model: ArticulatedModel, projected: NDArray[np.bool_] | None = None
@@ -406,14 +468,26 @@ class Rasterizer:
             return
         if self._loaded is not model:
             self._outward = one_sided_of(model)
-            self._corners = [(visual.part, corners(visual)) for visual in model.visuals]
+            self._parts = [visual.part for visual in model.visuals]
+            self._corners = [(visual.part, box_corners(visual.vertices))
+                             for visual in model.visuals if not visual.deforms]
+            self._at_rest = {k: v.vertices for k, v in enumerate(model.visuals)}
+            deforming = [k for k, v in enumerate(model.visuals) if v.deforms]
+            if deforming:  # a skin's own frame may have any scale
+                found = zip(deforming, rest(model).surfaces(0), strict=True)
+                self._at_rest |= {k: vertices for k, (vertices, _) in found}
         delete_mesh(self._gl, self._model)
-        pieces = list[Piece]()
+        pieces, self._placed = list[Piece](), list[tuple[int, Array]]()
+        self._deforming = list[tuple[int, NDArray[np.intp], Array]]()
         for k, visual in sorted(enumerate(model.visuals), key=lambda item: item[1].part):
-            v, f, n, uv = visual.vertices, visual.faces, visual.normals, visual.uv
+            kept, f, uv = np.arange(len(visual.vertices)), visual.faces, visual.uv
             if projected[k]:
-                v, f, n, uv = box_projection(v, f, n, 1.0)
-            pieces.append(Piece(visual.part, k, v, f, n, uv, self._outward[k]))
+                kept, f, uv = box_split(self._at_rest[k], f, 1.0)
+            v, n = visual.vertices[kept], visual.normals[kept]
+            pieces.append(Piece(visual.part, k, v, f, n, uv, self._outward[k], visual.deforms))
+            if visual.deforms:
+                self._deforming.append((k, kept, np.zeros((len(v), 2)) if uv is None else uv))
+        self._deforming.sort(key=itemgetter(0))  # the order in which `place` is told them
         self._model = upload(self._gl, pieces)
         self._loaded, self._projected = model, projected
 

@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from .. import GcbenchError
 from ..robots import catalog
+from ..robots.geometry import Array, apply
 from ..robots.model import ArticulatedModel, joint_screws
 from ..robots.trajectory import default_scored_joints, joint_indices
 from .config import RenderConfig, resolved
+from .deform import deforming_points
 from .draw import Draw, DrawSampler
 from .flow import pose_table, surface_points, visibility
+from .motion import animated, chosen_animation
 from .randomize import Streams, draw_scene
 from .rasterizer import Rasterizer
 from .scene import Scene
@@ -50,9 +53,18 @@ class SequenceRenderer:
         if not self.model.visuals:
             raise GcbenchError(f"{config.robot}: the model has no visible geometry to render")
         self.config = config
+        animation = chosen_animation(self.model, config.animation)
+        if animation is not None:
+            if config.scored_joints:
+                raise GcbenchError(
+                    f"{config.robot}: the animation {animation.name!r} moves the model, so that no "
+                    "joint is scored; add --animation none, or leave --scored-joints out")
+            self.model = animated(self.model)
         self.scored = _scored_joints(config, self.model)
-        self._rasterizer = Rasterizer(config.width, config.height, round(config.samples**0.5))
-        self._sampler = DrawSampler(self.model, self.scored, config, self._rasterizer)
+        self._deforms = any(v.deforms for v in self.model.visuals)
+        self._rasterizer = Rasterizer(
+            config.width, config.height, round(config.samples**0.5), self._deforms)
+        self._sampler = DrawSampler(self.model, self.scored, config, self._rasterizer, animation)
 
     @property
     def asset(self) -> dict[str, Any]:
@@ -70,11 +82,12 @@ class SequenceRenderer:
         streams = Streams(self.config, index)
         draw, refused = self._sampler.draw(streams)
         motion = draw.motion
-        outline = self._sampler.outline(motion.world_from_part)
+        outline = self._sampler.motions.outline(motion.posed)
         scene, record = draw_scene(
             streams, self.model, motion.trajectory, draw.camera, outline, motion.floor
         )
-        self._rasterizer.begin_color(scene, motion.world_from_part)
+        record |= motion.record
+        self._rasterizer.begin_color(scene, motion.world_from_part, motion.posed.bounds)
         if scene.room:
             draw = self._in_room(draw, self._rasterizer.room_depth())
         out = RenderedSequence()
@@ -97,22 +110,37 @@ class SequenceRenderer:
     def _frames(
         self, index: int, draw: Draw, scene: Scene, record: dict[str, Any], out: RenderedSequence
     ) -> Iterator[Frame]:
-        config, poses, camera = self.config, draw.motion.world_from_part, draw.camera
+        config, camera = self.config, draw.camera
+        posed, poses = draw.motion.posed, draw.motion.world_from_part
         cam_from_world = np.tile(camera.cam_from_world, (config.frames, 1, 1))
         table = pose_table(cam_from_world, poses)
         last, n_parts = config.frames - 1, len(self.model.parent)
         part_pixels = np.zeros((config.frames, n_parts), np.int64)
         world_moves = bool((table[:, 0] != table[0, 0]).any())
+
+        def vertices(t: int) -> Array:
+            """[V 3] m in the camera frame"""
+            return apply(cam_from_world[t], posed.vertices(t))
+
         for t in range(config.frames):
+            self._rasterizer.place(posed.surfaces(t))
             self._rasterizer.draw_color(poses[t])
             depth, part = draw.depth[t], draw.part[t]
             points = surface_points(depth, part, camera.intrinsics, n_parts, world_moves)
             part_pixels[t] = points.part_pixels
+            deforming = None
+            if self._deforms:
+                deforming = deforming_points(points, draw.face[t], posed, vertices(t))
             forward = backward = seen = None
             if t > 0:
-                backward = points.flow_image(points.moved(table[t], table[t - 1]))
+                moved = points.moved(table[t], table[t - 1])
+                if deforming:
+                    moved = deforming.moved(moved, vertices(t - 1))
+                backward = points.flow_image(moved)
             if t < last:
                 moved = points.moved(table[t], table[t + 1])
+                if deforming:
+                    moved = deforming.moved(moved, vertices(t + 1))
                 forward = points.flow_image(moved)
                 seen = visibility(
                     points, moved, draw.depth[t + 1], draw.part[t + 1], out.depth_unit
@@ -160,13 +188,18 @@ class SequenceRenderer:
             randomization=record,
             renderer={"renderer": context.renderer, "version": context.version},
             observability={
-                "observable": not draw.reason,
+                # The rule is about joints: it says nothing of a motion that has none.
+                "observable": None if "animation" in record else not draw.reason,
                 "reason": draw.reason,
                 "refused": dict(out.refused),
                 "joints": {name: asdict(seen) for name, seen in draw.joints.items()},
             },
             depth_unit=out.depth_unit,
             units=UNITS,
+            deforming_parts=tuple(
+                name for p, name in enumerate(model.part_names)
+                if any(v.deforms and v.part == p for v in model.visuals)
+            ),
         )
 
 

@@ -100,6 +100,8 @@ class Meta:
     """m per unit of the depth PNG"""
     camera_model: str = "pinhole"
     units: Mapping[str, str] | None = None
+    deforming_parts: tuple[str, ...] = ()
+    """Names of the parts with surfaces that move otherwise than the part."""
     format: str = FORMAT
 
 

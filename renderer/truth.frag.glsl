@@ -3,7 +3,14 @@
 uniform uint part;
 layout(location = 0) out float depth;
 layout(location = 1) out uint part_number;
+#if FACES
+uniform uint first_face;
+layout(location = 2) out uint face_number;
+#endif
 void main() {
     depth = 1.0 / gl_FragCoord.w;
     part_number = part;
+#if FACES
+    face_number = first_face + uint(gl_PrimitiveID) + 1u;
+#endif
 }

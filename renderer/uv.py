@@ -18,6 +18,16 @@ def box_projection(vertices: Array, faces: Faces, normals: Array,
                    scale: float) -> tuple[Array, Faces, Array, Array]:
     """vertices [V' 3], faces [F 3], normals [V' 3] and uv [V' 2], where a tile is `scale` m wide.
 
+    See `box_split`, from vertices [V 3], faces [F 3] and normals [V 3].
+    """
+    old, split, uv = box_split(vertices, faces, scale)
+    return vertices[old], split, normals[old], uv
+
+
+def box_split(vertices: Array, faces: Faces,
+              scale: float) -> tuple[NDArray[np.intp], Faces, Array]:
+    """The vertex [V'] that each new one is, faces [F 3] and uv [V' 2]; a tile is `scale` m wide.
+
     Each face is projected along the axis that its own normal is nearest to. Vertices [V 3] that
     faces [F 3] of different axes share are split, unused ones dropped; faces keep their order.
     """
@@ -32,4 +42,4 @@ def box_projection(vertices: Array, faces: Faces, normals: Array,
     number = np.cumsum(used, dtype=np.int32) - np.int32(1)
     new_axis, old = np.divmod(np.flatnonzero(used), max(len(vertices), 1))
     uv = np.take_along_axis(vertices[old], _SIDES[new_axis], 1) / scale + _OFFSETS[new_axis]
-    return vertices[old], number[pair], normals[old], uv
+    return old, number[pair], uv

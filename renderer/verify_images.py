@@ -6,7 +6,6 @@ target's (u' w, v' w, w) is z H (u, v, 1) + e. This is not the way the renderer 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,22 +14,11 @@ from numpy.typing import NDArray
 from ..robots.geometry import Array
 from .residual import Check, check, merge, share
 from .sequence import OCCLUDED, OUT_OF_IMAGE, VISIBLE, Sequence
+from .verify_deforming import verify_deforming
+from .verify_view import FLAT, FLOW, Block, Index, View, block, deforming_numbers, pixel_name
 
-FLOW = 0.02
-"""px: half a step of the encoding in both components is 0.011."""
 _ENCODED = float(np.hypot(0.5, 0.5) / 64)
 _RANGE = 512.0  # px, the largest flow that the files can hold
-_FLAT = 0.05  # share of z: a 2x2 block with a larger spread of depth holds an edge, not a surface
-
-Index = NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class _View:
-    """One decoded frame; images are flat, N = H W."""
-
-    part: NDArray[np.int64]
-    depth: Array
 
 
 @dataclass(frozen=True)
@@ -38,7 +26,9 @@ class _Targets:
     """Where the surface pixels of a frame are in another frame. M pixels, sorted by part."""
 
     rest: Index
-    """[K] flat index of the others: a background that stands still, as a room does"""
+    """[K] flat index of a background that stands still, as a room does"""
+    deforms: Index
+    """flat index of the pixels of deforming parts, which verify_deforming.py looks at"""
 
     pixel: Index
     """[M] flat index"""
@@ -80,6 +70,7 @@ def verify_images(sequence: Sequence) -> list[Check]:
             checks += _flow(sequence, "flow backward", b, back, t + 1)
             seen = visibility.ravel()
             checks += _correspondence(sequence, t, seen, f, b, ahead, there, motions[t])
+            checks += verify_deforming(sequence, t, here, there, f, b, seen)
         here = there
     mixed = len(set(backdrops)) > 1
     checks.append(check("background all surface or none", mixed, 0, "frames",
@@ -95,7 +86,7 @@ def _motions(sequence: Sequence) -> Array:
     return cam_from_part[1:] @ np.linalg.inv(cam_from_part[:-1])
 
 
-def _view(sequence: Sequence, t: int, checks: list[Check]) -> _View | None:
+def _view(sequence: Sequence, t: int, checks: list[Check]) -> View | None:
     """The decoded frame, None if it is no image of the right kind."""
     meta = sequence.meta
     size = (meta.height, meta.width)
@@ -105,15 +96,15 @@ def _view(sequence: Sequence, t: int, checks: list[Check]) -> _View | None:
     checks.append(check("image shapes", not ok, 0, "frames", f"frame {t}"))
     if not ok:
         return None
-    return _View(part.ravel().astype(np.int64), depth.ravel().astype(np.float64))
+    return View(part.ravel().astype(np.int64), depth.ravel().astype(np.float64))
 
 
-def _frame(sequence: Sequence, t: int, view: _View | None, backdrops: list[bool]) -> list[Check]:
+def _frame(sequence: Sequence, t: int, view: View | None, backdrops: list[bool]) -> list[Check]:
     """One frame by itself: part numbers, pixel counts, range of depth, background."""
     if view is None:
         return []
     meta, part, depth = sequence.meta, view.part, view.depth
-    pixel = _pixel(sequence, t)
+    pixel = pixel_name(sequence, t)
     parts = len(meta.part_names)
     alien = (part < 0) | (part > parts)
     counts = np.bincount(np.where(alien, 0, part), minlength=parts + 1)[1:]
@@ -134,12 +125,16 @@ def _frame(sequence: Sequence, t: int, view: _View | None, backdrops: list[bool]
         share("surface where there is a part or room", wrong, 0, pixel)]
 
 
-def _targets(sequence: Sequence, view: _View, motions: Array, parts: int) -> _Targets:
+def _targets(sequence: Sequence, view: View, motions: Array, parts: int) -> _Targets:
     """Every surface pixel, moved by its part's motion [P+1 4 4] and projected."""
     k = sequence.state.intrinsics
     k_inverse, half = np.linalg.inv(k), sequence.meta.depth_unit / 2
     surface = view.depth > 0
     groups = [np.flatnonzero(surface & (view.part == p)) for p in range(parts + 1)]
+    loose = deforming_numbers(sequence)
+    deforms = np.concatenate([groups[0][:0], *(groups[p] for p in loose)])
+    for p in loose:
+        groups[p] = groups[p][:0]
     stands = np.abs(motions - np.eye(4)).max((-1, -2)) < 1e-12
     rest = groups[0][:0]
     if stands[0]:  # most pixels of a room: what is known of them need not be computed
@@ -161,7 +156,7 @@ def _targets(sequence: Sequence, view: _View, motions: Array, parts: int) -> _Ta
         w[i] = moved[2]
         uv[:, i] = moved[:2] / moved[2]
         slack[:, i] = half * np.abs(ray[:2] * e[2] - ray[2] * e[:2, None]) / moved[2] ** 2
-    return _Targets(rest, pixel, numbers, start, uv, w, slack)
+    return _Targets(rest, deforms, pixel, numbers, start, uv, w, slack)
 
 
 def _flow(sequence: Sequence, name: str, flow: NDArray[np.float32], targets: _Targets, t: int
@@ -178,6 +173,7 @@ def _flow(sequence: Sequence, name: str, flow: NDArray[np.float32], targets: _Ta
     wrong = known | half_known  # outside the surface pixels, none may be known
     wrong[targets.pixel] = (required & ~stored) | (stored & ~allowed) | half_known[targets.pixel]
     wrong[targets.rest] = ~known[targets.rest]
+    wrong[targets.deforms] = half_known[targets.deforms]
 
     used = np.flatnonzero(stored & ahead)
     error = np.hypot(*(flow[targets.pixel[used]].T - expected[:, used]))
@@ -186,46 +182,14 @@ def _flow(sequence: Sequence, name: str, flow: NDArray[np.float32], targets: _Ta
     error = np.maximum(0, error - np.maximum(0, quantised + _ENCODED - FLOW))
     rest = targets.rest[known[targets.rest]]
     error = np.concatenate([error, np.hypot(flow[rest, 0], flow[rest, 1])])
-    pixel, index = _pixel(sequence, t), np.concatenate([targets.pixel[used], rest])
+    pixel, index = pixel_name(sequence, t), np.concatenate([targets.pixel[used], rest])
     return [check(name, error, FLOW, "px", lambda i: pixel(int(index[i]))),
             share(f"{name}: known where it should be", wrong, 0, pixel)]
 
 
-@dataclass(frozen=True)
-class _Block:
-    """The 2x2 pixels of the next frame around each target."""
-
-    same: NDArray[np.bool_]
-    """[4 M] in the image and of the target's part"""
-    index: Index
-    """[4 M] flat index, moved into the image"""
-    depth: Array
-    """[4 M] m"""
-    near: Array
-    """[M] m, smallest depth of the target's part; inf if there is none"""
-    far: Array
-    """[M] m, largest; -inf if there is none"""
-    weight: Array
-    """[4 M] of bilinear interpolation"""
-
-
-def _block(uv: Array, part: NDArray[np.int64], there: _View, width: int, height: int) -> _Block:
-    u0, v0 = np.floor(uv)
-    a, b = uv[0] - u0, uv[1] - v0
-    u = np.stack([u0, u0 + 1, u0, u0 + 1])
-    v = np.stack([v0, v0, v0 + 1, v0 + 1])
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    index = np.where(inside, v * width + u, 0).astype(np.intp)
-    same = inside & (there.part[index] == part)
-    depth = there.depth[index]
-    return _Block(same, index, depth, np.where(same, depth, np.inf).min(0),
-                  np.where(same, depth, -np.inf).max(0),
-                  np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b]))
-
-
 def _correspondence(sequence: Sequence, t: int, visibility: NDArray[np.uint8],
                     forward: NDArray[np.float32], backward: NDArray[np.float32],
-                    targets: _Targets, there: _View, motions: Array) -> list[Check]:
+                    targets: _Targets, there: View, motions: Array) -> list[Check]:
     """Visibility by its definition; depth and backward flow where the forward flow leads."""
     width, height = sequence.meta.width, sequence.meta.height
     unit = sequence.meta.depth_unit
@@ -234,28 +198,28 @@ def _correspondence(sequence: Sequence, t: int, visibility: NDArray[np.uint8],
     uv, z, slack = targets.uv[:, first:], targets.z[first:], targets.slack[:, first:]
     stored = visibility[pixel]
     uv = np.where(z > 0, np.clip(uv, -1e6, 1e6), -1e6)  # behind the camera is out of the image
-    place = _pixel(sequence, t)
+    place = pixel_name(sequence, t)
 
-    block = _block(uv, part, there, width, height)
-    suspect = np.flatnonzero(~_may_be(stored, uv, z, block, unit, width, height))
+    four = block(uv, part, there, width, height)
+    suspect = np.flatnonzero(~_may_be(stored, uv, z, four, unit, width, height))
     wrong = np.ones(len(suspect), bool)
     for du in (-1, 1):  # a suspect is acquitted if half a unit of depth would explain it
         for dv in (-1, 1):
             around = uv[:, suspect] + [[du], [dv]] * (slack[:, suspect] + 1e-3)
-            nearby = _block(around, part[suspect], there, width, height)
+            nearby = block(around, part[suspect], there, width, height)
             wrong &= ~_may_be(stored[suspect], around, z[suspect], nearby, unit, width, height)
     labelled = visibility != 0
-    labelled[pixel] = False
+    labelled[pixel] = labelled[targets.deforms] = False
     background = np.flatnonzero(labelled)
     bad = np.concatenate([pixel[suspect[wrong]], background]).astype(np.intp)
     checks = [share("visibility", np.ones(len(bad), bool), 1e-3, lambda i: place(int(bad[i])),
                     samples=max(len(pixel), len(bad)))]
 
-    spread = block.far - block.near
-    inner = np.flatnonzero((stored == VISIBLE) & block.same.all(0) & (spread < _FLAT * z))
-    weight, index = block.weight[:, inner], block.index[:, inner]
+    spread = four.far - four.near
+    inner = np.flatnonzero((stored == VISIBLE) & four.same.all(0) & (spread < FLAT * z))
+    weight, index = four.weight[:, inner], four.index[:, inner]
     spread, z, uv, part = spread[inner], z[inner], uv[:, inner], part[inner]
-    gap = np.abs((weight * block.depth[:, inner]).sum(0) - z)
+    gap = np.abs((weight * four.depth[:, inner]).sum(0) - z)
     # Half a unit is lost here and there; a surface that bends within the block stays within its
     # spread. A few pixels may lead to another sheet of the part: in renders of four robots it was
     # 0.1 % at most, while ray lengths taken for depth give 5 % and more.
@@ -283,18 +247,14 @@ def _correspondence(sequence: Sequence, t: int, visibility: NDArray[np.uint8],
     return checks
 
 
-def _may_be(stored: NDArray[np.uint8], uv: Array, z: Array, block: _Block, unit: float,
+def _may_be(stored: NDArray[np.uint8], uv: Array, z: Array, four: Block, unit: float,
             width: int, height: int) -> NDArray[np.bool_]:
     """[M] whether the stored visibility can be right, with a tolerance of 20 % and a unit."""
     u, v = uv
     out = (u < -0.5) | (u >= width - 0.5) | (v < -0.5) | (v >= height - 0.5)
     tolerance = np.maximum(2 * unit, 0.002 * z)
-    beyond = np.maximum(block.near - z, z - block.far)  # inf without a pixel of the part
+    beyond = np.maximum(four.near - z, z - four.far)  # inf without a pixel of the part
     return np.where(out, stored == OUT_OF_IMAGE,
                     ((stored == VISIBLE) & (beyond <= 1.2 * tolerance + unit))
                     | ((stored == OCCLUDED) & (beyond > 0.8 * tolerance - unit)))
 
-
-def _pixel(sequence: Sequence, t: int) -> Callable[[int], str]:
-    width = sequence.meta.width
-    return lambda i: f"frame {t} pixel ({i % width}, {i // width})"

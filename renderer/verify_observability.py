@@ -51,6 +51,9 @@ def verify_observability(sequence: Sequence, model: ArticulatedModel | None = No
     rule[:, 1:] = 400 * scale[0] * scale[1], 0.25, 0.3 * min(scale)
     kept = np.abs(said) >= rule * (1 - 1e-9)
     unsound = (said[:, 2] < 0) | (said[:, 2] > 1)
+    if block["observable"] is None and not len(scored):
+        return [*checks, check("observability: verdict", "animation" not in meta.randomization, 0,
+                               "joints", "none, although no animation moves the model")]
     claims = bool(block["observable"])
     wrong = unsound | (claims & ~kept.all(-1))
     # An unobservable sequence breaks a rule; a collision cannot be seen in these numbers.

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..robots.geometry import Array
 from ..robots.model import FIXED, PRISMATIC, ArticulatedModel
+from .motion import animation_times
 from .residual import Check, check
 from .sequence import Sequence, State
 
@@ -35,6 +36,8 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
     checks.append(_limits(sequence))
     checks += _screws(sequence)
     names, positions = sequence.meta.joint_names, sequence.state.joint_positions
+    if "animation" in sequence.meta.randomization:
+        return checks + (_animated_poses(sequence, model) if model is not None else [])
     if model is not None:
         checks += _poses(sequence, poses_from_model(model, names, positions), "model")
     if urdf is not None:
@@ -145,6 +148,20 @@ def _poses(sequence: Sequence, expected: dict[str, Array], source: str) -> list[
     own = np.linalg.inv(actual[:, :1]) @ actual
     place = _frame_item("part", len(names))
     return checks + _pose_checks(f"poses from the {source}", relative, own, place)
+
+
+def _animated_poses(sequence: Sequence, model: ArticulatedModel) -> list[Check]:
+    """Stored poses against the model's animation from the time on that was drawn."""
+    drawn = dict(sequence.meta.randomization["animation"])
+    found = [a for a in model.animations if a.name == drawn.get("name")]
+    checks = [check("animation known to the model", not found, 0, "sequences",
+                    f"{drawn.get('name')!r}")]
+    if not found or set(sequence.meta.part_names) != set(model.part_names):
+        return checks
+    times = animation_times(sequence.state.times, float(drawn["start"]), found[0].duration)
+    poses = found[0].at(times).world_from_part
+    expected = {name: poses[:, p] for p, name in enumerate(model.part_names)}
+    return checks + _poses(sequence, expected, "animation")
 
 
 def poses_from_model(model: ArticulatedModel, joint_names: ArrayLike, positions: Array

@@ -40,7 +40,7 @@ def draw_shots(config: RenderConfig, n: int) -> list[Shot]:
         streams = Streams(renderer.config, index)
         draw, _ = renderer._sampler.draw(streams)
         motion = draw.motion
-        outline = renderer._sampler.outline(motion.world_from_part)
+        outline = renderer._sampler.motions.outline(motion.posed)
         scene, record = draw_scene(
             streams, renderer.model, motion.trajectory, draw.camera, outline, motion.floor)
         shots.append(Shot(scene, replace(draw, depth=[], part=[]), record, 0.0001))

@@ -150,7 +150,7 @@ def test_collisions_are_refused_and_counted(tmp_path: Path) -> None:
         for i in range(2):
             _, meta, state = whole(opened.render(i))
             assert meta.observability["refused"] == refused[i]
-            checker = opened._sampler._checker
+            checker = opened._sampler.motions.checker
             floor = meta.randomization["floor"]
             touches = checker.first_contact(state.world_from_part, floor) is not None
             assert touches == (meta.observability["reason"] == "collision")
