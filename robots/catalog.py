@@ -106,11 +106,16 @@ _IRB2400 = CatalogEntry(
                   "--platform=manylinux_2_35_x86_64")),
     urdf=_IRB + "support/urdf/abb_irb2400.urdf", licence_files=_IRB_LICENCE)
 
+_OWI535 = Generated(
+    name="owi535", maker="OWI", title="OWI-535 toy arm", joints=5,
+    scored=("rotation", "base", "elbow", "wrist"), licence="MIT", builder="owi535:owi535")
+
 CATALOG: tuple[Entry, ...] = (
     _UR5,
     replace(_UR5, name="ur5-textured", title="UR5 (CB3), textured", textured=True),
     _IIWA14,
     _IRB2400,
+    _OWI535,
 )
 
 

@@ -35,9 +35,9 @@ randomization.motion.max_step = 3.0
 def test_the_shipped_suites_are_the_protocols() -> None:
     assert shipped() == ("mini", "paper")
     sizes = {s: {d.name: d.n for d in read_suite(s).datasets} for s in shipped()}
-    robots = ("ur5", "ur5-textured", "iiwa14", "irb2400")
+    robots = ("ur5", "ur5-textured", "iiwa14", "irb2400", "owi535")
     assert sizes["mini"] == dict.fromkeys(robots, 8)
-    assert sizes["paper"] == dict(zip(robots, (1000, 200, 200, 200), strict=True))
+    assert sizes["paper"] == dict(zip(robots, (1000, 200, 200, 200, 200), strict=True))
     for name in shipped():
         suite = read_suite(name)
         assert suite.name == name
