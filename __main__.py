@@ -16,7 +16,7 @@ gcbench: synthetic videos of articulated objects with exact ground truth, and th
 
 usage: gcbench COMMAND [OPTIONS]
 
-  render   render a dataset from a robot's name or a URDF
+  render   render a dataset from a robot's name, a URDF or a glTF
   verify   prove a dataset: recompute its ground truth for every pixel
   show     a dataset or a sequence as a page, contact sheet, GIF or MP4
   eval     run methods of motion estimation on a suite or on datasets, and score them
@@ -129,6 +129,7 @@ def render(args: Sequence[str]) -> int:
     Examples:
       gcbench render --robot ur5 --n 1000
       gcbench render --robot model.urdf --package my_robot=~/ws/my_robot --n 10 --out out
+      gcbench render --robot model.glb --n 10
       gcbench render --robot iiwa14 --n 50 --vary lights --camera.fov 30 30 --background.room 1
       gcbench render --robot ur5 --randomize none --n 3
     """

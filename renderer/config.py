@@ -163,7 +163,7 @@ class RenderConfig:
     """A dataset: sequence i is a function of this and i alone."""
 
     robot: str = "ur5"
-    """A name of `gcbench robots`, or a path to a .urdf file."""
+    """A name of `gcbench robots`, or a path to a .urdf, .glb or .gltf file."""
     package: tuple[str, ...] = ()
     """NAME=DIR: where `package://NAME/...` of a URDF is."""
     seed: int = 0

@@ -110,6 +110,7 @@ _OWI535 = Generated(
     name="owi535", maker="OWI", title="OWI-535 toy arm", joints=5,
     scored=("rotation", "base", "elbow", "wrist"), licence="MIT", builder="owi535:owi535")
 
+GLTF = (".glb", ".gltf")
 CATALOG: tuple[Entry, ...] = (
     _UR5,
     replace(_UR5, name="ur5-textured", title="UR5 (CB3), textured", textured=True),
@@ -125,12 +126,12 @@ def find(name: str) -> Entry:
         if entry.name == name:
             return entry
     raise GcbenchError(f"no robot {name!r}; there are {', '.join(e.name for e in CATALOG)}, "
-                       "and any path to a .urdf file")
+                       "and any path to a .urdf, .glb or .gltf file")
 
 
 def is_path(name_or_path: str | Path) -> bool:
     """Whether it means a file, not a name of the catalogue."""
-    return isinstance(name_or_path, Path) or name_or_path.lower().endswith(".urdf")
+    return isinstance(name_or_path, Path) or name_or_path.lower().endswith((".urdf", *GLTF))
 
 
 def is_fetched(entry: Entry) -> bool:
@@ -154,14 +155,18 @@ def urdf_file(name_or_path: str | Path) -> Path | None:
 
 def load(name_or_path: str | Path, packages: Mapping[str, Path] | None = None,
          allow_missing: bool = False) -> ArticulatedModel:
-    """The model of a catalogue name (fetched, or made) or of a URDF file.
+    """The model of a catalogue name (fetched, or made), or of a URDF or glTF file.
 
-    `packages` says where `package://NAME/...` of the file is. `allow_missing` loads a file of
+    `packages` says where `package://NAME/...` of a URDF is. `allow_missing` loads a file of
     which meshes are missing, and records them; a catalogue robot is always whole.
     """
     from .urdf import load_urdf  # parses XML and meshes; a listing of names needs neither
 
     if is_path(name_or_path):
+        if Path(name_or_path).suffix.lower() in GLTF:
+            from .gltf import load_gltf
+
+            return load_gltf(name_or_path, allow_missing)
         return load_urdf(Path(name_or_path), packages or {}, allow_missing)
     entry = find(str(name_or_path))
     if isinstance(entry, Generated):

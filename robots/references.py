@@ -49,13 +49,14 @@ class AssetFinder:
     root: Path
     packages: tuple[tuple[str, Path], ...] = ()
 
-    def find(self, reference: str, suffixes: frozenset[str] = MESHES) -> Asset:
-        """The file that a URDF means by `reference`.
+    def find(self, reference: str, suffixes: frozenset[str] | None = MESHES) -> Asset:
+        """The file that a URDF means by `reference`; `suffixes` None: of any kind.
 
         Raises MissingAssetError if it is nowhere, ModelError if it may not be read.
         """
         scheme, name = _split(reference)
-        _check_suffix(reference, name, suffixes)
+        if suffixes is not None:
+            _check_suffix(reference, name, suffixes)
         candidates = self._in_packages(name) if scheme == "package" else self._relative(name)
         return _first(reference, candidates)
 

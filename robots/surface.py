@@ -48,37 +48,51 @@ def surface(
     """
     v = np.array(vertices, np.float64).reshape(-1, 3)
     f = np.array(faces, np.int64).reshape(-1, 3)
+    n = None if normals is None else np.asarray(normals, np.float64).reshape(-1, 3)
+    t = None if uv is None else np.asarray(uv, np.float64)
+    t = t[:, :2] if t is not None and t.ndim == 2 and len(t) == len(v) else None
+    made = clean_triangles(v, f, n, distinct=t is not None)
+    if made is None:
+        return None
+    source, f, n = made
+    t = None if t is None else t[source]
+    if t is not None and not np.isfinite(t).all():
+        t = None
+    return Surface(v[source], f, n, t, material, vertex_color)
+
+
+def clean_triangles(
+    v: Array, f: NDArray[np.int64], n: Array | None, distinct: bool, keep_flat: bool = False
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array] | None:
+    """The vertices [V'] of v [V 3] that are left, faces [F' 3] of them, and normals [V' 3].
+
+    None if nothing is left. Without `distinct`, vertices at one place may become one; with
+    `keep_flat`, triangles without an area stay (a deformation may open them).
+    """
     if not len(f):
         return None
     if f.min() < 0 or f.max() >= len(v):
         raise ModelError("a face refers to a vertex that does not exist")
-    v, f, used = _compact(v, f)
-    if not np.isfinite(v).all():
+    source, f = _compact(f, len(v))
+    p = v[source]
+    if not np.isfinite(p).all():
         raise ModelError("a vertex is not a finite number")
-    if np.abs(v).max() > 1e9:
+    if np.abs(p).max() > 1e9:
         raise ModelError("a vertex lies more than 1e9 units from the origin")
-    n = None if normals is None else np.asarray(normals, np.float64).reshape(-1, 3)
-    n = n[used] if n is not None and len(n) == len(used) else None
-    t = None if uv is None else np.asarray(uv, np.float64)
-    t = t[used, :2] if t is not None and t.ndim == 2 and len(t) == len(used) else None
-    if t is not None and not np.isfinite(t).all():
-        t = None
-    keep = _solid(v, f)
+    keep = _solid(p, f)
     if not keep.any():
         return None
-    if not keep.all():
-        v, f, used = _compact(v, f[keep])
-        n, t = (None if x is None else x[used] for x in (n, t))
-    if n is not None and valid_normals(v, f, n):
-        n = n / np.linalg.norm(n, axis=-1, keepdims=True)
-        return Surface(v, f, n, t, material, vertex_color)
-    group, group_normals = smooth_corners(v, f)
-    corner = (f if t is not None else 0) + group.ravel().reshape(-1, 3) * (
-        len(v) if t is not None else 1)
+    if not keep.all() and not keep_flat:
+        used, f = _compact(f[keep], len(source))
+        source, p, keep = source[used], p[used], np.ones(len(f), bool)
+    m = n[source] if n is not None and len(n) == len(v) else None
+    if m is not None and valid_normals(p, f[keep], m):
+        return source, f, m / np.linalg.norm(m, axis=-1, keepdims=True)
+    group, group_normals = smooth_corners(p, f)
+    corner = (f if distinct else 0) + group.ravel().reshape(-1, 3) * (len(p) if distinct else 1)
     _, first, index = np.unique(corner.ravel(), return_index=True, return_inverse=True)
-    vertex = f.ravel()[first]
-    return Surface(v[vertex], index.reshape(-1, 3), group_normals[group.ravel()[first]],
-                   None if t is None else t[vertex], material, vertex_color)
+    return (source[f.ravel()[first]], index.reshape(-1, 3).astype(np.int64),
+            group_normals[group.ravel()[first]])
 
 
 def moved(s: Surface, a_from_b: Array, scale: ArrayLike = 1.0) -> Surface:
@@ -126,13 +140,11 @@ def _material_key(m: Material) -> object:
             texture)
 
 
-def _compact(v: Array, f: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
-    """Only the vertices that faces use; `used` [V] says which they are."""
-    used = np.zeros(len(v), bool)
+def _compact(f: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The vertices [V'] of `count` that faces [F 3] use, and the faces in numbers of those."""
+    used = np.zeros(count, bool)
     used[f.ravel()] = True
-    if used.all():
-        return v, f, used
-    return v[used], (np.cumsum(used) - 1)[f], used
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[f]
 
 
 def _solid(v: Array, f: NDArray[np.int64]) -> NDArray[np.bool_]:

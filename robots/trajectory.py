@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .. import GcbenchError
 from .geometry import Array, apply
 from .model import FIXED, ArticulatedModel, forward_kinematics
+from .skin import deformed
 
 _SINES = 3  # half-waves in the speed: at most 1.5 cycles in a sequence
 _UNEVENNESS = 1.5  # the speed leaves its mean by up to this share of it; above 1 it may turn back
@@ -138,9 +139,13 @@ def default_scored_joints(model: ArticulatedModel, n: int = 3) -> tuple[str, ...
     boxes: dict[int, list[Array]] = {}
     poses = forward_kinematics(model, np.clip(0.0, model.limits[:, 0], model.limits[:, 1]))
     for visual in model.visuals:
-        low, high = visual.vertices.min(0), visual.vertices.max(0)
-        corners = np.stack(np.meshgrid(*np.stack([low, high], 1)), -1).reshape(-1, 3)
-        boxes.setdefault(visual.part, []).append(apply(poses[visual.part], corners))
+        if visual.deforms:
+            corners, _ = deformed(visual, poses, None, model.morph_weights)
+        else:
+            low, high = visual.vertices.min(0), visual.vertices.max(0)
+            corners = np.stack(np.meshgrid(*np.stack([low, high], 1)), -1).reshape(-1, 3)
+            corners = apply(poses[visual.part], corners)
+        boxes.setdefault(visual.part, []).append(corners)
 
     def size(parts: Iterable[int]) -> float:
         """Diagonal of the box around what these parts show, m."""
