@@ -104,6 +104,43 @@ def encode_flow(flow: NDArray[np.float32]) -> bytes:
     return _encode(bgr, _FIELD)
 
 
+def encode_normal(normal: NDArray[np.float32]) -> bytes:
+    """PNG of unit normals [H W 3]: red x, green y, blue z as 1 + round((n + 1) / 2 * 65534).
+
+    NaN is (0, 0, 0).
+    """
+    return _encode(_coded((_checked(normal, np.float32, 3) + 1.0) / 2.0), _FIELD)
+
+
+def encode_coordinates(
+    coordinates: NDArray[np.float32], part: NDArray[np.uint16], box: NDArray[np.float64]
+) -> bytes:
+    """PNG of coordinates [H W 3] m: 1 + round(65534 * share) of the box [P 2 3] m of each pixel's
+    part number [H W]; NaN is (0, 0, 0).
+    """
+    low, size = _box_of(part, box)
+    share = (_checked(coordinates, np.float32, 3) - low) / np.where(size > 0, size, 1.0)
+    return _encode(_coded(share), _FIELD)
+
+
+def decode_normal(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
+    """[H W 3], NaN where there is none."""
+    return (_decoded(_decode(png, size, where, _RGB, (16,))) * 2.0 - 1.0).astype(np.float32)
+
+
+def decode_shares(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
+    """[H W 3] coordinates as shares 0..1 of a box, NaN where there are none."""
+    return _decoded(_decode(png, size, where, _RGB, (16,))).astype(np.float32)
+
+
+def coordinates_in_boxes(
+    share: NDArray[np.float32], part: NDArray[np.uint16], box: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """[H W 3] m from shares [H W 3] of the boxes [P 2 3] m of part numbers [H W]."""
+    low, size = _box_of(part, box)
+    return (low + share * size).astype(np.float32)
+
+
 def decode_rgb(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.uint8]:
     """[H W 3] sRGB. `size` is (width, height) px; `where` names file and member in errors.
 
@@ -143,6 +180,27 @@ def decode_flow(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.flo
     flow /= _FLOW_SCALE
     flow[bgr[..., 0] == 0] = np.nan
     return flow
+
+
+def _coded(share: NDArray[Any]) -> NDArray[np.uint16]:
+    """BGR codes 1..65535 of RGB values [H W 3] in 0..1 (clipped), 0 where one is NaN."""
+    known = np.isfinite(share).all(axis=2, keepdims=True)
+    units = np.rint(np.clip(np.where(known, share, 0.0), 0.0, 1.0) * 65534.0) + 1.0
+    return np.where(known, units, 0.0)[..., ::-1].astype(np.uint16)
+
+
+def _decoded(bgr: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """RGB values [H W 3] in 0..1, NaN where a code is 0."""
+    code = bgr[..., ::-1].astype(np.float64)
+    return np.where((code > 0).all(axis=2, keepdims=True), (code - 1.0) / 65534.0, np.nan)
+
+
+def _box_of(
+    part: NDArray[np.uint16], box: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower corner and size [H W 3] m of the box of each pixel's part; zeros for background."""
+    boxes = np.concatenate([np.zeros((1, 2, 3)), box])[part]
+    return boxes[..., 0, :], boxes[..., 1, :] - boxes[..., 0, :]
 
 
 def _checked(image: NDArray[Any], dtype: type[np.generic], channels: int = 0) -> NDArray[Any]:

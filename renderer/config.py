@@ -10,6 +10,8 @@ from .. import GcbenchError
 Range = tuple[float, float]
 FACTORS = ("motion", "camera", "lights", "materials", "textures", "background", "image")
 """Each factor draws from its own random stream, so that two datasets can differ in one only."""
+LAYERS = ("normal", "coordinates", "keypoints", "tracks")
+"""Truth that is stored on demand."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +184,10 @@ class RenderConfig:
     """Keep sequences whose motion cannot be seen (the rule is in the docs)."""
     allow_missing: bool = False
     """Load a model although meshes are missing; they are listed in the dataset."""
+    layers: tuple[str, ...] = ()
+    """More truth: normal, coordinates (on the object), keypoints, tracks (of surface points)."""
+    track_points: int = 256
+    """Number of tracks in a sequence."""
     samples: Literal[1, 4, 9] = 4
     """Colour samples in a pixel of the RGB image (antialiasing)."""
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
@@ -201,11 +207,17 @@ def resolved(config: RenderConfig) -> RenderConfig:
             config = replace(config, randomization=replace(ranges, textures=textures))
     if config.seed < 0:
         raise GcbenchError(f"--seed {config.seed}: give 0 or more")
-    sizes = (("frames", 1, 100_000), ("width", 16, 16_384), ("height", 16, 16_384))
+    sizes = (("frames", 1, 100_000), ("width", 16, 16_384), ("height", 16, 16_384),
+             ("track_points", 1, 100_000))
     for name, least, most in sizes:
         value = getattr(config, name)
         if not least <= value <= most:
-            raise GcbenchError(f"--{name} {value}: give {least} to {most}")
+            option = name.replace("_", "-")
+            raise GcbenchError(f"--{option} {value}: give {least} to {most}")
+    unknown = sorted(set(config.layers) - set(LAYERS))
+    if unknown:
+        raise GcbenchError(f"--layers {unknown[0]}: there are {', '.join(LAYERS)}")
+    config = replace(config, layers=tuple(name for name in LAYERS if name in config.layers))
     unknown = sorted(set(config.vary) - set(FACTORS))
     if unknown:
         raise GcbenchError(f"--vary {unknown[0]}: the factors are {', '.join(FACTORS)}")

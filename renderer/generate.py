@@ -32,7 +32,7 @@ from .provenance import (
     read_provenance,
     write_provenance,
 )
-from .recipe import differences
+from .recipe import config_tree, differences, parse_config
 from .storage import FOLDER, read_meta, sequence_name
 from .worker import FrameDone, Ready, Task
 
@@ -154,7 +154,8 @@ def _open(out: Path, config: RenderConfig) -> Provenance:
     if not (out / FILE).exists():
         raise GcbenchError(f"{out} holds sequences but no {FILE}; choose another --out folder")
     there = read_provenance(out)
-    changed = differences(there.config, here.config)
+    # A field that is newer than the dataset has its default there.
+    changed = differences(config_tree(parse_config(there.config, str(out / FILE))), here.config)
     changed += differences({"generator": there.generator}, {"generator": here.generator})
     if changed:
         raise GcbenchError(

@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import GcbenchError
 from .codec import MAX_PIXELS
+from .config import LAYERS
 from .sequence import FORMAT, Meta
 
 MAX_FRAMES = 1_000_000
@@ -76,7 +77,7 @@ def parse_meta(data: bytes, where: str) -> Meta:
         raise GcbenchError(f"{where}: format {tree.get('format')!r}, this version reads {FORMAT!r}")
     for key, (fits, expected) in _META.items():
         if key in _LATER:
-            tree.setdefault(key, [])
+            tree.setdefault(key, _LATER[key])
         if key not in tree:
             raise GcbenchError(f"{where}: no {key!r}")
         if not fits(tree[key]):
@@ -141,10 +142,16 @@ _META: dict[str, tuple[Callable[[Any], bool], str]] = {
     "camera_model": (lambda v: v == "pinhole", "'pinhole'"),
     "units": (_is_object, "an object"),
     "deforming_parts": (_is_list(_is_text), "a list of strings"),
+    "layers": (_is_list(lambda v: v in LAYERS), f"a list of {', '.join(LAYERS)}"),
+    "keypoint_names": (_is_list(_is_text), "a list of strings"),
+    "keypoint_tolerance": (lambda v: _is_number(v) and v >= 0, "m, from 0"),
+    "tracks": (_is_int(0, MAX_FRAMES), f"an integer in 0..{MAX_FRAMES}"),
 }
-_LATER = ("deforming_parts",)
-"""Lists that the first datasets do not have: there they are empty."""
-_TUPLES = ("joint_names", "joint_types", "joint_limits", "part_names", "scored_joints", *_LATER)
+_LATER: dict[str, Any] = {"deforming_parts": [], "layers": [], "keypoint_names": [],
+                          "keypoint_tolerance": 0.0, "tracks": 0}
+"""What the first datasets do not say, and what that means."""
+_TUPLES = ("joint_names", "joint_types", "joint_limits", "part_names", "scored_joints",
+           "deforming_parts", "layers", "keypoint_names")
 
 
 def _frozen(values: list[Any]) -> tuple[Any, ...]:

@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 
 from .. import GcbenchError
 from ..robots import catalog
-from ..robots.geometry import Array, apply
+from ..robots.geometry import Array
 from ..robots.model import ArticulatedModel, joint_screws
 from ..robots.trajectory import default_scored_joints, joint_indices
 from .config import RenderConfig, resolved
-from .deform import deforming_points
 from .draw import Draw, DrawSampler
-from .flow import pose_table, surface_points, visibility
 from .motion import animated, chosen_animation
 from .randomize import Streams, draw_scene
 from .rasterizer import Rasterizer
 from .scene import Scene
 from .sequence import Frame, Meta, State
+from .truth import SequenceTruth, needs_faces, room_normal
 
 UNITS = {"length": "m", "angle": "rad", "time": "s", "flow": "px"}
 DEPTH_UNIT = 0.0001
@@ -37,6 +36,8 @@ class RenderedSequence:
     """m per unit of the depth images"""
     refused: Mapping[str, int]
     """Draws that were not observable, by reason."""
+    coordinate_box: Array | None
+    """[P 2 3] m, of the layer `coordinates`"""
     meta: Meta
     state: State
 
@@ -61,17 +62,19 @@ class SequenceRenderer:
                     "joint is scored; add --animation none, or leave --scored-joints out")
             self.model = animated(self.model)
         self.scored = _scored_joints(config, self.model)
-        self._deforms = any(v.deforms for v in self.model.visuals)
         self._rasterizer = Rasterizer(
-            config.width, config.height, round(config.samples**0.5), self._deforms)
+            config.width, config.height, round(config.samples**0.5),
+            faces=needs_faces(self.model, config.layers))
         self._sampler = DrawSampler(self.model, self.scored, config, self._rasterizer, animation)
 
     @property
     def asset(self) -> dict[str, Any]:
         """Where the model came from, for `dataset.json` and `meta.json`."""
-        m = self.model
+        m, notes = self.model, list(self.model.notes)
+        if "keypoints" in self.config.layers and not m.keypoint_names:
+            notes.append("the model has no keypoints: that layer is empty")
         return {"name": m.name, "source": m.source, "licence": m.licence, "sha256": m.sha256,
-                "notes": list(m.notes)}
+                "notes": notes}
 
     def close(self) -> None:
         """Give the GL context back."""
@@ -88,12 +91,17 @@ class SequenceRenderer:
         )
         record |= motion.record
         self._rasterizer.begin_color(scene, motion.world_from_part, motion.posed.bounds)
+        behind = None
         if scene.room:
             draw = self._in_room(draw, self._rasterizer.room_depth())
+            if "normal" in self.config.layers:
+                behind = room_normal(scene.room, self._rasterizer.read_faces(), draw.camera)
         out = RenderedSequence()
         out.refused = refused
         out.depth_unit = depth_unit(max(float(d.max()) for d in draw.depth))
-        out.frames = self._frames(index, draw, scene, record, out)
+        truth = SequenceTruth(self.config, index, self.model, draw, out.depth_unit, behind)
+        out.coordinate_box = truth.coordinate_box
+        out.frames = self._frames(index, truth, scene, record, out)
         return out
 
     def _in_room(self, draw: Draw, room: NDArray[np.float32]) -> Draw:
@@ -108,66 +116,37 @@ class SequenceRenderer:
     # -- frames -------------------------------------------------------------------------------
 
     def _frames(
-        self, index: int, draw: Draw, scene: Scene, record: dict[str, Any], out: RenderedSequence
+        self, index: int, truth: SequenceTruth, scene: Scene, record: dict[str, Any],
+        out: RenderedSequence,
     ) -> Iterator[Frame]:
-        config, camera = self.config, draw.camera
-        posed, poses = draw.motion.posed, draw.motion.world_from_part
-        cam_from_world = np.tile(camera.cam_from_world, (config.frames, 1, 1))
-        table = pose_table(cam_from_world, poses)
-        last, n_parts = config.frames - 1, len(self.model.parent)
-        part_pixels = np.zeros((config.frames, n_parts), np.int64)
-        world_moves = bool((table[:, 0] != table[0, 0]).any())
-
-        def vertices(t: int) -> Array:
-            """[V 3] m in the camera frame"""
-            return apply(cam_from_world[t], posed.vertices(t))
-
-        for t in range(config.frames):
+        posed = truth.draw.motion.posed
+        for t in range(self.config.frames):
             self._rasterizer.place(posed.surfaces(t))
-            self._rasterizer.draw_color(poses[t])
-            depth, part = draw.depth[t], draw.part[t]
-            points = surface_points(depth, part, camera.intrinsics, n_parts, world_moves)
-            part_pixels[t] = points.part_pixels
-            deforming = None
-            if self._deforms:
-                deforming = deforming_points(points, draw.face[t], posed, vertices(t))
-            forward = backward = seen = None
-            if t > 0:
-                moved = points.moved(table[t], table[t - 1])
-                if deforming:
-                    moved = deforming.moved(moved, vertices(t - 1))
-                backward = points.flow_image(moved)
-            if t < last:
-                moved = points.moved(table[t], table[t + 1])
-                if deforming:
-                    moved = deforming.moved(moved, vertices(t + 1))
-                forward = points.flow_image(moved)
-                seen = visibility(
-                    points, moved, draw.depth[t + 1], draw.part[t + 1], out.depth_unit
-                )
-            rgb = _through_lens(self._rasterizer.read_color(), scene, t)
-            yield Frame(rgb, depth, part, forward, backward, seen)
-        out.meta = self._meta(index, record, draw, out)
-        out.state = self._state(draw, part_pixels)
+            self._rasterizer.draw_color(posed.world_from_part[t])
+            yield truth.frame(
+                t, lambda t=t: _through_lens(self._rasterizer.read_color(), scene, t))
+        out.state = self._state(truth)
+        out.meta = self._meta(index, record, truth, out)
 
-    def _state(self, draw: Draw, part_pixels: NDArray[np.int64]) -> State:
-        model, camera, motion = self.model, draw.camera, draw.motion
-        frames = len(motion.world_from_part)
+    def _state(self, truth: SequenceTruth) -> State:
+        model, motion, camera = self.model, truth.draw.motion, truth.draw.camera
         return State(
             times=motion.trajectory.times,
             joint_positions=motion.trajectory.positions,
             intrinsics=camera.intrinsics,
-            cam_from_world=np.tile(camera.cam_from_world, (frames, 1, 1)),
+            cam_from_world=truth.cam_from_world,
             world_from_part=motion.world_from_part,
             joint_screw=joint_screws(model, camera.cam_from_world @ motion.world_from_part),
             joint_parent_part=model.parent[model.joint_child] + 1,
             joint_child_part=model.joint_child + 1,
-            part_pixels=part_pixels,
+            part_pixels=truth.part_pixels,
+            **truth.point_state(),
         )
 
     def _meta(
-        self, index: int, record: dict[str, Any], draw: Draw, out: RenderedSequence
+        self, index: int, record: dict[str, Any], truth: SequenceTruth, out: RenderedSequence
     ) -> Meta:
+        draw, has_keypoints = truth.draw, "keypoints" in self.config.layers
         config, model, context = self.config, self.model, self._rasterizer.context
         return Meta(
             name=f"{model.name}/{config.seed}/{index:06d}",
@@ -200,6 +179,10 @@ class SequenceRenderer:
                 name for p, name in enumerate(model.part_names)
                 if any(v.deforms and v.part == p for v in model.visuals)
             ),
+            layers=config.layers,
+            keypoint_names=model.keypoint_names if has_keypoints else (),
+            keypoint_tolerance=truth.keypoint_tolerance,
+            tracks=0 if out.state.track_query is None else len(out.state.track_query),
         )
 
 

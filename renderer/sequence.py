@@ -46,6 +46,11 @@ class Frame:
     visibility: NDArray[np.uint8] | None
     """[H W] whether the forward correspondence is seen in the next frame: BACKGROUND, VISIBLE,
     OCCLUDED or OUT_OF_IMAGE; None in the last frame."""
+    normal: NDArray[np.float32] | None = None
+    """[H W 3] unit, camera frame, of the surface towards the camera; NaN where there is none."""
+    coordinates: NDArray[np.float32] | None = None
+    """[H W 3] m, the point in its part's own frame (at rest, where it deforms); NaN where there is
+    no part."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,27 @@ class State:
     """[J] part number as in the masks."""
     part_pixels: NDArray[np.int64]
     """[T P] visible pixels"""
+    coordinate_box: Array | None = None
+    """[P 2 3] m, least and greatest `coordinates` of each part. This and what follows is None where
+    the dataset was rendered without the layer."""
+    keypoint_part: NDArray[np.int64] | None = None
+    """[K] part number that carries each keypoint"""
+    keypoint_world: Array | None = None
+    """[T K 3] m"""
+    keypoint_image: Array | None = None
+    """[T K 2] px; NaN behind the camera"""
+    keypoint_visible: NDArray[np.bool_] | None = None
+    """[T K] in the image, and not far behind what is seen there"""
+    track_part: NDArray[np.int64] | None = None
+    """[N] part number of each tracked point"""
+    track_query: NDArray[np.int64] | None = None
+    """[N] frame in which the point was chosen: there it is the centre of a pixel"""
+    track_world: Array | None = None
+    """[T N 3] m"""
+    track_image: Array | None = None
+    """[T N 2] px; NaN behind the camera"""
+    track_visible: NDArray[np.bool_] | None = None
+    """[T N]"""
 
 
 @dataclass(frozen=True)
@@ -102,6 +128,14 @@ class Meta:
     units: Mapping[str, str] | None = None
     deforming_parts: tuple[str, ...] = ()
     """Names of the parts with surfaces that move otherwise than the part."""
+    layers: tuple[str, ...] = ()
+    """Optional truth that is stored: of "normal", "coordinates", "keypoints", "tracks"."""
+    keypoint_names: tuple[str, ...] = ()
+    """[K]"""
+    keypoint_tolerance: float = 0.0
+    """m behind the visible surface at which a keypoint still counts as visible."""
+    tracks: int = 0
+    """N"""
     format: str = FORMAT
 
 
@@ -123,6 +157,10 @@ class Sequence:
     """T-1 x [H W 2], entry t: t+1 -> t"""
     visibility: Stack[np.uint8]
     """T-1 x [H W]"""
+    normal: Stack[np.float32] | None = None
+    """T x [H W 3] (Frame.normal); None without the layer"""
+    coordinates: Stack[np.float32] | None = None
+    """T x [H W 3] m (Frame.coordinates); None without the layer"""
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -138,6 +176,8 @@ class Sequence:
             flow=self.flow[t] if t < last else None,
             flow_backward=self.flow_backward[t - 1] if t > 0 else None,
             visibility=self.visibility[t] if t < last else None,
+            normal=None if self.normal is None else self.normal[t],
+            coordinates=None if self.coordinates is None else self.coordinates[t],
         )
 
     def __iter__(self) -> Iterator[Frame]:

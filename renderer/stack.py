@@ -58,3 +58,37 @@ class LazyStack(Generic[Item]):
 
     def _load(self, member: str) -> NDArray[Item]:
         return self.decode(self.archive.read(member), where=self.archive.where(member))
+
+
+@dataclass(frozen=True)
+class CombinedStack(Generic[Item]):
+    """Images that two stacks of equal length tell together."""
+
+    first: LazyStack[Any]
+    second: LazyStack[Any]
+    combine: Callable[[NDArray[Any], NDArray[Any]], NDArray[Item]]
+    """(image, image) -> image of the first's shape"""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the stacked array."""
+        return self.first.shape
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def __iter__(self) -> Iterator[NDArray[Item]]:
+        return (self[t] for t in range(len(self)))
+
+    def __getitem__(self, index: int | slice, /) -> NDArray[Item]:
+        """Raises IndexError, or GcbenchError if an image is damaged."""
+        if not isinstance(index, slice):
+            return self.combine(self.first[index], self.second[index])
+        chosen = range(*index.indices(len(self)))
+        stacked = [self[t] for t in chosen]
+        return np.stack(stacked) if stacked else np.empty((0, *self.shape[1:]), self.first.dtype)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        if copy is False:
+            raise ValueError("a lazy stack is decoded, which makes a new array")
+        return self[:].astype(self.first.dtype if dtype is None else dtype, copy=False)

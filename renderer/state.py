@@ -15,7 +15,10 @@ from .. import GcbenchError
 from .archive import ArchiveWriter
 from .sequence import Meta, State
 
-_INTEGERS = ("joint_parent_part", "joint_child_part", "part_pixels")
+_INTEGERS = ("joint_parent_part", "joint_child_part", "part_pixels", "keypoint_part",
+             "track_part", "track_query")
+_FLAGS = ("keypoint_visible", "track_visible")
+_MAY_BE_UNKNOWN = ("keypoint_image", "track_image")  # NaN behind the camera
 
 
 def dump_state(state: State) -> bytes:
@@ -23,9 +26,11 @@ def dump_state(state: State) -> bytes:
     buffer = io.BytesIO()
     archive = ArchiveWriter(buffer)
     for field in dataclasses.fields(state):
+        value = getattr(state, field.name)
+        if value is None:
+            continue
         member = io.BytesIO()
-        dtype = np.int64 if field.name in _INTEGERS else np.float64
-        array = np.ascontiguousarray(getattr(state, field.name), dtype)
+        array = np.ascontiguousarray(value, _dtype(field.name))
         np.lib.format.write_array(member, array, version=(1, 0), allow_pickle=False)
         archive.add(f"{field.name}.npy", member.getvalue())
     archive.close()
@@ -48,9 +53,13 @@ def parse_state(data: bytes, meta: Meta, where: str) -> State:
         "joint_parent_part": (0, parts),
         "joint_child_part": (1, parts),
         "part_pixels": (0, meta.width * meta.height),
+        "keypoint_part": (1, parts),
+        "track_part": (1, parts),
+        "track_query": (0, meta.frames - 1),
     }
     for key, (low, high) in bounds.items():
-        if arrays[key].size and not low <= arrays[key].min() <= arrays[key].max() <= high:
+        values = arrays.get(key, np.zeros(0))
+        if values.size and not low <= values.min() <= values.max() <= high:
             raise GcbenchError(f"{where}: {key} is not within {low}..{high}")
     return State(**arrays)
 
@@ -58,14 +67,14 @@ def parse_state(data: bytes, meta: Meta, where: str) -> State:
 def check_state(state: State, meta: Meta) -> None:
     """Raises ValueError unless the arrays have the shapes that belong to `meta`."""
     for key, shape in state_shapes(meta).items():
-        if np.shape(getattr(state, key)) != shape:
+        if getattr(state, key) is None or np.shape(getattr(state, key)) != shape:
             raise ValueError(f"{key} has shape {np.shape(getattr(state, key))}, expected {shape}")
 
 
 def state_shapes(meta: Meta) -> dict[str, tuple[int, ...]]:
     """Shape of each array of `state.npz`."""
     frames, joints, parts = meta.frames, len(meta.joint_names), len(meta.part_names)
-    return {
+    shapes: dict[str, tuple[int, ...]] = {
         "times": (frames,),
         "joint_positions": (frames, joints),
         "intrinsics": (3, 3),
@@ -76,6 +85,16 @@ def state_shapes(meta: Meta) -> dict[str, tuple[int, ...]]:
         "joint_child_part": (joints,),
         "part_pixels": (frames, parts),
     }
+    if "coordinates" in meta.layers:
+        shapes["coordinate_box"] = (parts, 2, 3)
+    for layer, kind, n in (("keypoints", "keypoint", len(meta.keypoint_names)),
+                           ("tracks", "track", meta.tracks)):
+        if layer in meta.layers:
+            shapes |= {f"{kind}_part": (n,), f"{kind}_world": (frames, n, 3),
+                       f"{kind}_image": (frames, n, 2), f"{kind}_visible": (frames, n)}
+    if "tracks" in meta.layers:
+        shapes["track_query"] = (meta.tracks,)
+    return shapes
 
 
 def _array(archive: zipfile.ZipFile, key: str, shape: tuple[int, ...], where: str) -> NDArray[Any]:
@@ -91,11 +110,12 @@ def _array(archive: zipfile.ZipFile, key: str, shape: tuple[int, ...], where: st
         if read is None:
             raise GcbenchError(f"{where}: {key} has an NPY version that is not known")
         declared, _, dtype = read(member)
-        kinds = "iu" if key in _INTEGERS else "f"
+        expected = np.dtype(_dtype(key))
+        kinds = "iu" if expected.kind == "i" else expected.kind
         if declared != shape or dtype.kind not in kinds or dtype.itemsize > 8:
             raise GcbenchError(
                 f"{where}: {key} is {dtype} {list(declared)}, "
-                f"expected {'int64' if key in _INTEGERS else 'float64'} {list(shape)}"
+                f"expected {expected} {list(shape)}"
             )
         member.seek(0)
         array = np.lib.format.read_array(member, allow_pickle=False)
@@ -103,6 +123,12 @@ def _array(archive: zipfile.ZipFile, key: str, shape: tuple[int, ...], where: st
         raise GcbenchError(f"{where}: no {key!r}") from error
     except (ValueError, TypeError, SyntaxError) as error:
         raise GcbenchError(f"{where}: {key} is damaged") from error
-    if not np.isfinite(array).all():
+    if key not in _MAY_BE_UNKNOWN and not np.isfinite(array).all():
         raise GcbenchError(f"{where}: {key} is not finite")
-    return array.astype(np.int64 if key in _INTEGERS else np.float64)
+    return array.astype(expected)
+
+
+def _dtype(key: str) -> type[np.generic]:
+    if key in _FLAGS:
+        return np.bool_
+    return np.int64 if key in _INTEGERS else np.float64

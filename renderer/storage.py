@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
+from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -17,12 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from ..robots.geometry import Array
 from . import codec
 from .archive import ArchiveWriter, open_archive
 from .atomic import temporary_name
 from .metadata import MAX_JSON, dump_meta, parse_meta
 from .sequence import Frame, Meta, Sequence, State
-from .stack import Decoder, Item, LazyStack
+from .stack import CombinedStack, Decoder, Item, LazyStack
 from .state import check_state, dump_state, parse_state
 
 FOLDER = "sequences"
@@ -35,7 +37,7 @@ def sequence_name(index: int) -> str:
     return f"{index:06d}"
 
 
-def member_names(frames: int) -> dict[str, list[str]]:
+def member_names(frames: int, layers: Collection[str] = ()) -> dict[str, list[str]]:
     """The image members of a sequence of so many frames, by stack, in order."""
     every, forward, backward = range(frames), range(frames - 1), range(1, frames)
     stacks = {
@@ -45,7 +47,7 @@ def member_names(frames: int) -> dict[str, list[str]]:
         "flow": forward,
         "flow_backward": backward,
         "visibility": forward,
-    }
+    } | {name: every for name in ("normal", "coordinates") if name in layers}
     return {name: [f"{name}/{t:06d}.png" for t in times] for name, times in stacks.items()}
 
 
@@ -55,7 +57,11 @@ class SequenceWriter:
     `with SequenceWriter(dataset, index) as writer:` leaves nothing behind if the body raises.
     """
 
-    def __init__(self, dataset: Path, index: int, depth_unit: float = codec.DEPTH_UNIT) -> None:
+    def __init__(
+        self, dataset: Path, index: int, depth_unit: float = codec.DEPTH_UNIT,
+        coordinate_box: Array | None = None,
+    ) -> None:
+        """`coordinate_box` [P 2 3] m is needed if the frames have coordinates."""
         folder = dataset / FOLDER
         folder.mkdir(parents=True, exist_ok=True)
         name = sequence_name(index)
@@ -63,7 +69,7 @@ class SequenceWriter:
         self._temporary = temporary_name(self.path)
         self._file = self._temporary.open("wb")
         self._archive = ArchiveWriter(self._file)
-        self._index, self._depth_unit = index, depth_unit
+        self._index, self._depth_unit, self._box = index, depth_unit, coordinate_box
         self._thread = ThreadPoolExecutor(1, "encode")
         self._pending: deque[Future[None]] = deque()
         self._frames = 0
@@ -94,7 +100,8 @@ class SequenceWriter:
         wide = len(meta.part_names) > 255
         for t, png in enumerate(self._parts):
             self._add(f"part/{t:06d}.png", codec.widen_part(png) if wide else png)
-        expected = {name for stack in member_names(meta.frames).values() for name in stack}
+        stacks = member_names(meta.frames, meta.layers).values()
+        expected = {name for stack in stacks for name in stack}
         if self._members != expected:
             raise ValueError(f"missing or surplus images: {sorted(self._members ^ expected)}")
         self._archive.add("state.npz", dump_state(state))
@@ -137,6 +144,13 @@ class SequenceWriter:
             self._add(f"flow_backward/{png}", codec.encode_flow(frame.flow_backward))
         if frame.visibility is not None:
             self._add(f"visibility/{png}", codec.encode_visibility(frame.visibility))
+        if frame.normal is not None:
+            self._add(f"normal/{png}", codec.encode_normal(frame.normal))
+        if frame.coordinates is not None:
+            if self._box is None:
+                raise ValueError("coordinates need the writer's coordinate_box")
+            coded = codec.encode_coordinates(frame.coordinates, frame.part, self._box)
+            self._add(f"coordinates/{png}", coded)
         # How wide a label is follows from the number of parts, which is known at the end.
         self._parts.append(codec.encode_part(frame.part, wide=bool(frame.part.max() > 255)))
 
@@ -159,7 +173,7 @@ def open_sequence(path: str | Path) -> Sequence:
     """
     archive = open_archive(Path(path))
     meta = parse_meta(archive.read("meta.json", MAX_JSON), archive.where("meta.json"))
-    members = member_names(meta.frames)
+    members = member_names(meta.frames, meta.layers)
     for names in members.values():
         archive.require(names)
     state = parse_state(archive.read("state.npz"), meta, archive.where("state.npz"))
@@ -171,13 +185,23 @@ def open_sequence(path: str | Path) -> Sequence:
         load = partial(decode, size=size, **arguments)
         return LazyStack(archive, members[name], load, (*plane, *channels), np.dtype(dtype))
 
+    part = lazy("part", codec.decode_part, np.uint16, parts=len(meta.part_names))
+    normal = coordinates = None
+    if "normal" in meta.layers:
+        normal = lazy("normal", codec.decode_normal, np.float32, 3)
+    if state.coordinate_box is not None:
+        shares = lazy("coordinates", codec.decode_shares, np.float32, 3)
+        in_boxes = partial(codec.coordinates_in_boxes, box=state.coordinate_box)
+        coordinates = CombinedStack(shares, part, in_boxes)
     return Sequence(
         meta=meta,
         state=state,
         rgb=lazy("rgb", codec.decode_rgb, np.uint8, 3),
         depth=lazy("depth", codec.decode_depth, np.float32, unit=meta.depth_unit),
-        part=lazy("part", codec.decode_part, np.uint16, parts=len(meta.part_names)),
+        part=part,
         flow=lazy("flow", codec.decode_flow, np.float32, 2),
         flow_backward=lazy("flow_backward", codec.decode_flow, np.float32, 2),
         visibility=lazy("visibility", codec.decode_visibility, np.uint8),
+        normal=normal,
+        coordinates=coordinates,
     )

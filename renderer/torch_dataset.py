@@ -22,6 +22,8 @@ except ImportError as error:
     raise GcbenchError("tensors need PyTorch: pip install 'gcbench[learn]'") from error
 
 IMAGES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility")
+LAYERS = ("normal", "coordinates")
+"""Images that only some datasets have."""
 
 
 class TorchDataset(TorchBase):
@@ -30,16 +32,18 @@ class TorchDataset(TorchBase):
     `pairs`: item i is frames (t, t+1) of a sequence, without pairs item i is sequence i. With F
     frames (2 in a pair) and G = F - 1 steps between them: "rgb" [F 3 H W] uint8, "depth" [F H W] m,
     "part" [F H W] int32, "flow" and "flow_backward" [G 2 H W] px with NaN where unknown
-    ("flow_backward" of step g is from frame g+1), "visibility" [G H W], "sequence" and "frame"
-    (the first), and the arrays of `State`, those of T frames cut to F.
+    ("flow_backward" of step g is from frame g+1), "visibility" [G H W], "normal" and "coordinates"
+    [F 3 H W] (if asked for), "sequence" and "frame" (the first), and the arrays of `State`, those
+    of T frames cut to F.
     """
 
     def __init__(
         self, dataset: Dataset, pairs: bool = True, images: tuple[str, ...] = IMAGES
     ) -> None:
         """Raises GcbenchError if there is no image of a name."""
-        if unknown := [name for name in images if name not in IMAGES]:
-            raise GcbenchError(f"no image {unknown[0]!r}; there are {', '.join(IMAGES)}")
+        there = [*IMAGES, *(name for name in LAYERS if name in dataset.config.layers)]
+        if unknown := [name for name in images if name not in there]:
+            raise GcbenchError(f"no image {unknown[0]!r}; there are {', '.join(there)}")
         self.dataset, self.pairs, self.images = dataset, pairs, images
         self._steps = dataset.config.frames - 1 if pairs else 1
 
@@ -72,9 +76,10 @@ def _images(sequence: Sequence, name: str, start: int, stop: int) -> torch.Tenso
 
 
 def _state(sequence: Sequence, start: int, stop: int) -> dict[str, torch.Tensor]:
-    whole = ("intrinsics", "joint_parent_part", "joint_child_part")
+    whole = ("intrinsics", "joint_parent_part", "joint_child_part", "coordinate_box",
+             "keypoint_part", "track_part", "track_query")
     arrays = {field.name: getattr(sequence.state, field.name) for field in fields(sequence.state)}
     return {
         name: torch.tensor(array if name in whole else array[start:stop])
-        for name, array in arrays.items()
+        for name, array in arrays.items() if array is not None
     }

@@ -23,7 +23,9 @@ from .config import RenderConfig
 from .residual import Check, Report, check, merge
 from .sequence import Sequence
 from .verify_images import verify_images
+from .verify_layers import verify_layers
 from .verify_observability import verify_observability
+from .verify_points import verify_points
 from .verify_state import verify_state
 
 __all__ = ["Check", "Reference", "Report", "reference_of", "verify_dataset", "verify_sequence"]
@@ -50,6 +52,8 @@ def verify_sequence(sequence: Sequence, model: ArticulatedModel | None = None,
         checks = verify_state(sequence, model, urdf)
         if all(c.ok for c in checks[:2]):  # shapes and finite: without them nothing can be computed
             checks += verify_images(sequence)
+            checks += verify_layers(sequence)
+            checks += verify_points(sequence, model)
             checks += verify_observability(sequence, model)
     return Report(merge(checks))
 

@@ -18,6 +18,7 @@ from ..robots.model import FIXED, PRISMATIC, ArticulatedModel
 from .motion import animation_times
 from .residual import Check, check
 from .sequence import Sequence, State
+from .state import state_shapes
 
 METRES, RADIANS = 1e-6, 1e-6
 
@@ -49,14 +50,13 @@ def _shapes(sequence: Sequence) -> Check:
     """Every array of the state, and the length of every stack, against the meta data."""
     meta, s = sequence.meta, sequence.state
     t, j, p = meta.frames, len(meta.joint_names), len(meta.part_names)
-    expected = {
-        "times": (t,), "joint_positions": (t, j), "intrinsics": (3, 3),
-        "cam_from_world": (t, 4, 4), "world_from_part": (t, p, 4, 4), "joint_screw": (t, j, 6),
-        "joint_parent_part": (j,), "joint_child_part": (j,), "part_pixels": (t, p)}
+    expected = state_shapes(meta)
     wrong = [k for k, shape in expected.items() if np.shape(getattr(s, k)) != shape]
     lengths = {"rgb": t, "depth": t, "part": t,
                "flow": t - 1, "flow_backward": t - 1, "visibility": t - 1}
-    wrong += [k for k, n in lengths.items() if len(getattr(sequence, k)) != n]
+    lengths |= {k: t for k in ("normal", "coordinates") if k in meta.layers}
+    stacks = {k: getattr(sequence, k) for k in lengths}
+    wrong += [k for k, n in lengths.items() if stacks[k] is None or len(stacks[k]) != n]
     if len(meta.joint_types) != j or len(meta.joint_limits) != j:
         wrong.append("joint_types, joint_limits")
     if not {*meta.scored_joints} <= {*meta.joint_names}:
@@ -70,8 +70,10 @@ def _shapes(sequence: Sequence) -> Check:
 
 
 def _finite(s: State) -> Check:
-    fields = ("times", "joint_positions", "intrinsics", "cam_from_world", "world_from_part",
-              "joint_screw")
+    fields = ["times", "joint_positions", "intrinsics", "cam_from_world", "world_from_part",
+              "joint_screw"]
+    fields += [k for k in ("coordinate_box", "keypoint_world", "track_world")
+               if getattr(s, k) is not None]
     bad = [int((~np.isfinite(getattr(s, k))).sum()) for k in fields]
     return check("state finite", bad, 0, "values", lambda i: fields[i],
                  samples=sum(np.size(getattr(s, k)) for k in fields))

@@ -31,6 +31,8 @@ class View:
 class Block:
     """The 2x2 pixels of a frame around each of M targets."""
 
+    inside: NDArray[np.bool_]
+    """[4 M] in the image"""
     same: NDArray[np.bool_]
     """[4 M] in the image and of the target's part"""
     index: Index
@@ -55,7 +57,7 @@ def block(uv: Array, part: NDArray[np.int64], there: View, width: int, height: i
     index = np.where(inside, v * width + u, 0).astype(np.intp)
     same = inside & (there.part[index] == part)
     depth = there.depth[index]
-    return Block(same, index, depth, np.where(same, depth, np.inf).min(0),
+    return Block(inside, same, index, depth, np.where(same, depth, np.inf).min(0),
                  np.where(same, depth, -np.inf).max(0),
                  np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b]))
 

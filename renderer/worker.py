@@ -20,6 +20,9 @@ from .. import GcbenchError
 from .config import RenderConfig
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from .sequence import Frame, Meta, State
 
 
@@ -31,6 +34,8 @@ class Rendered(Protocol):
     """m per unit of the depth images"""
     refused: Mapping[str, int]
     """Draws that were refused, by reason."""
+    coordinate_box: NDArray[np.float64] | None
+    """[P 2 3] m, if the frames have coordinates"""
     meta: Meta
     """After the last frame."""
     state: State
@@ -121,7 +126,9 @@ def _render(renderer: Renderer, index: int, dataset: Path, connection: Connectio
     from .storage import SequenceWriter
 
     rendered = renderer.render(index)
-    with SequenceWriter(dataset, index, rendered.depth_unit) as writer:
+    with SequenceWriter(
+        dataset, index, rendered.depth_unit, rendered.coordinate_box
+    ) as writer:
         for frame in rendered.frames:
             writer.add(frame)
             connection.send(FrameDone())

@@ -84,6 +84,7 @@ class FakeSequence:
     """What `worker.Rendered` asks for."""
 
     depth_unit = 0.0001
+    coordinate_box = None
     meta: Meta
     state: State
 

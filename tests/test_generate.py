@@ -333,3 +333,15 @@ def test_the_command_line_renders(tmp_path: Path) -> None:
     dataset = open_dataset(out)
     assert len(dataset) == 3
     assert all(len(list(sequence)) == 4 for sequence in dataset)
+
+
+def test_a_dataset_from_before_an_option_goes_on(tmp_path: Path) -> None:
+    run(tmp_path, 1)
+    file = tmp_path / "dataset.json"
+    tree = json.loads(file.read_text())
+    del tree["config"]["layers"], tree["config"]["animation"]
+    file.write_text(json.dumps(tree))
+    assert run(tmp_path, 2).sequences == 2
+    layered = dataclasses.replace(CONFIG, layers=("normal",))
+    with pytest.raises(GcbenchError, match="layers"):
+        generate(layered, 3, tmp_path, 1, progress=False, source=SOURCE)
