@@ -42,26 +42,27 @@ def align(
     A point that has turned to the back of a part meets the front, a part's thickness away: the
     normals [N 3] tell.
     """
-    k = surfaces.intrinsics
+    k = surfaces.intrinsics.astype(np.float32)
     height, width = surfaces.depth.shape[1:]
-    m = motion.astype(np.float32)
-    moved = points.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2) + m[:, None, :3, 3]
-    x, y, z = moved[..., 0], moved[..., 1], np.maximum(moved[..., 2], 1e-3)
-    u = np.rint(np.clip(k[0, 0] * x / z + k[0, 2], -2, width + 1)).astype(np.int32)
-    v = np.rint(np.clip(k[1, 1] * y / z + k[1, 2], -2, height + 1)).astype(np.int32)
+    turn, shift = motion[:, :3, :3].astype(np.float32), motion[:, :3, 3].astype(np.float32)
+    x, y, z = (turn @ points.T.astype(np.float32) + shift[..., None]).swapaxes(0, 1)
+    fx, fy, fz = (turn @ normals.T.astype(np.float32)).swapaxes(0, 1)
+    far = np.maximum(z, np.float32(1e-3))
+    u = np.rint(k[0, 0] * x / far + k[0, 2])
+    v = np.rint(k[1, 1] * y / far + k[1, 2])
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    pixel = np.where(inside, v * width + u, 0) + (frames * (height * width))[:, None]
+    first = (frames * (height * width))[:, None]
+    pixel = np.where(inside, v * width + u, 0).astype(np.int64) + first
     depth = surfaces.depth.reshape(-1).take(pixel)
-    n = surfaces.normal.reshape(-1, 3).take(pixel, axis=0)
-    facing = normals.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2)
-    turned = np.einsum("tnc,tnc->tn", facing, moved) < 0
-    hit = inside & (depth > 0) & (np.einsum("tnc,tnc->tn", facing, n) > _AGREE)
-    ray = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]], axis=2).astype(np.float32)
-    target = np.concatenate([ray * depth[..., None], depth[..., None]], axis=2)
-    plane = np.where(hit, np.einsum("tnc,tnc->tn", n, target - moved), 0.0)
-    gap = np.where(depth > 0, depth - moved[..., 2], np.inf)
-    row = np.concatenate([cross(moved, n), n], axis=2)
-    return Alignment(plane, row, np.where(inside, gap, np.nan), hit, turned)
+    nx, ny, nz = np.moveaxis(surfaces.normal.reshape(-1, 3).take(pixel, axis=0), 2, 0)
+    turned = fx * x + fy * y + fz * far < 0
+    hit = inside & (depth > 0) & (fx * nx + fy * ny + fz * nz > _AGREE)
+    a, b = (u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]
+    plane = nx * (a * depth - x) + ny * (b * depth - y) + nz * (depth - far)
+    plane = np.where(hit, plane, np.float32(0.0))
+    gap = np.where(depth > 0, depth - far, np.float32(np.inf))
+    row = np.stack([y * nz - far * ny, far * nx - x * nz, x * ny - y * nx, nx, ny, nz], axis=2)
+    return Alignment(plane, row, np.where(inside, gap, np.float32(np.nan)), hit, turned)
 
 
 def project(intrinsics: Array, points: Floats) -> Floats:

@@ -65,6 +65,8 @@ class Hypothesis:
     clouds: tuple[Cloud, ...]
     """Of the key frames; the first is frame 0."""
     cost: float
+    order: int = 0
+    """Which way from the base outward it takes (see Tracker)."""
 
 
 def derivatives(state: Articulation, motion: Array, basis: tuple[Array, ...]) -> Array:

@@ -28,6 +28,7 @@ from .surface import Surfaces
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
 _FLOW_SCALE = 1.0  # px, of flow's errors
 _FLOW_SHARE = 0.05  # of its pixels that err independently
+_FLOW_STRIDE = 2  # of the points whose flow is looked at: neighbours' errors are alike
 _SHADE_SCALE = 6.0  # of 255
 _SHADE_SHARE = 0.2
 
@@ -84,8 +85,10 @@ def assemble(
             elif surfaces.flow is not None:
                 steps = np.arange(last)
                 there = motion[:, j] @ inverse(motion[cloud.frame, j])
-                residual, row, seen = flow_residuals(surfaces, steps, there[:-1], there[1:], point)
-                weight = np.where(seen, robust_weight(residual, _FLOW_SCALE), 0.0) * _FLOW_SHARE
+                some = point[::_FLOW_STRIDE]
+                residual, row, seen = flow_residuals(surfaces, steps, there[:-1], there[1:], some)
+                share = _FLOW_SHARE * _FLOW_STRIDE
+                weight = np.where(seen, robust_weight(residual, _FLOW_SCALE), 0.0) * share
                 six, right = normal_equations(row, residual, weight.astype(np.float32))
                 step = motion[1:, j] @ inverse(motion[:-1, j])
                 g = derivative[1:, j] - adjoint(step) @ derivative[:-1, j]

@@ -108,17 +108,18 @@ def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Arra
     """
     direction = twist[3:] if prismatic else twist[:3]
     least = np.eye(3)[np.argmin(np.abs(direction))]
-    first = np.asarray(np.cross(direction, least), np.float64)
+    turn = cross_matrix(direction)
+    first = turn @ least
     first = first / float(np.linalg.norm(first))
-    across = np.stack([first, np.cross(direction, first)], axis=1)
+    across = np.stack([first, turn @ first], axis=1)
     zero = np.zeros((3, 2))
     if prismatic:
         return np.concatenate([across, zero])[:, : 2 if freedom == 4 else 0]
-    foot = np.cross(twist[:3], twist[3:])
+    foot = turn @ twist[3:]
     centre = foot + direction * (direction @ (near - foot))
     slide = np.concatenate([zero, across])
-    turn = np.concatenate([across, np.cross(centre, across.T).T])
-    return np.concatenate([slide, turn], axis=1)[:, :freedom]
+    bend = np.concatenate([across, cross_matrix(centre) @ across])
+    return np.concatenate([slide, bend], axis=1)[:, :freedom]
 
 
 def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:

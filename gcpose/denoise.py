@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
+from .crew import together
 from .flow import Flow
 from .surface import Image, Surfaces
 
@@ -30,16 +31,17 @@ def smoothed(
     """
     lively = np.zeros(depth.shape[1:], np.uint8)
     for image in rgb[1:]:
-        lively |= (cv2.absdiff(image, rgb[0]).max(axis=2) > 2).astype(np.uint8)
+        red, green, blue = cv2.split(cv2.absdiff(image, rgb[0]))
+        lively |= (cv2.max(red, cv2.max(green, blue)) > 2).astype(np.uint8)
     lively = cv2.dilate(cv2.medianBlur(lively, 5), np.ones((21, 21), np.uint8)) > 0
-    fitted = [fit_planes(d, lively, intrinsics, noise) for d in depth]
+    fitted = together(lambda d: fit_planes(d, lively, intrinsics, noise), depth)
     flows = np.zeros((len(depth) - 1, *lively.shape, 2), np.float32)
     if lively.any():
         v, u = np.nonzero(lively)
         box = (slice(max(0, v.min() - 16), v.max() + 17), slice(max(0, u.min() - 16), u.max() + 17))
+        crops = [np.ascontiguousarray(image[box]) for image in rgb]
         for t in range(len(flows)):
-            a, b = (np.ascontiguousarray(image[box]) for image in rgb[t : t + 2])
-            flows[t][box] = flow(a, b)
+            flows[t][box] = flow(crops[t], crops[t + 1])
     left = noise / (2 * _CENTRE + 1)
     return Surfaces(
         np.stack([z for z, _ in fitted]),
@@ -47,7 +49,7 @@ def smoothed(
         intrinsics,
         left,
         flows,
-        np.stack([shading(image) for image in rgb]),
+        np.stack(together(shading, rgb)),
     )
 
 

@@ -10,6 +10,7 @@ from ..robots.geometry import Array
 from .articulation import Articulation
 from .bundle import adjust
 from .chain import screws_of
+from .crew import together
 from .denoise import smoothed
 from .flow import Flow, dis_flow
 from .knowledge import Known, knowledge
@@ -62,7 +63,7 @@ class GCPose:
             best.state,
             known.freedom,
             (1.0, 0.6, 0.4, 0.4) if noise else (1.0, 0.7, 0.7),
-            tracker.hinges(best.clouds[0]),
+            tracker.hinges(best),
             fine=True,
         )
         if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
@@ -105,13 +106,16 @@ def parts(tracker: Tracker, state: Articulation) -> NDArray[np.uint8]:
     surfaces = tracker.surfaces
     height, width = surfaces.depth[0].shape
     out = np.zeros((surfaces.frames, height, width), np.uint8)
-    for frame in range(surfaces.frames):
+
+    def fill(frame: int) -> None:
         grid = tracker.grid(frame)
         if not len(grid.point):
-            continue
+            return
         cloud, _ = tracker.label(state, frame)
         step = grid.stride
         small = np.zeros((height // step + 1, width // step + 1), np.uint8)
         small[grid.pixel[:, 1] // step, grid.pixel[:, 0] // step] = cloud.label
         out[frame] = small.repeat(step, axis=0).repeat(step, axis=1)[:height, :width]
+
+    together(fill, range(surfaces.frames))
     return out

@@ -11,6 +11,7 @@ from .articulation import ACROSS, FREE, Articulation
 from .chain import cross_matrix
 
 _ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m
+_STEP = np.radians(5.0)  # of a joint from frame to frame, rad or m
 _SQUARE = np.radians(0.5)  # how exactly machines are built at right angles
 
 
@@ -36,7 +37,7 @@ class Hinges:
 
 
 def smoothness(angle: Array, last: int) -> Normal:
-    """Prior on the displacements of frames 1..last: joints do not jerk."""
+    """Prior on the displacements of frames 1..last: joints do not jump, and do not jerk."""
     joints = angle.shape[1]
     size = last * joints
     matrix, vector = np.zeros((size, size)), np.zeros(size)
@@ -48,7 +49,10 @@ def smoothness(angle: Array, last: int) -> Normal:
         part = np.kron(np.outer(row, row), np.eye(joints))
         matrix += part
         vector -= part @ angle[1 : last + 1].reshape(-1)
-    return Normal(matrix / _ACCELERATION**2, vector / _ACCELERATION**2)
+    matrix, vector = matrix / _ACCELERATION**2, vector / _ACCELERATION**2
+    difference = np.eye(last) - np.eye(last, k=-1)
+    part = np.kron(difference.T @ difference, np.eye(joints)) / _STEP**2
+    return Normal(matrix + part, vector - part @ angle[1 : last + 1].reshape(-1))
 
 
 def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> Normal:

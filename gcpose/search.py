@@ -8,37 +8,126 @@ from itertools import product
 import numpy as np
 
 from .articulation import ACROSS, ALONG, Hypothesis, distinct
+from .chain import displace_axis
+from .crew import together
 from .flow import Flow
 from .start import beginnings
+from .sweep import swept
 from .tracker import Tracker
 
 _COARSE = 500  # candidates that hard starts are judged on
+_WIDE, _MIDDLING = (16.0, 8.0, 4.0, 2.0), (4.0, 4.0, 2.0, 2.0)
+
+
+_DOUBTFUL = 0.04, 0.08  # of the candidates not explained: another way is tried; with noise
+_ROUNDS = 10  # of EM at the end, at most
+_CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
 
 
 def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     """The best hypothesis over all frames, from many starts on the first ones.
 
-    Many are judged on few points and frames, few on all. Where axes are unknown
-    the first frames decide less: more are kept for longer.
+    Many are judged on few points and frames, few on all.
     """
-    end, known = tracker.surfaces.frames - 1, tracker.known
-    hard = known.freedom > 0
-    coarse = tracker.thinned(_COARSE) if hard else tracker
-    wide, middling = (16.0, 8.0, 4.0, 2.0), (4.0, 4.0, 2.0, 2.0)
-    found = beginnings(coarse, flow, (1, 2, 4) if hard else (1, 2), 6 if hard else 8)
-    found = [coarse.settle(extend(h, min(2, end)), 2, wide) for h in found]
-    if hard:
-        found = [coarse.follow(h, min(4, end)) for h in distinct(found, 24)]
-        found = [coarse.settle(h, 1, middling) for h in distinct(found, 16)]
-        found = [coarse.follow(h, min(7, end)) for h in distinct(found, 10)]
-        found = [coarse.settle(h, 2, middling) for h in distinct(found, 6)]
-        found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds))
-                 for h in distinct(found, 4)]
-    else:
-        found = [tracker.follow(h, min(5, end)) for h in distinct(found, 6)]
-    found = [tracker.follow(h, end) for h in distinct(found, 3)]
-    best = tracker.settle(distinct(found, 1)[0], 2)
-    return squared(tracker, best) if known.freedom == 4 else best
+    freedom = tracker.known.freedom
+    coarse = tracker.thinned(_COARSE) if freedom else tracker
+    ways = {0: (by_lines, by_more_lines), 2: (by_directions, by_nothing), 4: (by_nothing,)}
+    best: Hypothesis | None = None
+    for way in ways[freedom]:
+        found = way(coarse, flow)
+        if freedom:
+            found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds), h.order)
+                     for h in distinct(found, 4)]
+        other = polished(tracker, distinct(found, 3))
+        best = other if best is None or other.cost < best.cost else best
+        if tracker.unexplained(best) < _DOUBTFUL[tracker.surfaces.noise > 0]:
+            break
+    assert best is not None
+    return squared(tracker, best) if freedom == 4 else best
+
+
+def polished(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:
+    """The best over all frames, at the bottom of its valley."""
+    found = together(lambda h: tracker.follow(h, tracker.surfaces.frames - 1), found)
+    found = together(lambda h: tracker.settle(h, 1), distinct(found, 3))
+    return descended(tracker, min(found, key=lambda h: h.cost), _ROUNDS)
+
+
+def descended(
+    tracker: Tracker, guess: Hypothesis, rounds: int, scales: tuple[float, ...] = (4.0, 2.0, 1.0)
+) -> Hypothesis:
+    """EM until it stands; where labels and axes creep along together, by leaps."""
+    for _ in range(rounds):
+        after = tracker.settle(guess, 1, scales)
+        change = float(np.abs(after.state.angle - guess.state.angle).max())
+        if change > _CREEPS:
+            leap = tracker.settle(leaped(guess, after, 4.0), 1, scales)
+            after = min(after, leap, key=lambda h: h.cost)
+        guess = after
+        if change < _STANDS:
+            break
+    return guess
+
+
+def leaped(before: Hypothesis, after: Hypothesis, times: float) -> Hypothesis:
+    """The step from one hypothesis to the next, taken `times` as far."""
+    one, two = before.state, after.state
+    angle = one.angle + times * (two.angle - one.angle)
+    twist = np.stack([
+        displace_axis(t + times * (u - t), np.zeros(6), bool(p))
+        for t, u, p in zip(one.twist, two.twist, one.prismatic, strict=True)
+    ])
+    return replace(after, state=replace(two, angle=angle, twist=twist))
+
+
+def by_lines(tracker: Tracker, flow: Flow) -> list[Hypothesis]:
+    """Where the axes' lines are known."""
+    end = tracker.surfaces.frames - 1
+    found = beginnings(tracker, flow, (1, 2), 4)
+    found += swept(tracker, 1, 6) + swept(tracker, min(3, end), 6)
+    found = together(lambda h: tracker.settle(extend(h, min(2, end)), 2, _WIDE), found)
+    found = together(lambda h: tracker.follow(h, min(5, end)), distinct(found, 6))
+    return distinct(found, 3)
+
+
+def by_more_lines(tracker: Tracker, flow: Flow) -> list[Hypothesis]:
+    """The same from more starts."""
+    end = tracker.surfaces.frames - 1
+    found = beginnings(tracker, flow, (4,), 6)
+    for span in (1, 2, 4):
+        found += swept(tracker, min(span, end), 16)
+    found = together(lambda h: tracker.settle(h, 1, (8.0, 8.0, 6.0)), found)
+    found = together(lambda h: tracker.follow(h, min(5, end)), distinct(found, 12))
+    return together(lambda h: tracker.settle(h, 1, _MIDDLING), distinct(found, 6))
+
+
+def by_directions(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
+    """Where the axes' directions are known.
+
+    A few frames do not tell where the axes are: they stay in the hinges at first.
+    """
+    end = coarse.surfaces.frames - 1
+    found = swept(coarse, 1, 24) + swept(coarse, min(3, end), 16)
+    found += beginnings(coarse, flow, (2, 4), 6)
+    found = together(lambda h: coarse.settle(h, 1, (8.0, 8.0, 6.0), held=True), found)
+    found = distinct(found, 24)
+    found = together(lambda h: coarse.follow(h, min(4, end), (8.0, 6.0), held=True), found)
+    found = together(lambda h: coarse.settle(h, 1, (8.0, 6.0, 4.0, 4.0)), distinct(found, 16))
+    found = together(lambda h: coarse.follow(h, min(6, end), (4.0, 3.0)), distinct(found, 10))
+    found = together(lambda h: coarse.settle(h, 1, _MIDDLING), distinct(found, 8))
+    found = together(lambda h: coarse.follow(h, min(8, end)), distinct(found, 6))
+    return together(lambda h: descended(coarse, h, 2, _MIDDLING), distinct(found, 6))
+
+
+def by_nothing(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
+    """Where nothing is known of the axes."""
+    end = coarse.surfaces.frames - 1
+    found = beginnings(coarse, flow, (1, 2, 4), 6)
+    found = together(lambda h: coarse.settle(extend(h, min(2, end)), 2, _WIDE), found)
+    found = together(lambda h: coarse.follow(h, min(4, end)), distinct(found, 24))
+    found = together(lambda h: coarse.settle(h, 1, _MIDDLING), distinct(found, 16))
+    found = together(lambda h: coarse.follow(h, min(7, end)), distinct(found, 10))
+    return together(lambda h: coarse.settle(h, 2, _MIDDLING), distinct(found, 6))
 
 
 def squared(tracker: Tracker, best: Hypothesis) -> Hypothesis:

@@ -74,8 +74,8 @@ def settled(surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int) -> NDArray[n
 
 def alike(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """[H W] whether two images show the same around a pixel."""
-    difference = cv2.blur(cv2.absdiff(a, b), (3, 3)).max(axis=2)
-    return difference <= 2
+    red, green, blue = cv2.split(cv2.blur(cv2.absdiff(a, b), (3, 3)))
+    return cv2.max(red, cv2.max(green, blue)) <= 2
 
 
 def candidates(
@@ -95,10 +95,15 @@ def candidates(
     return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, shade, stride)
 
 
-def label_costs(surfaces: Surfaces, grid: Candidates, motion: Array) -> Array:
-    """[N J+1] cost of each label for the candidates under motion [T J+1 4 4], over T - 1 frames."""
+def label_costs(
+    surfaces: Surfaces, grid: Candidates, motion: Array, width: float = 1.0
+) -> Array:
+    """[N J+1] cost of each label for the candidates under motion [T J+1 4 4], over T - 1 frames.
+
+    `width` is what the motion may err by, in footprints of a pixel.
+    """
     frames = np.delete(np.arange(len(motion)), grid.frame)
-    scale = surfaces.footprint(grid.point[:, 2]) + surfaces.noise
+    scale = width * (surfaces.footprint(grid.point[:, 2]) + surfaces.noise)
     out = np.zeros((len(grid.point), motion.shape[1]))
     for j in range(motion.shape[1]):
         here_from_there = motion[frames, j] @ inverse(motion[grid.frame, j])

@@ -21,7 +21,7 @@ _SLIPS = (0.0075, 0.0015)  # how far a hinge may move in a start, of the object'
 
 def beginnings(tracker: Tracker, flow: Flow, spans: tuple[int, ...], most: int) -> list[Hypothesis]:
     """The best starts by flow from frame 0 over each of `spans` frames."""
-    grid, known, rank = tracker.grid(0), tracker.known, tracker.rank
+    grid, known, rank = tracker.grid(0), tracker.known, tracker.ranks[0]
     origin = grid.point[tracker.moving].mean(axis=0)
     first = starts(rank, tracker.moving, len(known.prismatic))
     found: list[Hypothesis] = []
@@ -31,7 +31,7 @@ def beginnings(tracker: Tracker, flow: Flow, spans: tuple[int, ...], most: int) 
         field = field[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
         data = correspond(tracker.surfaces, grid.point, grid.pixel, field, to, origin)
         for slip in _SLIPS if known.freedom else _SLIPS[:1]:
-            some = [first_motion(data, label, grid, rank, known, origin, to, slip)
+            some = [first_motion(data, label, grid, tracker.bases[0], known, origin, to, slip)
                     for label in first]
             found += distinct(some, most)
     return found
@@ -49,7 +49,7 @@ def first_motion(
     data: Correspondence,
     label: NDArray[np.int64],
     grid: Candidates,
-    rank: Array,
+    base: Array,
     known: Known,
     origin: Array,
     to: int,
@@ -61,9 +61,9 @@ def first_motion(
     added = [np.zeros(6)] * joints
     scale = extent(grid.point[label > 0]) if (label > 0).any() else 1.0
     cost = np.inf
-    at = hinges(grid.point, label, rank, joints)
+    at = hinges(grid.point, label, base, joints)
     for _ in range(5):
-        at = hinges(grid.point, label, rank, joints)
+        at = hinges(grid.point, label, base, joints)
         prior = np.stack([hinge_prior(p - origin, slip * scale) for p in at])
         added = fit(data, label, space, prior)
         volume = smooth(costs(data, added), grid)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
+from .crew import together
 
 Image = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]
@@ -90,5 +91,5 @@ def surface_normals(depth: Image, intrinsics: Array, rough: float) -> Image:
 def measure(depth: Image, intrinsics: Array) -> Surfaces:
     """Surfaces of exact depth [T H W]."""
     f = float(intrinsics[0, 0])
-    normal = np.stack([surface_normals(d, intrinsics, 2.0 / f) for d in depth])
+    normal = np.stack(together(lambda d: surface_normals(d, intrinsics, 2.0 / f), depth))
     return Surfaces(np.ascontiguousarray(depth, np.float32), normal, intrinsics, 0.0)

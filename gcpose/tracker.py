@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis
@@ -16,6 +17,8 @@ from .segment import Candidates, candidates, changed, label_costs, order_from_ba
 from .surface import Surfaces
 
 _KEY = 3  # frames from one key frame to the next
+_UNEXPLAINED = 2.0  # cost a frame
+_SEEN = 20  # sampled pixels of what stands still, for it to be taken for the base
 _SLACK = 0.08  # how far an axis may pass from its hinge, of the object's size
 
 
@@ -33,8 +36,31 @@ class Tracker:
         self.moving = moving if moving.any() else ~moving
         still = ~changed(surfaces, 0)[::4, ::4] & (surfaces.depth[0, ::4, ::4] > 0)
         base = surfaces.points(0, np.argwhere(still)[:, ::-1] * 4)
-        self.rank = np.zeros(len(grid.point))
-        self.rank[self.moving] = order_from_base(grid.point[self.moving], base)
+        if len(base) < _SEEN:  # the base is hidden: what moves least is nearest to it
+            calm = smooth(stays, grid)[:, 0]
+            base = grid.point[calm <= np.quantile(calm, 0.03)]
+        self.ranks = tuple(self._ranks(base))
+        inside = grid.point[self.moving]
+        self.bases = tuple(inside[r[self.moving] <= 0.03].mean(axis=0) for r in self.ranks)
+
+    def _ranks(self, base: Array) -> list[Array]:
+        """[N] each: how far out a point of frame 0 is, if the base is here, there, or there.
+
+        What stands still is nearest to the base as a rule; but a hand may hover over a table, and
+        then the base is at one end of what moves.
+        """
+        points = self.grid(0).point[self.moving]
+        found, start = [], base
+        for _ in range(3):
+            rank = order_from_base(points, start)
+            start = points[rank >= np.quantile(rank, 0.98)]  # the other end
+            if all(np.corrcoef(rank, other)[0, 1] < 0.9 for other in found):
+                found.append(rank)
+        out: list[Array] = []
+        for rank in found:
+            out.append(np.zeros(len(self.moving)))
+            out[-1][self.moving] = rank
+        return out
 
     def thinned(self, most: int) -> Tracker:
         """The same with fewer candidates."""
@@ -46,67 +72,100 @@ class Tracker:
             self.grids[frame] = candidates(self.surfaces, self.rgb, frame, self.most)
         return self.grids[frame]
 
-    def label(self, state: Articulation, frame: int) -> tuple[Cloud, float]:
+    def label(self, state: Articulation, frame: int, width: float = 1.0) -> tuple[Cloud, float]:
         """E-step for a frame's candidates; and their mean cost a frame."""
         grid = self.grid(frame)
-        volume = label_costs(self.surfaces, grid, state.motions(len(state.angle)))
+        volume = label_costs(self.surfaces, grid, state.motions(len(state.angle)), width)
         volume = smooth(volume, grid, 4 if self.surfaces.noise else 2)
         cost = float(volume.min(axis=1).mean()) / max(1, len(state.angle) - 1)
         return Cloud(frame, grid.point, grid.normal, grid.shade, volume.argmin(axis=1)), cost
 
-    def relabel(self, state: Articulation, frames: tuple[int, ...]) -> Hypothesis:
-        """E-step for key frames."""
-        both = [self.label(state, f) for f in frames]
-        return Hypothesis(state, tuple(c for c, _ in both), float(np.mean([c for _, c in both])))
+    def unexplained(self, guess: Hypothesis) -> float:
+        """Share of the candidates that no part brings to where the frames show something."""
+        state, bad = guess.state, []
+        for cloud in guess.clouds:
+            volume = label_costs(self.surfaces, self.grid(cloud.frame),
+                                 state.motions(len(state.angle)))
+            bad.append(volume.min(axis=1) > _UNEXPLAINED * (len(state.angle) - 1))
+        return float(np.concatenate(bad).mean())
 
-    def follow(self, guess: Hypothesis, until: int) -> Hypothesis:
+    def relabel(
+        self, state: Articulation, frames: tuple[int, ...], order: int, width: float = 1.0
+    ) -> Hypothesis:
+        """E-step for key frames."""
+        both = [self.label(state, f, width) for f in frames]
+        cost = float(np.mean([c for _, c in both]))
+        return Hypothesis(state, tuple(c for c, _ in both), cost, order)
+
+    def follow(
+        self,
+        guess: Hypothesis,
+        until: int,
+        scales: tuple[float, ...] = (3.0, 1.5),
+        held: bool = False,
+    ) -> Hypothesis:
         """Track on from the last frame of a hypothesis to frame `until`."""
         for last in range(len(guess.state.angle), until + 1):
             angle = guess.state.angle
             step = angle[-1] - angle[-2] if last > 1 else np.zeros_like(angle[-1])
             state = replace(guess.state, angle=np.concatenate([angle, angle[-1:] + step]))
-            state = self.fit(guess.clouds, state, (8.0, 4.0), newest=True)
-            state = self.fit(guess.clouds, state, (3.0, 1.5))
+            state = self.fit(guess, state, (8.0, 4.0), newest=True)
+            state = self.fit(guess, state, scales, held=held)
             keys = tuple(c.frame for c in guess.clouds)
-            guess = self.relabel(state, (*keys, last) if last % _KEY == 0 else keys)
+            keys = (*keys, last) if last % _KEY == 0 else keys
+            guess = self.relabel(state, keys, guess.order, max(1.0, scales[-1]))
         return guess
 
     def settle(
-        self, guess: Hypothesis, rounds: int, scales: tuple[float, ...] = (4.0, 2.0, 1.0)
+        self,
+        guess: Hypothesis,
+        rounds: int,
+        scales: tuple[float, ...] = (4.0, 2.0, 1.0),
+        held: bool = False,
     ) -> Hypothesis:
         """EM over the frames that a hypothesis has."""
         for _ in range(rounds):
-            state = self.fit(guess.clouds, guess.state, scales)
-            guess = self.relabel(state, tuple(c.frame for c in guess.clouds))
+            state = self.fit(guess, guess.state, scales, held=held)
+            frames = tuple(c.frame for c in guess.clouds)
+            guess = self.relabel(state, frames, guess.order, max(1.0, scales[-1]))
         return guess
 
-    def hinges(self, cloud: Cloud) -> Hinges:
+    def hinges(self, guess: Hypothesis) -> Hinges:
         """Where frame 0's labels put the joints."""
-        at = hinges(cloud.point, cloud.label, self.rank, len(self.known.prismatic))
+        cloud = guess.clouds[0]
+        at = hinges(cloud.point, cloud.label, self.bases[guess.order], len(self.known.prismatic))
         return Hinges(at, _SLACK * extent(cloud.point[self.moving]))
 
     def fit(
         self,
-        clouds: tuple[Cloud, ...],
+        guess: Hypothesis,
         state: Articulation,
         scales: tuple[float, ...],
         newest: bool = False,
+        held: bool = False,
     ) -> Articulation:
-        """M-step."""
-        return adjust(
-            self.surfaces, clouds, state, self.known.freedom, scales, self.hinges(clouds[0]), newest
-        )[0]
+        """M-step; with `held` axes stay where they are."""
+        freedom = 0 if held else self.known.freedom
+        hinges = self.hinges(guess)
+        return adjust(self.surfaces, guess.clouds, state, freedom, scales, hinges, newest)[0]
 
 
-def hinges(points: Array, label: NDArray[np.int64], rank: Array, joints: int) -> Array:
-    """[J 3] about where part j meets what carries it: its points that are nearest to the base."""
-    out = np.tile(points.mean(axis=0), (joints, 1))
-    for j in range(joints):
-        outward = np.flatnonzero((label > j) & (rank > 0))
-        if len(outward):
-            first = outward[np.argsort(rank[outward])[: max(3, len(points) // 50)]]
-            out[j] = points[first].mean(axis=0)
+def hinges(points: Array, label: NDArray[np.int64], base: Array, joints: int) -> Array:
+    """[J 3] about where part j meets what carries it; the first meets the base [3]."""
+    out = np.tile(base, (joints, 1))
+    for j in range(1, joints):
+        inner, outer = (thinned(points[m]) for m in ((label > 0) & (label <= j), label > j))
+        if len(inner) and len(outer):
+            apart = cdist(outer, inner).min(axis=1)
+            out[j] = outer[np.argsort(apart)[: 1 + len(outer) // 12]].mean(axis=0)
+        else:
+            out[j] = out[j - 1]
     return out
+
+
+def thinned(points: Array, most: int = 120) -> Array:
+    """At most `most` of the points [N 3]."""
+    return points[np.linspace(0, len(points) - 1, min(len(points), most)).astype(int)]
 
 
 def extent(points: Array) -> float:

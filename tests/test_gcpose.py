@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from gcbench.gcpose.chain import part_motions, twists_of
+from gcbench.gcpose.crew import together
 from gcbench.gcpose.denoise import smoothed
 from gcbench.gcpose.flow import dis_flow
+from gcbench.gcpose.knowledge import knowledge
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.surface import measure, surface_normals
+from gcbench.gcpose.sweep import judged, spread, swept
+from gcbench.gcpose.tracker import Tracker
 from gcbench.renderer.observation import Estimate, Observation
 from gcbench.robots.geometry import inverse, rotation_from_rpy
 
@@ -110,6 +115,44 @@ def test_the_same_input_gives_the_same_output() -> None:
     assert (one.displacement == two.displacement).all()
 
 
+def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
+    observation, angle, screw, _ = scene("arm")
+    assert observation.depth is not None
+    surfaces = measure(observation.depth, INTRINSICS)
+    known = knowledge(np.zeros(2, bool), screw[:, :3], None)
+    blank = np.zeros((*observation.depth.shape, 3), np.uint8)
+    tracker = Tracker(surfaces, blank, known, 500)
+    found = swept(tracker, 3, 12)
+    off = [np.abs(h.state.angle[3] - angle[3]).max() for h in found]
+    assert len(found) == 12 and min(off) < np.radians(4.0)
+    assert all(a.cost <= b.cost for a, b in pairwise(found))
+    assert not swept(Tracker(surfaces, blank, knowledge(np.zeros(2, bool), None, None), 500), 1, 9)
+
+
+def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
+    observation, angle, screw, part = scene("arm")
+    assert observation.depth is not None
+    surfaces = measure(observation.depth, INTRINSICS)
+    v, u = np.nonzero((part[0] == 2) & surfaces.normal[0].any(axis=2))
+    points = surfaces.points(0, np.stack([u, v], axis=1))
+    normals = surfaces.normal[0, v, u].astype(np.float64)
+    some = angle[5] + np.linspace(-0.2, 0.2, 41)[:, None]
+    motion = part_motions(twists_of(screw, np.zeros(2, bool)), some)[:, 2]
+    cost = judged(surfaces, 5, motion, points, normals)
+    assert abs(int(cost.mean(axis=1).argmin()) - 20) <= 1  # 0.6 deg from one to the next
+    alone = np.stack([judged(surfaces, 5, m[None], points, normals)[0] for m in motion])
+    assert np.allclose(cost, alone, atol=1e-4)
+
+
+def test_places_are_spread_and_threads_keep_the_order() -> None:
+    points = np.random.default_rng(0).random((200, 3))
+    places = spread(points, 10)
+    assert places.shape == (10, 3)
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(10)
+    assert apart.min() > 0.15 and spread(points[:3], 10).shape == (3, 3)
+    assert together(lambda i: i * i, range(20)) == [i * i for i in range(20)]
+
+
 def test_noisy_depth_gives_about_the_motion() -> None:
     observation, angle, _, _ = scene("arm")
     assert observation.depth is not None
@@ -136,8 +179,8 @@ def test_nothing_to_see_is_said(fault: str, noise: float) -> None:
         depth = depth * (np.random.default_rng(0).random(depth.shape) < 0.02)
     seen = None if fault == "none" else depth
     given = replace(observation, depth=seen, rgb=rgb, times=times, depth_noise=noise)
-    for knowledge in ("kinematics", "free"):
-        found: Estimate = GCPose().estimate(told(given, knowledge))
+    for level in ("kinematics", "free"):
+        found: Estimate = GCPose().estimate(told(given, level))
         assert found.displacement.shape == (len(times), len(screw))
         assert found.sigma is not None
         assert np.isfinite(found.displacement).all() and np.isfinite(found.sigma).all()
