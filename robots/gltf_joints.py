@@ -29,6 +29,7 @@ LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
 _SMALL = 0.1  # of the model's size
 _CENTRED = 0.15  # of what moves: a mesh whose middle is nearer to its origin turns like a wheel
 _MOST_LOOSE = 3
+_SEEN = 0.2  # of the model's size
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ def with_joints(
     note = "a glTF file has no joints: each bone or node that moves got one through its origin"
     if not chosen:
         largest = sorted((p for p in shown if p in meshes), key=lambda p: (-boxes.size(p), p))
-        chosen = sorted(largest[1:1 + _MOST_LOOSE])
+        chosen = sorted(p for k, p in enumerate(largest[1:1 + _MOST_LOOSE])
+                        if k == 0 or boxes.size(p) >= _SEEN * boxes.size(0))
         note = "a glTF file has no joints: its largest meshes but one got one each"
     parts = {p: _axis(model, boxes, p, chosen) for p in chosen}
     if not chosen and shown:
