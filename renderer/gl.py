@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .. import GcbenchError
 from ..robots.geometry import Array
+from ..robots.model import Material, Tiling
 from .scene import Scene
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
@@ -54,7 +55,7 @@ class Mesh:
     """A vertex array object and the surfaces in it."""
 
     vao: int
-    buffers: tuple[int, int]
+    buffers: tuple[int, ...]
     surfaces: tuple[Surface, ...]
     order: NDArray[np.uint32]
     """[F] number of each triangle of the index buffer, counted through the pieces by `material`."""
@@ -74,6 +75,36 @@ class Piece:
     uv: Array | None
     one_sided: NDArray[np.bool_]
     deforms: bool = False
+    color: Array | None = None
+
+
+@dataclass(frozen=True)
+class Look:
+    """Which features of the shader a surface needs."""
+
+    textured: bool = False
+    metallic_roughness: bool = False
+    normal: bool = False
+    occlusion: bool = False
+    emission: bool = False
+    colored: bool = False
+    """Has vertex colours."""
+    unlit: bool = False
+    cut: bool = False
+
+    @property
+    def uses_uv(self) -> bool:
+        return (self.textured or self.metallic_roughness or self.normal or self.occlusion
+                or self.emission)
+
+
+def look_of(material: Material, colored: bool = False) -> Look:
+    """What draws a material on a surface with or without vertex colours."""
+    maps = material.maps
+    return Look(
+        material.texture is not None, maps.metallic_roughness is not None, maps.normal is not None,
+        maps.occlusion is not None, maps.emission is not None, colored, material.unlit,
+        material.alpha_cutoff is not None)
 
 
 class Context:
@@ -182,7 +213,7 @@ def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
     index = np.concatenate(index_blocks)
     vao = int(gl.glGenVertexArrays(1))
     gl.glBindVertexArray(vao)
-    buffers = (int(gl.glGenBuffers(1)), int(gl.glGenBuffers(1)))
+    buffers: tuple[int, ...] = (int(gl.glGenBuffers(1)), int(gl.glGenBuffers(1)))
     gl.glBindBuffer(gl.GL_ARRAY_BUFFER, buffers[0])
     gl.glBufferData(gl.GL_ARRAY_BUFFER, max(data.nbytes, 4), data, gl.GL_STATIC_DRAW)
     gl.glBindBuffer(gl.GL_ELEMENT_ARRAY_BUFFER, buffers[1])
@@ -192,6 +223,15 @@ def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
         gl.glVertexAttribPointer(
             location, size, gl.GL_FLOAT, gl.GL_FALSE, 32, ctypes.c_void_p(offset)
         )
+    if any(piece.color is not None for piece in pieces):
+        colors = np.concatenate([
+            np.ones((len(p.vertices), 4), np.float32) if p.color is None
+            else p.color.astype(np.float32) for p in pieces])
+        buffers = (*buffers, int(gl.glGenBuffers(1)))
+        gl.glBindBuffer(gl.GL_ARRAY_BUFFER, buffers[2])
+        gl.glBufferData(gl.GL_ARRAY_BUFFER, colors.nbytes, colors, gl.GL_STATIC_DRAW)
+        gl.glEnableVertexAttribArray(3)
+        gl.glVertexAttribPointer(3, 4, gl.GL_FLOAT, gl.GL_FALSE, 16, ctypes.c_void_p(0))
     gl.glBindVertexArray(0)
     triangles = np.concatenate(order).astype(np.uint32)
     return Mesh(vao, buffers, tuple(surfaces), triangles, first_vertex)
@@ -205,8 +245,11 @@ def move_vertices(gl: Any, mesh: Mesh, piece: int, vertices: Array, normals: Arr
     gl.glBufferSubData(gl.GL_ARRAY_BUFFER, 32 * mesh.first_vertex[piece], block.nbytes, block)
 
 
-def picture_texture(gl: Any, picture: NDArray[np.uint8], repeat: bool = True) -> int:
-    """A mipmapped texture whose row 0 is the picture's bottom (v = 0)."""
+def picture_texture(gl: Any, picture: NDArray[np.uint8], repeat: bool = True,
+                    tiling: tuple[Tiling, Tiling] = ("repeat", "repeat")) -> int:
+    """A mipmapped texture whose row 0 is the picture's bottom (v = 0); without `repeat`, one that
+    is shown once, as it is.
+    """
     texture = int(gl.glGenTextures(1))
     gl.glActiveTexture(gl.GL_TEXTURE0)
     gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
@@ -215,10 +258,12 @@ def picture_texture(gl: Any, picture: NDArray[np.uint8], repeat: bool = True) ->
     height, width = data.shape[:2]
     gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_RGBA8, width, height, 0, layout,
                     gl.GL_UNSIGNED_BYTE, data)
-    wrap = gl.GL_REPEAT if repeat else gl.GL_CLAMP_TO_EDGE
+    modes = {"repeat": gl.GL_REPEAT, "mirror": gl.GL_MIRRORED_REPEAT,
+             "clamp": gl.GL_CLAMP_TO_EDGE}
+    wrap = [modes[t] for t in tiling] if repeat else [gl.GL_CLAMP_TO_EDGE] * 2
     smaller = gl.GL_LINEAR_MIPMAP_LINEAR if repeat else gl.GL_LINEAR
     for name, value in (
-        (gl.GL_TEXTURE_WRAP_S, wrap), (gl.GL_TEXTURE_WRAP_T, wrap),
+        (gl.GL_TEXTURE_WRAP_S, wrap[0]), (gl.GL_TEXTURE_WRAP_T, wrap[1]),
         (gl.GL_TEXTURE_MIN_FILTER, smaller), (gl.GL_TEXTURE_MAG_FILTER, gl.GL_LINEAR),
     ):
         gl.glTexParameteri(gl.GL_TEXTURE_2D, name, value)
@@ -248,7 +293,7 @@ def delete_mesh(gl: Any, mesh: Mesh | None) -> None:
     """Free a mesh, if there is one."""
     if mesh is not None:
         gl.glDeleteVertexArrays(1, [mesh.vao])
-        gl.glDeleteBuffers(2, list(mesh.buffers))
+        gl.glDeleteBuffers(len(mesh.buffers), list(mesh.buffers))
 
 
 def runs_of(surfaces: Iterable[Surface]) -> list[Surface]:
@@ -359,24 +404,36 @@ class Program:
 
 
 class Programs:
-    """The programs; those of colour are compiled when first used.
+    """The programs, compiled when first used.
 
     With `faces`, that of the truth tells triangles too.
     """
 
     def __init__(self, gl: Any, faces: bool = False) -> None:
-        self._gl = gl
-        self._surface: dict[tuple[bool, int, bool], Program] = {}
-        vertex, truth = _source("truth.vert.glsl"), _source("truth.frag.glsl")
-        self.truth = Program(gl, vertex, truth.replace("FACES", str(int(faces))))
-        self.coverage = Program(gl, vertex, _source("coverage.frag.glsl"))
+        self._gl, self._faces = gl, faces
+        self._surface: dict[tuple[Look, int, bool], Program] = {}
+        self._solid: dict[tuple[str, bool], Program] = {}
+        self.truth = self.solid("truth", False)
         self.backdrop = Program(gl, _source("backdrop.vert.glsl"), _source("backdrop.frag.glsl"))
 
-    def surface(self, textured: bool, lights: int, shadows: bool) -> Program:
+    def solid(self, name: str, cut: bool) -> Program:
+        """The program of the pass "truth" or "coverage", with or without holes where alpha is low.
+        """
+        if (name, cut) not in self._solid:
+            vertex, fragment = _source("truth.vert.glsl"), _source(f"{name}.frag.glsl")
+            fragment = fragment.replace("FACES", str(int(self._faces))).replace(
+                "CUTTING", _source("cut.glsl"))
+            self._solid[name, cut] = Program(
+                self._gl, *(text.replace("#if CUT", f"#if {int(cut)}")
+                            for text in (vertex, fragment)))
+        return self._solid[name, cut]
+
+    def surface(self, look: Look, lights: int, shadows: bool) -> Program:
         """pyrender's shading for this many lights (a constant, so that samplers may be indexed)."""
-        key = (textured, lights, shadows)
+        key = (look, lights, shadows)
         if key not in self._surface:
-            vertex = _source("surface.vert.glsl").replace("TEXTURED", str(int(textured)))
+            vertex = _source("surface.vert.glsl").replace(
+                "TEXTURED", str(int(look.uses_uv))).replace("COLORED", str(int(look.colored)))
             fragment = _pyrender_fragment_shader(*key)
             self._surface[key] = Program(self._gl, vertex, fragment)
         return self._surface[key]
@@ -386,28 +443,52 @@ def _source(name: str) -> str:
     return (_HERE / name).read_text()
 
 
-def _pyrender_fragment_shader(textured: bool, lights: int, shadows: bool) -> str:
+def _pyrender_fragment_shader(look: Look, lights: int, shadows: bool) -> str:
     import pyrender
     from pyrender.shader_program import ShaderProgram
 
     path = Path(pyrender.__file__).parent / "shaders" / "mesh.frag"
     defines = {"USE_METALLIC_MATERIAL": 1, "NORMAL_LOC": 1, "MAX_POINT_LIGHTS": 1,
                "MAX_SPOT_LIGHTS": 1, "MAX_DIRECTIONAL_LIGHTS": lights}
-    if textured:
-        defines |= {"TEXCOORD_0_LOC": 2, "HAS_BASE_COLOR_TEX": 1}
-    if shadows:
-        defines |= {"DIRECTIONAL_LIGHT_SHADOWS": 1}
+    for wanted, define in (
+        (look.uses_uv, "TEXCOORD_0_LOC"), (look.textured, "HAS_BASE_COLOR_TEX"),
+        (look.metallic_roughness, "HAS_METALLIC_ROUGHNESS_TEX"), (look.normal, "HAS_NORMAL_TEX"),
+        (look.occlusion, "HAS_OCCLUSION_TEX"), (look.emission, "HAS_EMISSIVE_TEX"),
+        (look.colored, "COLOR_0_LOC"), (shadows, "DIRECTIONAL_LIGHT_SHADOWS"),
+    ):
+        if wanted:
+            defines[define] = 1
     program: Any = ShaderProgram(None, None, defines=defines)
     text = str(program._load(str(path)))
-    for old, new in (
+    changes = [
         ("vec3 n = normalize(get_normal());",
          "vec3 n = normalize(get_normal()); if (!gl_FrontFacing) n = -n;"),
         ("i < n_directional_lights", f"i < {lights}"),
         ("i < n_point_lights", "i < 0"),
         ("i < n_spot_lights", "i < 0"),
-    ):
+        # glTF 2.0 has roughness in green and metallic in blue, and emission once
+        ("metallic_roughness_texture, uv_0).rg", "metallic_roughness_texture, uv_0).gb"),
+        ("color.xyz += emissive * material.emissive_factor;", "color.xyz += emissive;"),
+        # vertex colours belong to the base colour, not to what shines from it
+        ("color *= color_multiplier;", ""),
+        ("    // Compute specular and diffuse colors", _BASE_COLOR
+         + ("    base_color *= color_multiplier;\n" if look.colored else "")
+         + ("    if (base_color.a < alpha_cutoff) discard;\n" if look.cut else "")),
+        ("uniform Material material;", "uniform Material material;\nuniform float alpha_cutoff;"),
+        # mirrored textures have their second axis on the other side
+        ("vec3 b = normalize(cross(ng, t));",
+         "vec3 b = cross(ng, t); float turn = tex_dx.s * tex_dy.t - tex_dy.s * tex_dx.t;\n"
+         "    if (abs(turn) < 1e-20) return ng;\n"
+         "    if (dot(b, (tex_dx.s * pos_dy - tex_dy.s * pos_dx) / turn) < 0.0) b = -b;"),
+    ]
+    if look.unlit:
+        changes.append(("    // Apply occlusion", "    color.xyz = base_color.rgb;"))
+    for old, new in changes:
         if old not in text:
             raise NoRendererError(f"pyrender's mesh.frag has changed: {old!r} is not in it; "
                                   "install scikit-robot-pyrender 0.1.50")
         text = text.replace(old, new)
     return text
+
+
+_BASE_COLOR = "    // Vertex colours, holes; then specular and diffuse colors\n"

@@ -164,8 +164,10 @@ def draw_textures(
         image = draw_picture((kind,), images, shape, child, tileable=True)
         kinds[model.part_names[part]] = config.folder or kind
         for k, visual in enumerate(model.visuals):
-            if visual.part == part:
-                out[k] = replace(out[k], base_color=(1.0, 1.0, 1.0, 1.0), texture=image)
+            # what alpha cuts into shape keeps its own texture, and so its holes
+            if visual.part == part and out[k].alpha_cutoff is None:
+                m = out[k]
+                out[k] = Material(m.name, (1.0, 1.0, 1.0, 1.0), m.metallic, m.roughness, image)
                 tile[k] = scale * size
     return tuple(out), tile, kinds
 

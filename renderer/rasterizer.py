@@ -9,7 +9,7 @@ and smooths shading as well as edges.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import itemgetter
 
@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array, apply, inverse
-from ..robots.model import ArticulatedModel, Material
+from ..robots.model import ArticulatedModel, Material, Tiling
 from .camera import Camera
 from .culling import one_sided_of
 from .gl import (
     SHADOW_SIZE,
     Context,
+    Look,
     Mesh,
     NoRendererError,
     Piece,
@@ -33,6 +34,7 @@ from .gl import (
     Target,
     delete_mesh,
     draw_surface,
+    look_of,
     move_vertices,
     picture_texture,
     runs_of,
@@ -83,12 +85,15 @@ class Rasterizer:
         self._deforming = list[tuple[int, NDArray[np.intp], Array]]()
         self._outward = list[NDArray[np.bool_]]()
         self._room: Mesh | None = None
-        self._scene_textures: list[int] = []
+        self._scene_textures: dict[tuple[int, tuple[Tiling, Tiling]], int] = {}
+        self._shadow_textures: list[int] = []
+        self._cut: dict[int, int] = {}
         self._shadow = Target(gl, SHADOW_SIZE, SHADOW_SIZE, [], None)
         gl.glEnable(gl.GL_DEPTH_TEST)
         gl.glCullFace(gl.GL_BACK)
         gl.glDisable(gl.GL_DITHER)
         gl.glFrontFace(gl.GL_CW)
+        gl.glVertexAttrib4f(3, 1.0, 1.0, 1.0, 1.0)  # of meshes without vertex colours
         gl.glPixelStorei(gl.GL_PACK_ALIGNMENT, 1)
         gl.glPixelStorei(gl.GL_UNPACK_ALIGNMENT, 1)
 
@@ -206,13 +211,16 @@ class Rasterizer:
             Piece(-1, k, s.vertices, s.faces, s.normals, s.uv, np.zeros(len(s.faces), bool))
             for k, s in enumerate(scene.room)
         ])
-        self._textures = [self._texture(m.texture) for m in scene.materials]
+        self._looks = [
+            look_of(m, v.color is not None and size == 0)  # a drawn texture replaces all colour
+            for m, v, size in zip(scene.materials, scene.model.visuals, scene.texture_size,
+                                  strict=True)
+        ]
         self._room_materials = [
             Material(s.name, (*s.base_color, 1.0), 0.0, s.roughness, s.texture) for s in scene.room
         ]
-        self._room_textures = [self._texture(m.texture) for m in self._room_materials]
+        self._room_looks = [look_of(m) for m in self._room_materials]
         self._shadow_textures = [shadow_texture(gl) for _ in scene.lights if scene.shadows]
-        self._scene_textures += self._shadow_textures
         points = np.concatenate([self._box(world_from_part), *(s.vertices for s in scene.room)])
         self._clip_from_world = clip_from_world(scene.camera, points)
 
@@ -250,7 +258,7 @@ class Rasterizer:
         Poses are [P 4 4], `group` [P] is 0..31, or -1 for parts that are left out. Each part is
         drawn in its box `where` [P 4] px alone: first column and row, and those after the last.
         """
-        gl, program = self._gl, self._programs.coverage
+        gl = self._gl
         assert self._model is not None
         self._covered.bind()
         gl.glClearColor(0.0, 0.0, 0.0, 0.0)
@@ -259,14 +267,12 @@ class Rasterizer:
         gl.glEnable(gl.GL_COLOR_LOGIC_OP)
         gl.glLogicOp(gl.GL_OR)
         gl.glEnable(gl.GL_SCISSOR_TEST)
-        gl.glUseProgram(program.id)
-        gl.glBindVertexArray(self._model.vao)
         boxes = np.concatenate([where[:, :2], where[:, 2:] - where[:, :2]], axis=1)
         drawn = (group >= 0) & (boxes[:, 2:] > 0).all(1)
-        for surface in runs_of(s for s in self._model.surfaces if drawn[s.part]):
+        surfaces = [s for s in self._model.surfaces if drawn[s.part]]
+        for program, surface in self._solid("coverage", surfaces, world_from_part,
+                                            self._clip_from_world):
             gl.glScissor(*boxes[surface.part].tolist())  # row 0 is OpenGL's lowest, too
-            pose = self._pose(surface, world_from_part)
-            program.matrix("clip_from_part", self._clip_from_world @ pose)
             channel, bit = divmod(int(group[surface.part]), 8)
             gl.glUniform4f(program["bits"], *((1 << bit) / 255.0 * np.eye(4)[channel]))
             draw_surface(gl, surface)
@@ -299,17 +305,42 @@ class Rasterizer:
         gl.glClear(gl.GL_DEPTH_BUFFER_BIT)
 
     def _draw_truth(self, world_from_part: Array, surfaces: Sequence[Surface]) -> None:
-        gl, program = self._gl, self._programs.truth
+        gl = self._gl
         assert self._model is not None
         self._drawn = self._model
-        gl.glUseProgram(program.id)
-        gl.glBindVertexArray(self._model.vao)
-        for surface in runs_of(surfaces):
-            pose = self._pose(surface, world_from_part)
-            program.matrix("clip_from_part", self._clip_from_world @ pose)
+        for program, surface in self._solid("truth", surfaces, world_from_part,
+                                            self._clip_from_world):
             gl.glUniform1ui(program["part"], surface.part + 1)
             gl.glUniform1ui(program["first_face"], surface.first // 3)
             draw_surface(gl, surface)
+
+    def _solid(
+        self, name: str, surfaces: Sequence[Surface], world_from_part: Array, clip_from_world: Array
+    ) -> Iterator[tuple[Program, Surface]]:
+        """The model's surfaces in few draws, each with the pass's program ready to draw it:
+        whole ones first, then those in which alpha cuts holes.
+        """
+        gl = self._gl
+        assert self._model is not None and self._loaded is not None
+        gl.glBindVertexArray(self._model.vao)
+        whole = runs_of(s for s in surfaces if s.material not in self._cut)
+        holed = [s for s in surfaces if s.material in self._cut]
+        for cut, chosen in ((False, whole), (True, holed)):
+            if not chosen:
+                continue
+            program = self._programs.solid(name, cut)
+            gl.glUseProgram(program.id)
+            for surface in chosen:
+                pose = self._pose(surface, world_from_part)
+                program.matrix("clip_from_part", clip_from_world @ pose)
+                if cut:
+                    material = self._loaded.visuals[surface.material].material
+                    gl.glActiveTexture(gl.GL_TEXTURE0)
+                    gl.glBindTexture(gl.GL_TEXTURE_2D, self._cut[surface.material])
+                    gl.glUniform1i(program["picture"], 0)
+                    gl.glUniform1f(program["alpha"], material.base_color[3])
+                    gl.glUniform1f(program["cutoff"], material.alpha_cutoff)
+                yield program, surface
 
     def _pose(self, surface: Surface, world_from_part: Array) -> Array:
         """[4 4] world from the frame that a surface's vertices are in."""
@@ -333,7 +364,7 @@ class Rasterizer:
             self._gl.glBindVertexArray(self._room.vao)
             for s in self._room.surfaces:
                 material = self._room_materials[s.material]
-                self._shade_one(s, np.eye(4), material, self._room_textures[s.material], 1.0)
+                self._shade_one(s, np.eye(4), material, self._room_looks[s.material], 1.0)
         if not surfaces:
             return
         self._gl.glBindVertexArray(self._model.vao)
@@ -341,7 +372,7 @@ class Rasterizer:
 
         def far_first(s: Surface) -> float:
             """Opaque surfaces before all others; those from far to near."""
-            if scene.materials[s.material].base_color[3] >= 1.0:
+            if not scene.materials[s.material].transparent:
                 return -np.inf
             return -float(np.linalg.norm(world_from_part[s.part][:3, 3] - eye))
 
@@ -349,14 +380,14 @@ class Rasterizer:
             size = scene.texture_size[s.material]
             self._shade_one(
                 s, self._pose(s, world_from_part), scene.materials[s.material],
-                self._textures[s.material], 1.0 / size if size > 0 else 1.0,
+                self._looks[s.material], 1.0 / size if size > 0 else 1.0,
             )
 
     def _shade_one(
-        self, surface: Surface, pose: Array, material: Material, texture: int, uv_scale: float
+        self, surface: Surface, pose: Array, material: Material, look: Look, uv_scale: float
     ) -> None:
         gl, scene = self._gl, self._scene
-        program = self._programs.surface(texture != 0, len(scene.lights), scene.shadows)
+        program = self._programs.surface(look, len(scene.lights), scene.shadows)
         gl.glUseProgram(program.id)
         if program.scene is not scene:
             program.scene = scene
@@ -367,23 +398,28 @@ class Rasterizer:
         gl.glUniform4f(program["material.base_color_factor"], *material.base_color)
         gl.glUniform1f(program["material.metallic_factor"], material.metallic)
         gl.glUniform1f(program["material.roughness_factor"], material.roughness)
-        if texture:
-            gl.glActiveTexture(gl.GL_TEXTURE0)
+        gl.glUniform3f(program["material.emissive_factor"], *material.emission)
+        if material.alpha_cutoff is not None:
+            gl.glUniform1f(program["alpha_cutoff"], material.alpha_cutoff)
+        textures = [(unit, self._texture(picture, material.tiling)) for unit, picture
+                    in zip(_UNITS.values(), _pictures(material), strict=True)
+                    if picture is not None]
+        for unit, texture in textures:  # once all are made: making one binds it
+            gl.glActiveTexture(gl.GL_TEXTURE0 + unit)
             gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
-        transparent = material.base_color[3] < 1.0
-        if transparent:
+        if material.transparent:
             gl.glEnable(gl.GL_BLEND)
             gl.glBlendFunc(gl.GL_SRC_ALPHA, gl.GL_ONE_MINUS_SRC_ALPHA)
         draw_surface(gl, surface)
-        if transparent:
+        if material.transparent:
             gl.glDisable(gl.GL_BLEND)
 
     def _set_lights(self, program: Program) -> None:
         gl, scene = self._gl, self._scene
         gl.glUniform3f(program["cam_pos"], *scene.camera.world_from_cam[:3, 3])
         gl.glUniform3f(program["ambient_light"], *[scene.ambient] * 3)
-        gl.glUniform3f(program["material.emissive_factor"], 0.0, 0.0, 0.0)
-        gl.glUniform1i(program["material.base_color_texture"], 0)
+        for name, unit in _UNITS.items():
+            gl.glUniform1i(program[f"material.{name}_texture"], unit)
         for k, light in enumerate(scene.lights):
             name = f"directional_lights[{k}]."
             gl.glUniform3f(program[name + "direction"], *light.direction)
@@ -392,7 +428,7 @@ class Rasterizer:
 
     def _draw_backdrop(self, picture: NDArray[np.uint8]) -> None:
         gl = self._gl
-        texture = self._texture(picture[::-1], repeat=False)  # textures are turned upside down
+        texture = picture_texture(gl, picture[::-1], repeat=False)  # it turns them upside down
         gl.glUseProgram(self._programs.backdrop.id)
         gl.glUniform1i(self._programs.backdrop["picture"], 0)
         gl.glActiveTexture(gl.GL_TEXTURE0)
@@ -404,6 +440,7 @@ class Rasterizer:
         gl.glDrawArrays(gl.GL_TRIANGLES, 0, 3)
         gl.glEnable(gl.GL_DEPTH_TEST)
         gl.glDepthMask(gl.GL_TRUE)
+        gl.glDeleteTextures(1, [texture])
 
     def _draw_shadows(self, world_from_part: Array) -> None:
         """Depth seen from each light into its map. Walls throw no shadow: light passes them."""
@@ -418,16 +455,12 @@ class Rasterizer:
             clip_from_world = clip_from_light(light, points)
             self._shadow.bind_depth(self._shadow_textures[k])
             gl.glClear(gl.GL_DEPTH_BUFFER_BIT)
-            program = self._programs.truth
-            gl.glUseProgram(program.id)
-            gl.glBindVertexArray(self._model.vao)
-            for surface in runs_of(self._model.surfaces):
-                pose = self._pose(surface, world_from_part)
-                program.matrix("clip_from_part", clip_from_world @ pose)
+            for _, surface in self._solid("truth", self._model.surfaces, world_from_part,
+                                          clip_from_world):
                 # A light's clip space has the other handedness: front faces would be left out.
                 draw_surface(gl, replace(surface, one_sided=False))
-            for textured in (False, True):
-                program = self._programs.surface(textured, len(scene.lights), True)
+            for look in {*self._looks, *self._room_looks}:
+                program = self._programs.surface(look, len(scene.lights), True)
                 gl.glUseProgram(program.id)
                 name = f"directional_lights[{k}]."
                 program.matrix(name + "light_matrix", clip_from_world)
@@ -471,6 +504,8 @@ class Rasterizer:
             self._parts = [visual.part for visual in model.visuals]
             self._corners = [(visual.part, box_corners(visual.vertices))
                              for visual in model.visuals if not visual.deforms]
+            self._delete_textures(list(set(self._cut.values())))
+            self._cut = self._cut_textures(model)
             self._at_rest = {k: v.vertices for k, v in enumerate(model.visuals)}
             deforming = [k for k, v in enumerate(model.visuals) if v.deforms]
             if deforming:  # a skin's own frame may have any scale
@@ -484,23 +519,52 @@ class Rasterizer:
             if projected[k]:
                 kept, f, uv = box_split(self._at_rest[k], f, 1.0)
             v, n = visual.vertices[kept], visual.normals[kept]
-            pieces.append(Piece(visual.part, k, v, f, n, uv, self._outward[k], visual.deforms))
+            color = None if visual.color is None else visual.color[kept]
+            pieces.append(
+                Piece(visual.part, k, v, f, n, uv, self._outward[k], visual.deforms, color))
             if visual.deforms:
                 self._deforming.append((k, kept, np.zeros((len(v), 2)) if uv is None else uv))
         self._deforming.sort(key=itemgetter(0))  # the order in which `place` is told them
         self._model = upload(self._gl, pieces)
         self._loaded, self._projected = model, projected
 
-    def _texture(self, picture: NDArray[np.uint8] | None, repeat: bool = True) -> int:
-        """A texture that goes with the scene; 0 for no picture."""
-        if picture is None:
-            return 0
-        self._scene_textures.append(picture_texture(self._gl, picture, repeat))
-        return self._scene_textures[-1]
+    def _cut_textures(self, model: ArticulatedModel) -> dict[int, int]:
+        """The texture whose alpha cuts holes into each visual that may have some."""
+        made: dict[tuple[int, tuple[Tiling, Tiling]], int] = {}
+        found: dict[int, int] = {}
+        for k, material in enumerate(v.material for v in model.visuals):
+            if material.alpha_cutoff is not None:
+                picture = _WHITE if material.texture is None else material.texture
+                key = id(picture), material.tiling
+                if key not in made:
+                    made[key] = picture_texture(self._gl, picture, tiling=material.tiling)
+                found[k] = made[key]
+        return found
+
+    def _texture(self, picture: NDArray[np.uint8], tiling: tuple[Tiling, Tiling]) -> int:
+        """The texture of a picture that goes with the scene, made when first asked for."""
+        key = id(picture), tiling  # the scene holds the picture: its id stays its own
+        if key not in self._scene_textures:
+            self._scene_textures[key] = picture_texture(self._gl, picture, tiling=tiling)
+        return self._scene_textures[key]
 
     def _forget_scene(self) -> None:
-        if self._scene_textures:
-            self._gl.glDeleteTextures(len(self._scene_textures), self._scene_textures)
-        self._scene_textures = list[int]()
+        self._delete_textures([*self._scene_textures.values(), *self._shadow_textures])
+        self._scene_textures, self._shadow_textures = {}, []
         delete_mesh(self._gl, self._room)
         self._room = None
+
+    def _delete_textures(self, textures: Sequence[int]) -> None:
+        if textures:
+            self._gl.glDeleteTextures(len(textures), list(textures))
+
+
+_WHITE = np.full((1, 1, 4), 255, np.uint8)
+_UNITS = {"base_color": 0, "metallic_roughness": 9, "normal": 10, "occlusion": 11, "emissive": 12}
+"""Texture units by pyrender's names; shadow maps take those between."""
+
+
+def _pictures(material: Material) -> tuple[NDArray[np.uint8] | None, ...]:
+    """The textures of a material in the order of their units."""
+    maps = material.maps
+    return (material.texture, maps.metallic_roughness, maps.normal, maps.occlusion, maps.emission)

@@ -4,6 +4,7 @@
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 texcoord;
+layout(location = 3) in vec4 vertex_color;
 uniform mat4 clip_from_part;
 uniform mat4 world_from_part;
 uniform vec2 uv_scale;
@@ -12,11 +13,17 @@ out vec3 frag_normal;
 #if TEXTURED
 out vec2 uv_0;
 #endif
+#if COLORED
+out vec4 color_multiplier;
+#endif
 void main() {
     gl_Position = clip_from_part * vec4(position, 1.0);
     frag_position = vec3(world_from_part * vec4(position, 1.0));
     frag_normal = mat3(world_from_part) * normal;
 #if TEXTURED
     uv_0 = texcoord * uv_scale;
+#endif
+#if COLORED
+    color_multiplier = vertex_color;
 #endif
 }

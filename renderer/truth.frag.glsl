@@ -7,7 +7,9 @@ layout(location = 1) out uint part_number;
 uniform uint first_face;
 layout(location = 2) out uint face_number;
 #endif
+CUTTING
 void main() {
+    cut();
     depth = 1.0 / gl_FragCoord.w;
     part_number = part;
 #if FACES

@@ -31,10 +31,10 @@ from .gltf_meshes import (
     rigid_visual,
     skinned_visuals,
 )
-from .gltf_nodes import NodeTree, Rig, node_tree, rig
+from .gltf_nodes import Rig, node_tree, rig
 from .mesh import quiet
 from .model import FIXED, ArticulatedModel, ModelError, Visual
-from .references import MissingAssetError, read_file
+from .references import read_file
 from .skin import deformed
 
 SMALLEST, LARGEST = 1e-2, 1e3
@@ -236,6 +236,3 @@ def _licence(document: Document) -> str:
     found = [extras.get(key) for key in ("license", "licence")] + [asset.copyright]
     texts = [" ".join(text.split())[:200] for text in found if isinstance(text, str)]
     return next((text for text in texts if text), "")
-
-
-__all__ = ["MissingAssetError", "NodeTree", "load_gltf"]

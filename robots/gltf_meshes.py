@@ -46,6 +46,8 @@ class Patch:
     """[M V 3]"""
     normal_displacement: Array | None
     """[M V 3]"""
+    color: Array | None
+    """[V 4] linear"""
 
 
 class Meshes:
@@ -65,7 +67,7 @@ class Meshes:
                 try:
                     patch = self._patch(primitive)
                 except ModelError as error:
-                    raise ModelError(f"meshes[{mesh}].primitives[{i}]: {error}") from error
+                    raise type(error)(f"meshes[{mesh}].primitives[{i}]: {error}") from error
                 if patch is not None:
                     found.append(patch)
             self._patches[mesh] = found
@@ -105,11 +107,12 @@ class Meshes:
         joints, weights = self._bones(attributes, count)
         deltas = [self._deltas(target, "POSITION", count) for target in primitive.targets or ()]
         bends = [self._deltas(target, "NORMAL", count) for target in primitive.targets or ()]
-        look = self._materials.look(primitive.material)
+        place = self._materials.placement(primitive.material)
         uv = None
-        if look.uv_set is not None and f"TEXCOORD_{look.uv_set}" in attributes:
-            name = f"TEXCOORD_{look.uv_set}"
-            uv = look.uv(self._attribute(attributes[name], name, count, "VEC2"))
+        if place.uv_set is not None and f"TEXCOORD_{place.uv_set}" in attributes:
+            name = f"TEXCOORD_{place.uv_set}"
+            uv = place.uv(self._attribute(attributes[name], name, count, "VEC2"))
+        color = self._colors(attributes, count, self._materials.shows_alpha(primitive.material))
         made = clean_triangles(positions, faces, normals, distinct=True,
                                keep_flat=bool(deltas) or joints is not None)
         if made is None:
@@ -133,7 +136,8 @@ class Meshes:
         return Patch(
             positions[source], faces, _filled(new_normals), None if uv is None else uv[source],
             material, key, None if joints is None else joints[source],
-            None if weights is None else weights[source], displacement, bend)
+            None if weights is None else weights[source], displacement, bend,
+            None if color is None else color[source])
 
     def _attribute(self, accessor: int, name: str, count: int | None, kind: str) -> Array:
         if self._accessors.kind(accessor) != kind:
@@ -142,6 +146,18 @@ class Meshes:
             raise ModelError(f"{name} has {self._accessors.count(accessor)} entries for {count} "
                              "vertices")
         return self._accessors.floats(accessor)
+
+    def _colors(self, attributes: dict[str, int], count: int, alpha: bool) -> Array | None:
+        """Vertex colours [V 4]; without `alpha` they are opaque. None where all are white."""
+        if "COLOR_0" not in attributes:
+            return None
+        kind = self._accessors.kind(attributes["COLOR_0"])
+        given = self._attribute(attributes["COLOR_0"], "COLOR_0", count,
+                                "VEC3" if kind == "VEC3" else "VEC4")
+        out = np.ones((count, 4))
+        wide = given.shape[1] if alpha else 3
+        out[:, :wide] = np.clip(given[:, :wide], 0.0, 1.0)
+        return None if (out == 1.0).all() else out
 
     def _deltas(self, target: object, name: str, count: int) -> Array | None:
         attributes: dict[str, int] = target  # pyright: ignore[reportAssignmentType]
@@ -259,16 +275,18 @@ def joined(patches: list[Patch]) -> list[Patch]:
     """Patches of one part without skins or morphs, those of one material as one."""
     groups: dict[object, list[Patch]] = {}
     for patch in patches:
-        groups.setdefault((patch.key, patch.uv is None), []).append(patch)
+        groups.setdefault((patch.key, patch.uv is None, patch.color is None), []).append(patch)
     out: list[Patch] = []
     for group in groups.values():
         starts = np.cumsum([0, *(len(p.vertices) for p in group)])
         uvs = [p.uv for p in group if p.uv is not None]
+        colors = [p.color for p in group if p.color is not None]
         out.append(replace(
             group[0], vertices=np.concatenate([p.vertices for p in group]),
             faces=np.concatenate([p.faces + s for p, s in zip(group, starts, strict=False)]),
             normals=np.concatenate([p.normals for p in group]),
-            uv=np.concatenate(uvs) if uvs else None))
+            uv=np.concatenate(uvs) if uvs else None,
+            color=np.concatenate(colors) if colors else None))
     return out
 
 
@@ -311,7 +329,7 @@ def _visual(
     return Visual(
         part, patch.vertices[used], (np.cumsum(used) - 1)[faces].astype(np.int32),
         patch.normals[used], None if patch.uv is None else patch.uv[used], patch.material,
-        made_skin, made_morph)
+        made_skin, made_morph, None if patch.color is None else patch.color[used])
 
 
 def _bent(vertices: Array, faces: NDArray[np.int64], normals: Array, displacement: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,25 @@ from .. import GcbenchError
 from .geometry import Array, move_screw, prismatic_motion, revolute_motion
 
 FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
+Tiling = Literal["repeat", "mirror", "clamp"]
 
 
 class ModelError(GcbenchError):
     """A model's file cannot be used; the message names the file, the reason and the remedy."""
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Textures of a surface beside its colour (glTF 2.0, section 3.9): [h w 3|4], row 0 on top."""
+
+    metallic_roughness: NDArray[np.uint8] | None = None
+    """Green multiplies the roughness, blue the metallic factor."""
+    normal: NDArray[np.uint8] | None = None
+    """Normal in the frame of the texture (u, v upward, outward), -1..1 as 0..255."""
+    occlusion: NDArray[np.uint8] | None = None
+    """Red multiplies the light that is reflected."""
+    emission: NDArray[np.uint8] | None = None
+    """sRGB; multiplies the material's emission."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +44,23 @@ class Material:
     roughness: float = 0.6
     texture: NDArray[np.uint8] | None = None
     """[h w 3|4] sRGB, row 0 is the top of the image (v = 1)."""
+    maps: Maps = Maps()
+    tiling: tuple[Tiling, Tiling] = ("repeat", "repeat")
+    """What the textures do beyond u and v of 0..1."""
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Linear RGB that the surface shines by itself."""
+    unlit: bool = False
+    """Whether it shows its base colour, whatever the light."""
+    alpha_cutoff: float | None = None
+    """There is no surface, neither colour nor depth, where alpha (the base colour's, texture's and
+    vertex colour's product) is less."""
+    blend: bool = False
+    """Whether alpha of texture and vertex colours lets what is behind shine through; that of the
+    base colour always does."""
+
+    @property
+    def transparent(self) -> bool:
+        return self.blend or self.base_color[3] < 1.0
 
 
 @dataclass(frozen=True)
@@ -75,6 +107,8 @@ class Visual:
     material: Material
     skin: Skin | None = None
     morph: Morph | None = None
+    color: Array | None = None
+    """[V 4] linear RGBA that multiplies the material's base colour."""
 
     @property
     def deforms(self) -> bool:
