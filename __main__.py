@@ -22,6 +22,7 @@ usage: gcbench COMMAND [OPTIONS]
   eval     run methods of motion estimation on a suite or on datasets, and score them
   score    score the predictions of a method that ran elsewhere
   report   leaderboard, curves and pictures of results as one page, CSV, Markdown and LaTeX
+  export   a dataset in the form of KITTI, BOP, COCO, WebDataset, TAP-Vid or Rerun
   robots   list the robots that come with gcbench, and fetch their meshes
   doctor   what renders on this machine, and what is missing
 
@@ -261,6 +262,49 @@ def show(args: Sequence[str]) -> int:
     return 0
 
 
+def export(args: Sequence[str]) -> int:
+    """Write a dataset in the form that other benchmarks and tools read.
+
+    kitti: optical flow (KITTI 2015) and depth. bop: poses of parts, their meshes and masks. coco:
+    instance masks of parts. webdataset: shards for training. tapvid: point tracks. rerun:
+    recordings for the Rerun viewer. docs/export.md describes each.
+
+    Examples:
+      gcbench export data/ur5 --format kitti
+      gcbench export data/ur5 --format bop --out data/ur5-bop
+      gcbench export data/ur5 --format rerun --sequences 0-9,15
+    """
+    from dataclasses import dataclass
+    from typing import Annotated
+
+    import tyro
+
+    from .renderer.export import Format
+    from .renderer.export import export as write
+
+    @dataclass(frozen=True)
+    class Export:
+        dataset: Annotated[Path, tyro.conf.Positional]
+        """Folder of a dataset."""
+        format: Format
+        """Whose form."""
+        out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
+        """Folder of the export, which must not exist; default: DATASET-FORMAT."""
+        sequences: Annotated[str, tyro.conf.arg(metavar="LIST", help_behavior_hint="")] = ""
+        """Numbers of sequences, as in 0-9,15; default: all."""
+
+    options = _parse(args, "export", Export, export.__doc__)
+    name = f"{options.dataset.absolute().name}-{options.format}"
+    out = options.out or options.dataset.parent / name
+    try:
+        done = write(options.dataset, options.format, out, options.sequences)
+    except KeyboardInterrupt:
+        print("gcbench: stopped; nothing was exported", file=sys.stderr)
+        return 130
+    print(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
+    return 0
+
+
 def robots(args: Sequence[str]) -> int:
     """List the robots that come with gcbench; `fetch` gets their meshes (done on first use, too).
 
@@ -437,7 +481,7 @@ def report(args: Sequence[str]) -> int:
 
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
-    "eval": evaluate, "score": score, "report": report,
+    "eval": evaluate, "score": score, "report": report, "export": export,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ def remove_leftovers(folder: Path) -> None:
     """Delete temporary files of processes that are gone; those of living ones stay."""
     for path in folder.glob(".*.tmp"):
         match = _TEMPORARY.fullmatch(path.name)
-        if match and not _is_alive(int(match["pid"])):
+        if match and not is_alive(int(match["pid"])):
             path.unlink(missing_ok=True)
 
 
@@ -32,7 +32,8 @@ def temporary_name(path: Path) -> Path:
     return path.parent / f".{path.name}.{os.getpid()}.tmp"
 
 
-def _is_alive(pid: int) -> bool:
+def is_alive(pid: int) -> bool:
+    """Whether a process is still at work."""
     try:
         os.kill(pid, 0)
         # In a container that nobody tidies, the dead stay in the table as zombies.

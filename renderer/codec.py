@@ -83,6 +83,11 @@ def widen_part(png: bytes) -> bytes:
     return _encode(np.asarray(part, np.uint16), _LABELS)
 
 
+def encode_mask(mask: NDArray[np.bool_]) -> bytes:
+    """PNG of a mask [H W]: 8 bits, 0 or 255."""
+    return _encode(np.ascontiguousarray(mask, np.uint8) * np.uint8(255), _LABELS)
+
+
 def encode_visibility(visibility: NDArray[np.uint8]) -> bytes:
     """PNG of a visibility image [H W]."""
     return _encode(_checked(visibility, np.uint8), _LABELS)

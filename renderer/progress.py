@@ -22,7 +22,7 @@ class Bar(_Tqdm):
 Bar.set_lock(threading.RLock())
 
 
-def frame_bar(total: int, done: int, visible: bool) -> Bar:
+def frame_bar(total: int, done: int, visible: bool, what: str = "render") -> Bar:
     """A bar of `total` frames, of which `done` were there before: the rate is without them.
 
     It appears with the first frame, so that a model that cannot be loaded is told in one line.
@@ -32,7 +32,7 @@ def frame_bar(total: int, done: int, visible: bool) -> Bar:
             total=total,
             initial=done,
             unit="frame",
-            desc="render",
+            desc=what,
             smoothing=0.1,
             disable=not visible,
             file=sys.stderr,

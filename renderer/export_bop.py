@@ -1,0 +1,202 @@
+"""BOP's layout, for 6D object pose estimation: a sequence is a scene, a part with a surface is
+an object. Lengths are in mm, as there.
+
+    models/obj_OOOOOO.ply, models_info.json     parts in their own frames; diameter, box
+    SPLIT/SSSSSS/rgb, depth                     the dataset's images
+    SPLIT/SSSSSS/scene_camera.json              cam_K, depth_scale, cam_R_w2c, cam_t_w2c
+    SPLIT/SSSSSS/scene_gt.json                  cam_R_m2c, cam_t_m2c, obj_id of each part
+    SPLIT/SSSSSS/scene_gt_info.json             boxes, pixel counts, visib_fract
+    SPLIT/SSSSSS/mask, mask_visib               silhouettes as if nothing were before them; what
+                                                is seen: IIIIII_GGGGGG.png, image and object
+    test_targets_bop19.json                     objects that are visible by 10 % (of split test)
+
+Silhouettes are counted beyond the image too, on a canvas of three times its size, as bop_toolkit's
+calc_gt_info.py does; boxes are [x, y, last x - x, last y - y], as there. They need the model: it is
+loaded as for rendering, nothing is downloaded.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import GcbenchError
+from ..robots.geometry import Array
+from ..robots.model import Material, Visual
+from ..robots.texture import mean_color
+from . import codec
+from .archive import Archive
+from .camera import Camera
+from .dataset import Dataset
+from .metadata import dump_json
+from .overlay import model_at_hand
+from .rasterizer import Rasterizer
+from .sequence import Sequence
+
+_MM = 1000.0
+_PASS = 32  # parts whose silhouettes are drawn at once
+_LEAST_VISIBLE = 0.1
+
+
+class Bop:
+    """See export.Writer. Raises GcbenchError if the model is not at hand, or deforms."""
+
+    def __init__(self, folder: Path, dataset: Dataset) -> None:
+        self._folder = folder
+        self._split = dataset.config.stream
+        self._model = model_at_hand(dataset.config)
+        if any(v.deforms for v in self._model.visuals):
+            raise GcbenchError(f"{dataset.path}: its model deforms, and BOP has rigid objects only")
+        self._objects = sorted({v.part for v in self._model.visuals})
+        width, height = dataset.config.width, dataset.config.height
+        self._rasterizer = Rasterizer(3 * width, 3 * height, 1)
+        self._targets: list[dict[str, int]] = []
+        self._camera: dict[str, float] = {}
+        self._write_models(folder / "models")
+
+    def add(self, sequence: Sequence, archive: Archive) -> None:
+        meta, s = sequence.meta, sequence.state
+        if meta.part_names != self._model.part_names:
+            raise GcbenchError(f"{archive.path}: its parts are not those of the model at hand")
+        folder = self._folder / self._split / archive.path.stem
+        for kind in ("rgb", "depth", "mask", "mask_visib"):
+            (folder / kind).mkdir(parents=True)
+        cam_from_part = s.cam_from_world[:, None] @ s.world_from_part
+        self._begin(s.intrinsics, meta.width, meta.height, cam_from_part)
+        scale = meta.depth_unit * _MM
+        k = s.intrinsics
+        self._camera = self._camera or {
+            "cx": k[0, 2], "cy": k[1, 2], "fx": k[0, 0], "fy": k[1, 1], "depth_scale": scale,
+            "width": meta.width, "height": meta.height}  # fmt: skip
+        cameras: dict[str, Any] = {}
+        poses: dict[str, Any] = {}
+        infos: dict[str, Any] = {}
+        for t in range(len(sequence)):
+            for kind in ("rgb", "depth"):
+                (folder / kind / f"{t:06d}.png").write_bytes(archive.read(f"{kind}/{t:06d}.png"))
+            cameras[str(t)] = {"cam_K": k.ravel(), "depth_scale": scale,
+                               **_pose("w2c", s.cam_from_world[t])}
+            poses[str(t)] = [{**_pose("m2c", cam_from_part[t, p]), "obj_id": p + 1}
+                             for p in self._objects]
+            infos[str(t)] = self._masks(folder, t, cam_from_part[t], sequence)
+        for name, tree in (("camera", cameras), ("gt", poses), ("gt_info", infos)):
+            (folder / f"scene_{name}.json").write_bytes(dump_json(tree))
+
+    def finish(self) -> None:
+        (self._folder / "camera.json").write_bytes(dump_json(self._camera))
+        if self._split == "test":
+            (self._folder / "test_targets_bop19.json").write_bytes(dump_json(self._targets))
+
+    def close(self) -> None:
+        self._rasterizer.close()
+
+    def _begin(self, intrinsics: Array, width: int, height: int, cam_from_part: Array) -> None:
+        """Draw from the camera's frame from now on, on the large canvas; poses are [T P 4 4]."""
+        middle = intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
+        camera = Camera(3 * width, 3 * height, middle, np.eye(4))
+        self._rasterizer.begin_truth(self._model, camera, cam_from_part)
+
+    def _silhouettes(self, cam_from_part: Array) -> list[NDArray[np.bool_]]:
+        """[3H 3W] of each object, from poses [P 4 4]."""
+        canvas = np.array([0, 0, self._rasterizer.width, self._rasterizer.height])
+        where = np.tile(canvas, (len(cam_from_part), 1))
+        out: list[NDArray[np.bool_]] = []
+        for start in range(0, len(self._objects), _PASS):
+            chosen = self._objects[start:start + _PASS]
+            group = np.full(len(cam_from_part), -1, np.int64)
+            group[chosen] = np.arange(len(chosen))
+            self._rasterizer.draw_coverage(cam_from_part, group, where)
+            bits = self._rasterizer.read_coverage()
+            out += [(bits >> np.uint32(g)) & np.uint32(1) > 0 for g in range(len(chosen))]
+        return out
+
+    def _masks(self, folder: Path, t: int, cam_from_part: Array, sequence: Sequence
+               ) -> list[dict[str, Any]]:
+        """Write the masks of frame t; what scene_gt_info says of its objects."""
+        part, depth = sequence.part[t], sequence.depth[t]
+        height, width = part.shape
+        infos: list[dict[str, Any]] = []
+        for k, (p, large) in enumerate(zip(
+                self._objects, self._silhouettes(cam_from_part), strict=True)):
+            visible = part == p + 1
+            inside = large[height:2 * height, width:2 * width]
+            inside |= visible  # both are sampled at pixel centres, with roundings of their own
+            name = f"{t:06d}_{k:06d}.png"
+            (folder / "mask" / name).write_bytes(codec.encode_mask(inside))
+            (folder / "mask_visib" / name).write_bytes(codec.encode_mask(visible))
+            everything, seen = int(large.sum()), int(visible.sum())
+            infos.append({
+                "bbox_obj": _box(large, width, height) if seen else [-1] * 4,
+                "bbox_visib": _box(visible, 0, 0) if seen else [-1] * 4,
+                "px_count_all": everything,
+                "px_count_valid": int(np.count_nonzero(inside & (depth > 0))),
+                "px_count_visib": seen,
+                "visib_fract": seen / everything if everything else 0.0,
+            })
+            if infos[-1]["visib_fract"] >= _LEAST_VISIBLE:
+                self._targets.append({"scene_id": sequence.meta.index, "im_id": t,
+                                      "obj_id": p + 1, "inst_count": 1})
+        return infos
+
+    def _write_models(self, folder: Path) -> None:
+        folder.mkdir()
+        infos: dict[str, Any] = {}
+        for p in self._objects:
+            visuals = [v for v in self._model.visuals if v.part == p]
+            write_ply(folder / f"obj_{p + 1:06d}.ply", visuals)
+            infos[str(p + 1)] = {"name": self._model.part_names[p],
+                                 **size_of(np.concatenate([v.vertices for v in visuals]))}
+        (folder / "models_info.json").write_bytes(dump_json(infos))
+
+
+def write_ply(path: Path, visuals: list[Visual]) -> None:
+    """A part's surfaces in mm, with normals and the colour of each material (not textures)."""
+    import trimesh
+
+    counts = np.cumsum([0, *(len(v.vertices) for v in visuals)])
+    colors = [np.tile(_color(v.material), (len(v.vertices), 1)) for v in visuals]
+    trimesh.Trimesh(
+        np.concatenate([v.vertices for v in visuals]) * _MM,
+        np.concatenate([v.faces + n for v, n in zip(visuals, counts, strict=False)]),
+        vertex_normals=np.concatenate([v.normals for v in visuals]),
+        vertex_colors=np.concatenate(colors), process=False,
+    ).export(path, file_type="ply", vertex_normal=True)
+
+
+def size_of(vertices: Array) -> dict[str, float]:
+    """What models_info.json says of a mesh: diameter, and the box along its axes, mm."""
+    from scipy.spatial import ConvexHull, QhullError
+    from scipy.spatial.distance import pdist
+
+    points = np.unique(vertices, axis=0) * _MM
+    try:
+        corners = points[ConvexHull(points).vertices]
+    except QhullError:  # flat
+        corners = points
+    low, size = points.min(0), np.ptp(points, axis=0)
+    return {"diameter": float(pdist(corners).max()),
+            **{f"min_{axis}": float(x) for axis, x in zip("xyz", low, strict=True)},
+            **{f"size_{axis}": float(x) for axis, x in zip("xyz", size, strict=True)}}
+
+
+def _pose(name: str, matrix: Array) -> dict[str, Any]:
+    return {f"cam_R_{name}": matrix[:3, :3].ravel(), f"cam_t_{name}": matrix[:3, 3] * _MM}
+
+
+def _box(mask: NDArray[np.bool_], left: int, top: int) -> list[int]:
+    """[x, y, last x - x, last y - y] of a mask's pixels, of which (left, top) is called (0, 0)."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    x, y = int(columns[0]), int(rows[0])
+    return [x - left, y - top, int(columns[-1]) - x, int(rows[-1]) - y]
+
+
+def _color(material: Material) -> NDArray[np.uint8]:
+    """sRGB, 0..255."""
+    linear = np.array(material.base_color[:3])
+    if material.texture is not None:
+        linear *= mean_color(material.texture)[:3]
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.round(255 * np.clip(srgb, 0, 1)).astype(np.uint8)

@@ -1,0 +1,92 @@
+"""Shards of WebDataset: tar files of at most SHARD frames, a frame is one sample.
+
+    SSSSSS_TTTTTT.json            names, times, poses, joints, camera: what is exact of a frame
+    SSSSSS_TTTTTT.rgb.png         and depth, part, flow, flow_backward, visibility (docs/dataset.md)
+
+and the optional layers that the dataset has. The images are those of the dataset, byte for byte;
+flow_backward is absent in a sequence's first frame, flow and visibility are in its last.
+"""
+
+from __future__ import annotations
+
+import io
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .archive import Archive
+from .dataset import Dataset
+from .metadata import dump_json
+from .sequence import Sequence
+from .storage import member_names
+
+SHARD = 1000
+"""Frames."""
+_WHOLE = ("intrinsics", "joint_parent_part", "joint_child_part", "coordinate_box", "keypoint_part",
+          "track_part", "track_query")  # of State: what is not of one instant
+
+
+class WebDataset:
+    """See export.Writer."""
+
+    def __init__(self, folder: Path, dataset: Dataset) -> None:
+        self._folder, self._name = folder, dataset.path.absolute().name
+        self._tar: tarfile.TarFile | None = None
+        self._frames = 0
+
+    def add(self, sequence: Sequence, archive: Archive) -> None:
+        members = member_names(len(sequence), sequence.meta.layers)
+        for t in range(len(sequence)):
+            name = archive.path.stem
+            key = f"{name}_{t:06d}"
+            facts = {"sequence": name, **frame_facts(sequence, t)}
+            self._member(f"{key}.json", dump_json(facts), first=True)
+            for kind, names in members.items():
+                if (name := f"{kind}/{t:06d}.png") in names:
+                    self._member(f"{key}.{kind}.png", archive.read(name))
+
+    def finish(self) -> None:
+        pass
+
+    def close(self) -> None:
+        if self._tar is not None:
+            self._tar.close()
+
+    def _member(self, name: str, data: bytes, first: bool = False) -> None:
+        if first:
+            if self._frames % SHARD == 0:
+                self.close()
+                shard = f"{self._name}-{self._frames // SHARD:06d}.tar"
+                self._tar = tarfile.open(self._folder / shard, "w")  # noqa: SIM115
+            self._frames += 1
+        assert self._tar is not None
+        entry = tarfile.TarInfo(name)  # with time zero and no owner: equal frames, equal bytes
+        entry.size = len(data)
+        self._tar.addfile(entry, io.BytesIO(data))
+
+
+def frame_facts(sequence: Sequence, t: int) -> dict[str, object]:
+    """What is exact of frame t, with the names that one needs to read it."""
+    meta = sequence.meta
+    return {
+        "frame": t, "frames": meta.frames, "asset": dict(meta.asset), "width": meta.width,
+        "height": meta.height, "depth_unit": meta.depth_unit,
+        "joint_names": meta.joint_names, "joint_types": meta.joint_types,
+        "scored_joints": meta.scored_joints, "part_names": meta.part_names,
+        "keypoint_names": meta.keypoint_names,
+        **{name: array if name in _WHOLE else known(array[t])
+           for name, array in vars(sequence.state).items() if array is not None},
+    }  # fmt: skip
+
+
+
+def known(array: NDArray[Any]) -> Any:
+    """The array as lists or a number, None where it is NaN, which JSON does not have."""
+    if array.dtype.kind != "f" or np.isfinite(array).all():
+        return array.tolist()
+    out = array.astype(object)
+    out[np.isnan(array)] = None
+    return out.tolist()
