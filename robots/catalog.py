@@ -9,6 +9,7 @@ from pathlib import Path
 
 from .. import GcbenchError
 from . import fetch as _fetch
+from . import objects
 from .fetch import WheelFiles
 from .model import ArticulatedModel
 
@@ -126,7 +127,7 @@ def find(name: str) -> Entry:
         if entry.name == name:
             return entry
     raise GcbenchError(f"no robot {name!r}; there are {', '.join(e.name for e in CATALOG)}, "
-                       "and any path to a .urdf, .glb or .gltf file")
+                       f"{objects.HELP}, and any path to a .urdf, .glb or .gltf file")
 
 
 def is_path(name_or_path: str | Path) -> bool:
@@ -155,7 +156,7 @@ def urdf_file(name_or_path: str | Path) -> Path | None:
 
 def load(name_or_path: str | Path, packages: Mapping[str, Path] | None = None,
          allow_missing: bool = False) -> ArticulatedModel:
-    """The model of a catalogue name (fetched, or made), or of a URDF or glTF file.
+    """The model of a catalogue name (fetched, or made), of an object's, or of a URDF or glTF file.
 
     `packages` says where `package://NAME/...` of a URDF is. `allow_missing` loads a file of
     which meshes are missing, and records them; a catalogue robot is always whole.
@@ -168,6 +169,8 @@ def load(name_or_path: str | Path, packages: Mapping[str, Path] | None = None,
 
             return load_gltf(name_or_path, allow_missing)
         return load_urdf(Path(name_or_path), packages or {}, allow_missing)
+    if objects.is_object(str(name_or_path)):
+        return objects.load_named(str(name_or_path), packages, allow_missing)
     entry = find(str(name_or_path))
     if isinstance(entry, Generated):
         module, _, function = entry.builder.partition(":")

