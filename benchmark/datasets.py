@@ -29,9 +29,9 @@ class Data:
 
     def cluster(self, sequence: str) -> str:
         """What the bootstrap draws: the object's instance, where a dataset has several."""
-        if len(self.dataset.info.assets) < 2:
+        if "instance" not in self.dataset.config.vary:
             return sequence
-        return str(self.dataset[sequence].meta.asset.get("name", sequence))
+        return str(self.dataset[sequence].meta.asset.get("instance", sequence))
 
 
 def from_folders(folders: Sequence[Path], keep_unobservable: bool = False) -> list[Data]:

@@ -17,6 +17,7 @@ from .. import GcbenchError
 from ..renderer.dataset import Dataset, open_dataset
 from ..renderer.progress import Bar
 from ..renderer.sequence import Sequence as Video
+from ..robots import objects
 from . import metrics
 from .board import Line, sequence_errors
 from .estimates import read_stored
@@ -25,6 +26,7 @@ from .truth import truth_of
 
 if TYPE_CHECKING:
     from ..renderer.overlay import Painter
+    from ..robots.model import ArticulatedModel
 
 WIDTH = 420
 """px of a picture."""
@@ -91,6 +93,8 @@ def draw(
 def _image(line: Line, name: str, painters: _Painters) -> NDArray[np.uint8]:
     dataset, painter = painters.of(Path(line.run.run.data))
     sequence = dataset[name]
+    if objects.is_category(dataset.config.robot):
+        painter.model = model_of(dataset, sequence)
     return painter.paint(sequence, final_estimate(line, sequence, name))
 
 
@@ -141,12 +145,19 @@ class _Painters:
         return self._found
 
     def _open(self, folder: Path) -> tuple[Dataset, Painter]:
-        from ..renderer.overlay import Painter, model_at_hand
+        from ..renderer.overlay import Painter
 
         dataset = open_dataset(folder)
-        model = model_at_hand(dataset.config)
+        model = model_of(dataset, dataset[0])
         painter = Painter(model, dataset.config.width, dataset.config.height)
         return dataset, self._stack.enter_context(painter)
+
+
+def model_of(dataset: Dataset, sequence: Video) -> ArticulatedModel:
+    """What a sequence shows. Raises GcbenchError if it is not on this machine."""
+    from ..renderer.overlay import model_at_hand
+
+    return model_at_hand(dataset.config, sequence.meta)
 
 
 def _address(image: NDArray[np.uint8]) -> str:

@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .. import GcbenchError
 
@@ -74,16 +74,16 @@ def _serve(connection: Connection, source: str, threads: int) -> None:
 
     method = load(source)
     connection.send_bytes(READY + json.dumps(asdict(declare(method, source))).encode())
-    opened: dict[tuple[str, bool], Any] = {}
+    opened: dict[str, Dataset] = {}
+    models: dict[tuple[str, str], ArticulatedModel] = {}
     while data := connection.recv_bytes():
         task = Task(**json.loads(data))
-        key = task.data, task.knowledge == "model"
-        if key not in opened:
+        if task.data not in opened:
             from ..renderer.dataset import open_dataset
 
-            dataset = open_dataset(Path(task.data))
-            opened[key] = dataset, load_model(dataset) if key[1] else None
-        dataset, model = opened[key]
+            opened[task.data] = open_dataset(Path(task.data))
+        dataset = opened[task.data]
+        model = _model(dataset, task, models) if task.knowledge == "model" else None
         stored = _attempt(method, task, dataset, model, connection)
         from .estimates import dump_stored
 
@@ -120,14 +120,27 @@ def _attempt(
         return Stored("invalid", str(error), seconds, peak_memory())
 
 
-def load_model(dataset: Dataset) -> ArticulatedModel:
-    """The articulated model of a dataset's robot."""
+def load_model(dataset: Dataset, sequence: str) -> ArticulatedModel:
+    """The articulated model that a sequence of a dataset shows."""
+    from ..renderer.instances import packages_of, robot_of
     from ..robots.catalog import load
 
     config = dataset.config
-    pairs = (entry.partition("=") for entry in config.package)
-    packages = {name: Path(folder).expanduser() for name, _, folder in pairs}
-    return load(config.robot, packages, config.allow_missing)
+    robot = robot_of(config, dataset[sequence].meta)
+    return load(robot, packages_of(config), config.allow_missing)
+
+
+def _model(
+    dataset: Dataset, task: Task, models: dict[tuple[str, str], ArticulatedModel]
+) -> ArticulatedModel:
+    """`load_model`, once a dataset unless its sequences differ; `models` has the last one."""
+    from ..robots.objects import is_category
+
+    key = task.data, task.sequence if is_category(dataset.config.robot) else ""
+    if key not in models:
+        models.clear()
+        models[key] = load_model(dataset, task.sequence)
+    return models[key]
 
 
 def peak_memory() -> float | None:

@@ -8,7 +8,9 @@ from typing import Literal
 from .. import GcbenchError
 
 Range = tuple[float, float]
-FACTORS = ("motion", "camera", "lights", "materials", "textures", "background", "image")
+FACTORS = (
+    "motion", "camera", "lights", "materials", "textures", "background", "image", "instance",
+)  # fmt: skip
 """Each factor draws from its own random stream, so that two datasets can differ in one only."""
 LAYERS = ("normal", "coordinates", "keypoints", "tracks")
 """Truth that is stored on demand."""
@@ -165,9 +167,11 @@ class RenderConfig:
     """A dataset: sequence i is a function of this and i alone."""
 
     robot: str = "ur5"
-    """A name of `gcbench robots`, or a path to a .urdf, .glb or .gltf file."""
+    """A name of `gcbench robots`, or a path to a .urdf, .glb or .gltf file. `microwave` is another
+    one in each sequence, `microwave:17` that one, `partnet:7310` an object of your PartNet-Mobility
+    folder."""
     package: tuple[str, ...] = ()
-    """NAME=DIR: where `package://NAME/...` of a URDF is."""
+    """NAME=DIR: where `package://NAME/...` of a URDF is; partnet=DIR: your PartNet-Mobility."""
     seed: int = 0
     stream: Literal["test", "train"] = "test"
     """Suites hold sequences of `test` only; a learned method trains on `train`."""
@@ -198,9 +202,13 @@ def resolved(config: RenderConfig) -> RenderConfig:
 
     Raises GcbenchError for a value that cannot be meant.
     """
-    from ..robots import catalog
+    from ..robots import catalog, objects
 
-    if not catalog.is_path(config.robot) and catalog.find(config.robot).textured:
+    if objects.is_object(config.robot):
+        if not objects.is_category(config.robot):
+            objects.split(config.robot)
+        config = _before_its_front(config)
+    elif not catalog.is_path(config.robot) and catalog.find(config.robot).textured:
         ranges = config.randomization
         if ranges.textures.probability == 0.0:
             textures = replace(ranges.textures, probability=1.0)
@@ -223,6 +231,20 @@ def resolved(config: RenderConfig) -> RenderConfig:
         raise GcbenchError(f"--vary {unknown[0]}: the factors are {', '.join(FACTORS)}")
     _check_ranges(config.randomization, "")
     return config
+
+
+FRONT: Range = (110.0, 250.0)
+"""deg: azimuths from which one sees the front of an object, which looks along -x as in
+PartNet-Mobility. A door seen from behind tells nothing of its motion."""
+
+
+def _before_its_front(config: RenderConfig) -> RenderConfig:
+    """The config of an object with the camera before it, where its azimuth is a default."""
+    ranges = config.randomization
+    default = {RandomizationConfig().camera.azimuth: FRONT, STUDIO.camera.azimuth: (215.0, 215.0)}
+    azimuth = default.get(ranges.camera.azimuth, ranges.camera.azimuth)
+    camera = replace(ranges.camera, azimuth=azimuth)
+    return replace(config, randomization=replace(ranges, camera=camera))
 
 
 _BOUNDS: dict[str, tuple[float, float]] = {

@@ -12,7 +12,7 @@ from .. import GcbenchError
 from ..robots.collision import CollisionChecker
 from ..robots.geometry import Array, apply
 from ..robots.model import FIXED, Animation, ArticulatedModel, forward_kinematics
-from ..robots.trajectory import JointTrajectory, sample_trajectory
+from ..robots.trajectory import JointTrajectory, drawn_in, sample_trajectory
 from .config import RenderConfig
 from .posed import PosedModel, posed_by_parts
 
@@ -88,6 +88,13 @@ class MotionSampler:
             total_prismatic=ranges.total_prismatic,
             max_step=np.radians(ranges.max_step), fps=ranges.fps,
         )
+        motion = self._motion(trajectory)
+        if motion.touches:  # a rack that is out before a closed door, most likely
+            inside = drawn_in(self.model, self.scored, trajectory)
+            motion = motion if inside is trajectory else self._motion(inside)
+        return motion
+
+    def _motion(self, trajectory: JointTrajectory) -> Motion:
         world_from_part = _still(forward_kinematics(self.model, trajectory.positions))
         posed = posed_by_parts(self.model, world_from_part)
         floor, touches = np.inf, False

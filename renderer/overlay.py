@@ -14,37 +14,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import GcbenchError
-from ..robots import catalog
+from ..robots import catalog, objects
 from ..robots.geometry import Array
 from ..robots.model import ArticulatedModel, forward_kinematics
 from .camera import Camera
 from .config import RenderConfig
+from .instances import robot_of
 from .pictures import Image
 from .posed import posed_by_parts
 from .rasterizer import Rasterizer
-from .sequence import Sequence
+from .sequence import Meta, Sequence
 
 RED = (224, 28, 36)
 TOLERANCE = 1e-6
 """m, and the sines of angles: how well a model must reproduce the poses of a sequence."""
 
 
-def model_at_hand(config: RenderConfig) -> ArticulatedModel:
-    """The model of a dataset's config, with its surfaces. Nothing is downloaded.
+def model_at_hand(config: RenderConfig, meta: Meta | None = None) -> ArticulatedModel:
+    """The model of a dataset's config, with its surfaces, or, where each sequence has another one,
+    that of the sequence with this meta data. Nothing is downloaded.
 
     Raises GcbenchError with the reason why there is none.
     """
-    if not catalog.is_path(config.robot):
-        entry = catalog.find(config.robot)
-        if not catalog.is_fetched(entry):
-            raise GcbenchError(f"the meshes of {config.robot} are not on this machine "
-                               f"(gcbench robots fetch {config.robot})")
+    robot = config.robot if meta is None else robot_of(config, meta)
     pairs = (text.partition("=") for text in config.package)
     packages = {name: Path(folder).expanduser() for name, _, folder in pairs}
+    if objects.is_object(robot):
+        objects.folder_of(robot, packages, download=False)
+    elif not catalog.is_path(robot) and not catalog.is_fetched(catalog.find(robot)):
+        raise GcbenchError(f"the meshes of {robot} are not on this machine "
+                           f"(gcbench robots fetch {robot})")
     try:
-        return catalog.load(config.robot, packages, config.allow_missing)
+        return catalog.load(robot, packages, config.allow_missing)
     except OSError as error:
-        raise GcbenchError(f"the model of {config.robot} cannot be read: {error}") from error
+        raise GcbenchError(f"the model of {robot} cannot be read: {error}") from error
 
 
 def estimated_positions(sequence: Sequence, displacement: Mapping[str, float], t: int) -> Array:
@@ -61,7 +64,8 @@ def estimated_positions(sequence: Sequence, displacement: Mapping[str, float], t
 
 
 class Painter:
-    """Draws estimates over the frames of one model's sequences, all of one size."""
+    """Draws estimates over the frames of one model's sequences, all of one size; `model` may be
+    set to another one."""
 
     def __init__(self, model: ArticulatedModel, width: int, height: int) -> None:
         self.model = model

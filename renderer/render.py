@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import GcbenchError
-from ..robots import catalog
 from ..robots.geometry import Array
 from ..robots.model import ArticulatedModel, joint_screws
-from ..robots.trajectory import default_scored_joints, joint_indices
 from .config import RenderConfig, resolved
 from .draw import Draw, DrawSampler
-from .motion import animated, chosen_animation
+from .instances import cast_of, dataset_asset
 from .randomize import Streams, draw_scene
 from .rasterizer import Rasterizer
 from .scene import Scene
@@ -43,38 +39,33 @@ class RenderedSequence:
 
 
 class SequenceRenderer:
-    """Loads a model, opens OpenGL, renders any sequence of a config. One per process.
+    """Loads models, opens OpenGL, renders any sequence of a config. One per process.
 
     Raises GcbenchError for a robot, a joint name or a configuration that does not work.
     """
 
     def __init__(self, config: RenderConfig) -> None:
-        config = resolved(config)
-        self.model = catalog.load(config.robot, _packages(config.package), config.allow_missing)
-        if not self.model.visuals:
-            raise GcbenchError(f"{config.robot}: the model has no visible geometry to render")
-        self.config = config
-        animation = chosen_animation(self.model, config.animation)
-        if animation is not None:
-            if config.scored_joints:
-                raise GcbenchError(
-                    f"{config.robot}: the animation {animation.name!r} moves the model, so that no "
-                    "joint is scored; add --animation none, or leave --scored-joints out")
-            self.model = animated(self.model)
-        self.scored = _scored_joints(config, self.model)
+        self.config = config = resolved(config)
+        self._cast = cast_of(config, 0)
         self._rasterizer = Rasterizer(
             config.width, config.height, round(config.samples**0.5),
             faces=needs_faces(self.model, config.layers))
-        self._sampler = DrawSampler(self.model, self.scored, config, self._rasterizer, animation)
+        self._sampler = self._new_sampler()
+
+    @property
+    def model(self) -> ArticulatedModel:
+        """What the last sequence shows."""
+        return self._cast.model
+
+    @property
+    def scored(self) -> tuple[str, ...]:
+        """Its joints that are scored."""
+        return self._cast.scored
 
     @property
     def asset(self) -> dict[str, Any]:
-        """Where the model came from, for `dataset.json` and `meta.json`."""
-        m, notes = self.model, list(self.model.notes)
-        if "keypoints" in self.config.layers and not m.keypoint_names:
-            notes.append("the model has no keypoints: that layer is empty")
-        return {"name": m.name, "source": m.source, "licence": m.licence, "sha256": m.sha256,
-                "notes": notes}
+        """Where the model or the models came from, for `dataset.json`."""
+        return dataset_asset(self.config, self._cast)
 
     def close(self) -> None:
         """Give the GL context back."""
@@ -82,6 +73,7 @@ class SequenceRenderer:
 
     def render(self, index: int) -> RenderedSequence:
         """Sequence `index`; its refused draws are counted by reason."""
+        self._take(index)
         streams = Streams(self.config, index)
         draw, refused = self._sampler.draw(streams)
         motion = draw.motion
@@ -103,6 +95,17 @@ class SequenceRenderer:
         out.coordinate_box = truth.coordinate_box
         out.frames = self._frames(index, truth, scene, record, out)
         return out
+
+    def _take(self, index: int) -> None:
+        """Make ready the model of sequence `index`; the device holds one at a time."""
+        cast = cast_of(self.config, index, self._cast)
+        if cast is not self._cast:
+            self._cast = cast
+            self._sampler = self._new_sampler()
+
+    def _new_sampler(self) -> DrawSampler:
+        cast = self._cast
+        return DrawSampler(cast.model, cast.scored, self.config, self._rasterizer, cast.animation)
 
     def _in_room(self, draw: Draw, room: NDArray[np.float32]) -> Draw:
         """The draw before (or, where it sinks into the floor, behind) a room [H W] m."""
@@ -150,7 +153,7 @@ class SequenceRenderer:
         config, model, context = self.config, self.model, self._rasterizer.context
         return Meta(
             name=f"{model.name}/{config.seed}/{index:06d}",
-            asset=self.asset,
+            asset=self._cast.asset,
             joint_names=model.joint_names,
             joint_types=model.joint_types,
             joint_limits=tuple(
@@ -193,28 +196,6 @@ def depth_unit(far: float) -> float:
     while far > 65000 * unit:
         unit, k = unit * steps[k % 3], k + 1
     return float(f"{unit:.6g}")
-
-
-def _packages(names: tuple[str, ...]) -> dict[str, Path]:
-    """Folders by package name, from NAME=DIR."""
-    out: dict[str, Path] = {}
-    for item in names:
-        name, equals, folder = item.partition("=")
-        if not (name and equals and folder):
-            raise GcbenchError(f"--package {item!r}: give NAME=DIR, as in my_robot=~/my_robot")
-        out[name] = Path(folder).expanduser()
-        if not out[name].is_dir():
-            raise GcbenchError(f"--package {item!r}: there is no folder {out[name]}")
-    return out
-
-
-def _scored_joints(config: RenderConfig, model: ArticulatedModel) -> tuple[str, ...]:
-    """Those that are asked for, else the catalogue's, else the bottom three; base outward."""
-    names = config.scored_joints
-    if not names and not catalog.is_path(config.robot):
-        names = catalog.find(config.robot).scored
-    names = names or default_scored_joints(model)
-    return tuple(model.joint_names[j] for j in joint_indices(model, names))
 
 
 def _through_lens(rgb: NDArray[np.uint8], scene: Scene, t: int) -> NDArray[np.uint8]:

@@ -10,7 +10,7 @@ import multiprocessing
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Stack
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -40,16 +40,18 @@ class Reference:
     model: ArticulatedModel | None = None
     urdf: Path | None = None
     """Read a second time, by another reader."""
+    names: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What the sequence calls links of the URDF that it does not call by their own names."""
 
 
 def verify_sequence(sequence: Sequence, model: ArticulatedModel | None = None,
-                    urdf: Path | None = None) -> Report:
+                    urdf: Path | None = None, names: Mapping[str, str] | None = None) -> Report:
     """All checks of one sequence; without a model, joints are tested against their own screws.
 
     Raises what the sequence raises if it cannot be decoded.
     """
     with np.errstate(all="ignore"):  # a broken value becomes an infinite residual, not a warning
-        checks = verify_state(sequence, model, urdf)
+        checks = verify_state(sequence, model, urdf, names)
         if all(c.ok for c in checks[:2]):  # shapes and finite: without them nothing can be computed
             checks += verify_images(sequence)
             checks += verify_layers(sequence)
@@ -72,7 +74,7 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
         return _verify_one(path.absolute())
     dataset = open_dataset(path)
     files, warnings = _sequence_files(path)
-    reference, notes = reference_of(dataset.config)
+    reference, notes = _shared_reference(dataset.config)
     jobs = [(file, reference, dataset.config.seed) for file in files]
     checks = _whole(files, dataset.info.counts)
     for found in _run(jobs, workers, progress):
@@ -87,21 +89,35 @@ def _verify_one(path: Path) -> Report:
     if (path.parent.parent / "dataset.json").is_file():
         config = open_dataset(path.parent.parent).config
         seed = config.seed
-        reference, notes = reference_of(config)
+        reference, notes = _shared_reference(config)
     return Report(merge(_verify_file((path, reference, seed))), tuple(notes))
 
 
-def reference_of(config: RenderConfig) -> tuple[Reference, list[str]]:
-    """The model of a dataset's config, without surfaces, and why it or its URDF is not at hand.
+def _shared_reference(config: RenderConfig) -> tuple[Reference | RenderConfig, list[str]]:
+    """What all sequences are compared with; the config itself where each has its own instance."""
+    from ..robots import objects
+
+    return (config, []) if objects.is_category(config.robot) else reference_of(config)
+
+
+def reference_of(
+    config: RenderConfig, robot: str | None = None
+) -> tuple[Reference, list[str]]:
+    """A model without surfaces, and why it or its URDF is not at hand; default: the config's.
 
     Nothing is downloaded: to verify a dataset is to read it.
     """
-    from ..robots import catalog
+    from ..robots import catalog, objects, partnet
 
-    robot = config.robot
+    robot = robot or config.robot
     pairs = (text.partition("=") for text in config.package)
     packages = {name: Path(folder) for name, _, folder in pairs}
     try:
+        if objects.is_object(robot):
+            folder = objects.folder_of(robot, packages, download=False)
+            model = catalog.load(robot, packages, config.allow_missing)
+            urdf, names = folder / partnet.URDF, partnet.part_names(folder)
+            return Reference(replace(model, visuals=()), urdf, names), []
         if not catalog.is_path(robot) and not catalog.is_fetched(catalog.find(robot)):
             raise GcbenchError(f"{robot} is not in the cache")
         urdf = catalog.urdf_file(robot)
@@ -138,7 +154,7 @@ def _whole(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[Check]:
               "a ZIP and a folder", samples=len(files))]
 
 
-_Job = tuple[Path, Reference, "int | None"]
+_Job = tuple[Path, "Reference | RenderConfig", "int | None"]
 
 
 def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check]]:
@@ -163,16 +179,20 @@ def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check
 def _verify_file(job: _Job) -> list[Check]:
     """The checks of one file, with its name in front of every place."""
     from .dataset import open_sequence
+    from .instances import robot_of
 
     file, reference, seed = job
     try:
         sequence = open_sequence(file)
         meta = sequence.meta
+        if isinstance(reference, RenderConfig):
+            reference, _ = reference_of(reference, robot_of(reference, meta))
         found = [check("readable", 0, 0, "sequences"),
                  check("seed and index", seed is not None
                        and (meta.seed, f"{meta.index:06d}") != (seed, file.stem), 0,
                        "sequences", f"says seed {meta.seed}, index {meta.index}")]
-        found += verify_sequence(sequence, reference.model, reference.urdf).checks
+        found += verify_sequence(
+            sequence, reference.model, reference.urdf, reference.names).checks
     except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]
     return [replace(c, where=f"{file.stem} {c.where}".rstrip()) if c.worst > 0 else c

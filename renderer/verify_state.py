@@ -6,7 +6,7 @@ kinematics is written a second time, once from the model's arrays and once from 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,13 @@ METRES, RADIANS = 1e-6, 1e-6
 
 
 def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
-                 urdf: Path | None = None) -> list[Check]:
-    """All checks that need no image. Poses are compared with the model and the URDF if given."""
+                 urdf: Path | None = None, link_names: Mapping[str, str] | None = None
+                 ) -> list[Check]:
+    """All checks that need no image. Poses are compared with the model and the URDF if given.
+
+    `link_names` says what the sequence calls links of the URDF by other names than theirs; a joint
+    is called like the link that it moves.
+    """
     checks = [_shapes(sequence)]
     if not checks[0].ok:
         return checks
@@ -42,7 +47,8 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
     if model is not None:
         checks += _poses(sequence, poses_from_model(model, names, positions), "model")
     if urdf is not None:
-        checks += _poses(sequence, poses_from_urdf(urdf, names, positions), "URDF")
+        found = poses_from_urdf(urdf, names, positions, link_names)
+        checks += _poses(sequence, found, "URDF")
     return checks
 
 
@@ -182,11 +188,15 @@ def poses_from_model(model: ArticulatedModel, joint_names: ArrayLike, positions:
     return dict(zip(model.part_names, poses, strict=True))
 
 
-def poses_from_urdf(urdf: Path, joint_names: ArrayLike, positions: Array) -> dict[str, Array]:
+def poses_from_urdf(
+    urdf: Path, joint_names: ArrayLike, positions: Array,
+    link_names: Mapping[str, str] | None = None,
+) -> dict[str, Array]:
     """root_from_link [T 4 4] of each link of a URDF, from its own text.
 
     yourdfpy reads the file; the motion is ours, because its mimic of a mimic is wrong. A movable
-    joint that the sequence does not know is taken to stand at zero.
+    joint that the sequence does not know is taken to stand at zero. `link_names` is as in
+    `verify_state`.
     """
     import yourdfpy
     from scipy.spatial.transform import Rotation
@@ -194,11 +204,12 @@ def poses_from_urdf(urdf: Path, joint_names: ArrayLike, positions: Array) -> dic
     robot: Any = yourdfpy.URDF.load(str(urdf), load_meshes=False, build_scene_graph=False).robot
     joints: dict[str, Any] = {j.name: j for j in robot.joints}
     column = {str(n): i for i, n in enumerate(np.asarray(joint_names))}
+    called: dict[str, str] = dict(link_names or {})
 
     def value(name: str, seen: frozenset[str] = frozenset()) -> Array:
         mimic = joints[name].mimic
         if mimic is None or mimic.joint not in joints or name in seen:
-            i = column.get(name)
+            i = column.get(called.get(joints[name].child, name))
             return positions[:, i] if i is not None else np.zeros(len(positions))
         gear = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
         offset = 0.0 if mimic.offset is None else float(mimic.offset)
@@ -227,7 +238,8 @@ def poses_from_urdf(urdf: Path, joint_names: ArrayLike, positions: Array) -> dic
                 poses[link] = pose(joint.parent) @ origin @ motion(joint)
         return poses[link]
 
-    return {link.name: pose(link.name) for link in robot.links}
+    links: list[str] = [link.name for link in robot.links]
+    return {called.get(link, link): pose(link) for link in links}
 
 
 def _twist(screw: Array, prismatic: Any) -> Array:

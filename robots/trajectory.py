@@ -74,6 +74,20 @@ def sample_trajectory(
     return JointTrajectory(np.arange(frames) / fps, positions)
 
 
+def drawn_in(
+    model: ArticulatedModel, scored: Sequence[str], trajectory: JointTrajectory
+) -> JointTrajectory:
+    """The motion with the prismatic joints that are not scored at rest (zero, or the limit that is
+    nearest to it); the same object if they are."""
+    slides = np.array([kind == "prismatic" and name not in scored
+                       for kind, name in zip(model.joint_types, model.joint_names, strict=True)])
+    rest = np.clip(0.0, model.limits[:, 0], model.limits[:, 1])
+    positions = np.where(slides, rest, trajectory.positions)
+    if np.array_equal(positions, trajectory.positions):
+        return trajectory
+    return JointTrajectory(trajectory.times, positions)
+
+
 def _displacement(frames: int, total: tuple[float, float], max_step: float,
                   rng: np.random.Generator) -> Array:
     """[T] since frame 0; no step exceeds `max_step`, by construction."""
