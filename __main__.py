@@ -133,6 +133,7 @@ def render(args: Sequence[str]) -> int:
       gcbench render --robot model.glb --n 10
       gcbench render --robot iiwa14 --n 50 --vary lights --camera.fov 30 30 --background.room 1
       gcbench render --robot ur5 --randomize none --n 3
+      gcbench render --robot microwave --n 50
     """
     from dataclasses import dataclass, fields, replace
     from typing import Annotated, Literal
@@ -176,7 +177,7 @@ def render(args: Sequence[str]) -> int:
     config = resolved(RenderConfig(**{name: getattr(options, name) for name in names}))
     from .renderer.generate import generate
 
-    out = options.out or Path("data") / Path(config.robot).stem
+    out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
     summary = generate(config, options.n, out, options.workers)
     print(summary.describe())
     return 0
@@ -313,7 +314,7 @@ def robots(args: Sequence[str]) -> int:
       gcbench robots fetch ur5
       gcbench robots fetch --all
     """
-    from .robots import catalog
+    from .robots import appliances, catalog
 
     if args and args[0] == "fetch":
         return _fetch(args[1:])
@@ -333,6 +334,12 @@ def robots(args: Sequence[str]) -> int:
         )
         for e in catalog.CATALOG
     ]
+    rows += [
+        (name, f"any {name}, or {name}:17", "1+", "door", appliances.LICENCE, "yes", "generated")
+        for name in appliances.CATEGORIES
+    ]
+    rows += [("partnet:7310", "an object of your PartNet-Mobility folder", "", "", "research", "no",
+              "yours")]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip())

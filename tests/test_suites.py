@@ -36,14 +36,17 @@ def test_the_shipped_suites_are_the_protocols() -> None:
     assert shipped() == ("mini", "paper")
     sizes = {s: {d.name: d.n for d in read_suite(s).datasets} for s in shipped()}
     robots = ("ur5", "ur5-textured", "iiwa14", "irb2400", "owi535")
-    assert sizes["mini"] == dict.fromkeys(robots, 8)
-    assert sizes["paper"] == dict(zip(robots, (1000, 200, 200, 200, 200), strict=True))
+    objects = ("microwave", "dishwasher", "oven")
+    assert sizes["mini"] == dict.fromkeys(robots + objects, 8)
+    assert sizes["paper"] == {
+        **dict(zip(robots, (1000, 200, 200, 200, 200), strict=True)), **dict.fromkeys(objects, 63)}
     for name in shipped():
         suite = read_suite(name)
         assert suite.name == name
         for d in suite.datasets:
             c = d.config
-            assert (c.frames, c.width, c.height, c.stream) == (15, 640, 480, "test")
+            frames = 16 if d.name in objects else 15
+            assert (c.frames, c.width, c.height, c.stream) == (frames, 640, 480, "test")
             assert not c.keep_unobservable
             assert c.randomization.motion.total == (10, 70)
         plain, textured = (d.config for d in suite.datasets[:2])
