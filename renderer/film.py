@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import GcbenchError
 from .axes import axis_image
-from .page import chosen_frames, picture_size, ranges, replace_file, resized, sampled
+from .page import chosen_frames, layer_images, picture_size, ranges, replace_file, resized, sampled
 from .pictures import NOTHING, Image, depth_image, flow_image, part_image
 from .sequence import Sequence
 
@@ -56,7 +56,10 @@ def film(sequence: Sequence) -> Iterator[Image]:
     for t in numbers:
         rgb, depth, part, flow = _tiles(sequence, t, FILM_TILE, span)
         title = f"t = {sequence.state.times[t]:.3f} s{note}"
-        picture = _grid([[(rgb[0], title), depth], [part, flow]])
+        rows = [[(rgb[0], title), depth], [part, flow]]
+        layers = _layers(sequence, t, FILM_TILE)
+        rows += [layers[i : i + 2] for i in range(0, len(layers), 2)]
+        picture = _grid(rows)
         height, width = (n - n % 2 for n in picture.shape[:2])  # video codecs halve the colours
         yield picture[:height, :width]
 
@@ -108,6 +111,9 @@ def write_mp4(sequence: Sequence, out: Path) -> Path:
     return out
 
 
+LAYER_CAPTIONS = {"normal": "normals", "coordinates": "coordinates in the parts",
+                  "points": "keypoints and tracks"}
+
 Tile = tuple[Image, str]
 """A picture and its caption."""
 
@@ -129,11 +135,19 @@ def _tiles(
     )
 
 
+def _layers(sequence: Sequence, t: int, side: int) -> list[Tile]:
+    """Pictures of the layers of frame t, if the sequence has any."""
+    size = picture_size(sequence.meta.width, sequence.meta.height, 1, side)
+    found = layer_images(sequence, t, size)
+    return [(image, LAYER_CAPTIONS[name]) for name, image in found.items()]
+
+
 def _over_time(sequence: Sequence) -> list[list[Tile]]:
     # The last frame has no flow: a sheet with a black corner would ask for an explanation.
     numbers = [int(t) for t in chosen_frames(max(len(sequence) - 1, 1), SHEET_FRAMES)]
     span = ranges(sequence, numbers)
-    columns = [_tiles(sequence, t, SHEET_TILE, span) for t in numbers]
+    columns = [[*_tiles(sequence, t, SHEET_TILE, span), *_layers(sequence, t, SHEET_TILE)]
+               for t in numbers]
     return [list(row) for row in zip(*columns, strict=True)]
 
 

@@ -138,7 +138,7 @@ _META: dict[str, tuple[Callable[[Any], bool], str]] = {
     "randomization": (_is_object, "an object"),
     "renderer": (_is_object, "an object"),
     "observability": (_is_object, "an object"),
-    "depth_unit": (lambda v: _is_number(v) and 0 < v < 1, "m per unit, between 0 and 1"),
+    "depth_unit": (lambda v: _is_number(v) and 1e-9 <= v <= 1e3, "m per unit, 1e-9 to 1000"),
     "camera_model": (lambda v: v == "pinhole", "'pinhole'"),
     "units": (_is_object, "an object"),
     "deforming_parts": (_is_list(_is_text), "a list of strings"),

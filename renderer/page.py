@@ -19,14 +19,17 @@ from numpy.typing import NDArray
 from .. import GcbenchError, __version__
 from .axes import joint_axes
 from .describe import joint_table, sections
+from .marks import has_points, points_image
 from .pictures import (
     NOTHING,
     VISIBILITY,
     Image,
+    coordinate_image,
     depth_colors,
     depth_image,
     flow_image,
     flow_wheel,
+    normal_image,
     palette,
     part_image,
     visibility_image,
@@ -39,7 +42,9 @@ VALUES_SIDE = 320
 """px: longer side of the grid on which a page knows the values under the pointer."""
 FLOW_UNIT = 1 / 64
 """px, as on disk"""
-PANES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility")
+PANES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility", "normal", "coordinates",
+         "points")
+"""The last three where the sequence has such layers."""
 
 
 def write_page(sequence: Sequence, out: Path) -> Path:
@@ -77,12 +82,15 @@ def page_data(sequence: Sequence) -> dict[str, Any]:
     near, far, largest = ranges(sequence, frames)
     unit = far * 4 / 65535  # m; what is farther than that is shown as that far
     parts = len(meta.part_names)
-    images: dict[str, list[str | None]] = {name: [] for name in PANES}
+    layers = layer_names(sequence)
+    images: dict[str, list[str | None]] = {name: [] for name in (*PANES[:6], *layers)}
     values: list[str] = []
     for t in frames:
         frame = sequence.frame(t)
         for name, uri in _pictures(frame, (width, height), (near, far, largest), parts).items():
             images[name].append(uri)
+        for name, image in layer_images(sequence, t, (width, height)).items():
+            images[name].append(data_uri(image, 85 if name == "points" else None))
         values.append(data_uri(_values(frame, *grid, unit)))
     colors = [_css(c) for c in palette(parts)]
     scale = [180 / math.pi if kind != "prismatic" else 1.0 for kind in meta.joint_types]
@@ -115,6 +123,27 @@ def page_data(sequence: Sequence) -> dict[str, Any]:
         "table": joint_table(meta, state),
         "sections": sections(meta, state),
     }  # fmt: skip
+
+
+def layer_names(sequence: Sequence) -> list[str]:
+    """Which of the panes "normal", "coordinates" and "points" there are."""
+    there = {"normal": sequence.normal is not None,
+             "coordinates": sequence.coordinates is not None, "points": has_points(sequence.state)}
+    return [name for name, is_there in there.items() if is_there]
+
+
+def layer_images(sequence: Sequence, t: int, size: tuple[int, int]) -> dict[str, Image]:
+    """The pictures of frame t for `layer_names`, of (width, height) px."""
+    frame, box = sequence.frame(t), sequence.state.coordinate_box
+    out: dict[str, Image] = {}
+    if frame.normal is not None:
+        out["normal"] = normal_image(sampled(frame.normal, *size))
+    if frame.coordinates is not None and box is not None:
+        chosen = (sampled(frame.coordinates, *size), sampled(frame.part, *size))
+        out["coordinates"] = coordinate_image(*chosen, box)
+    if has_points(sequence.state):
+        out["points"] = points_image(resized(frame.rgb, *size), sequence.meta, sequence.state, t)
+    return out
 
 
 def chosen_frames(frames: int, most: int = MAX_FRAMES) -> NDArray[np.int64]:

@@ -75,6 +75,30 @@ def visibility_image(visibility: NDArray[np.uint8]) -> Image:
     return table[np.minimum(visibility, len(table) - 1)]
 
 
+def normal_image(normal: NDArray[np.floating]) -> Image:
+    """RGB [H W 3] of unit normals [H W 3] in the camera frame: red points right, green up, blue
+    towards the camera; NaN is NOTHING.
+    """
+    known = np.asarray(np.isfinite(normal).all(axis=-1))
+    colors = np.rint((np.nan_to_num(normal) * [1.0, -1.0, -1.0] + 1.0) * 127.5).astype(np.uint8)
+    colors[~known] = NOTHING
+    return colors
+
+
+def coordinate_image(
+    coordinates: NDArray[np.floating], part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
+) -> Image:
+    """RGB [H W 3] of coordinates [H W 3] m on parts [H W]: each axis from 0 to full over the box
+    [P 2 3] m of the part; NaN is NOTHING.
+    """
+    boxes = np.concatenate([np.zeros((1, 2, 3)), box])[part]
+    low, size = boxes[..., 0, :], boxes[..., 1, :] - boxes[..., 0, :]
+    share = np.nan_to_num(coordinates - low) / np.where(size > 0, size, 1.0)
+    colors = np.rint(np.clip(share, 0.0, 1.0) * 255).astype(np.uint8)
+    colors[~np.isfinite(coordinates).all(axis=-1)] = NOTHING
+    return colors
+
+
 def depth_colors() -> Image:
     """RGB [256 3], far to near."""
     import cv2

@@ -190,8 +190,13 @@ class SequenceRenderer:
 
 
 def depth_unit(far: float) -> float:
-    """The unit of a depth image, m: 0.0001, or more (1, 2, 5, 10, ...) where `far` m needs it."""
+    """The unit of a depth image, m: 0.0001, or more (1, 2, 5, 10, ...) where `far` m needs it.
+
+    Less (by tens) for what is so small and near that it would have fewer than 3000 units.
+    """
     unit, steps = DEPTH_UNIT, (2.0, 2.5, 2.0)
+    while unit > 1e-8 and 0 < far < 3000 * unit:
+        unit /= 10
     k = 0
     while far > 65000 * unit:
         unit, k = unit * steps[k % 3], k + 1

@@ -121,7 +121,7 @@ def _frame(sequence: Sequence, t: int, view: View | None, backdrops: list[bool])
         check("part_pixels", counts - sequence.state.part_pixels[t], 0, "px",
               lambda i: f"frame {t} part {i + 1}"),
         share("depth in range", off, 0, pixel),
-        check("depth unit", not 1e-6 <= meta.depth_unit <= 0.01, 0, "", "meta.json"),
+        check("depth unit", not 1e-9 <= meta.depth_unit <= 1e3, 0, "", "meta.json"),
         share("surface where there is a part or room", wrong, 0, pixel)]
 
 

@@ -14,7 +14,8 @@ from .verify_view import FLAT, View, block, deforming_numbers, pixel_name
 METRES = 1e-6
 _UNIT = 1e-4  # of a normal's length; its code alone is good for 3e-5
 _ANGLE = 0.06  # rad between a normal and the plane through the depths around it
-_FEW = 0.02  # share of pixels at which facets finer than that plane may differ by more
+_FINE = 0.1  # share of pixels at which facets finer than that plane may differ by more
+_FOLDS = 0.03  # share of pixels at which a surface folds between the pixels
 _SIDE = 5  # px of the window of that plane
 
 
@@ -83,7 +84,7 @@ def _normals(sequence: Sequence, t: int, view: View, normal: Array, rays: Array)
         normal[chosen], axis=1)
     angle = np.arccos(np.clip(cosine, -1, 1))
     checks.append(share("normal: of the plane that depth makes",
-                        angle > _ANGLE + uncertain[chosen], _FEW, lambda i: place(int(chosen[i]))))
+                        angle > _ANGLE + uncertain[chosen], _FINE, lambda i: place(int(chosen[i]))))
     return checks
 
 
@@ -166,5 +167,5 @@ def _kept(sequence: Sequence, t: int, view: View, local: Array, there: View, loc
     # Less than a pixel's step on the surface: where it folds within the four pixels, they differ.
     astray = error > 0.75 * spread + 1e-4 * np.linalg.norm(mean, axis=1) + sequence.meta.depth_unit
     place = pixel_name(sequence, t)
-    return [share("coordinates: kept where the flow leads", astray, 1.5 * _FEW,
+    return [share("coordinates: kept where the flow leads", astray, _FOLDS,
                   lambda i: place(int(pixel[inner[i]])))]

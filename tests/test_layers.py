@@ -6,13 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.renderer import codec
+from gcbench.renderer import codec, marks, pictures
 from gcbench.renderer.config import LAYERS, RenderConfig, resolved
 from gcbench.renderer.dataset import open_dataset
+from gcbench.renderer.film import contact_sheet, write_gif
 from gcbench.renderer.generate import generate
+from gcbench.renderer.page import page_data
 from gcbench.renderer.render import SequenceRenderer
 from gcbench.renderer.sequence import Sequence
 from gcbench.renderer.storage import SequenceWriter, open_sequence
@@ -350,3 +353,42 @@ def test_a_point_of_a_rigid_part_keeps_its_coordinates(crane: Sequence) -> None:
     pixel = (there @ k.T)[:, :2] / there[:, 2:]
     error = np.linalg.norm(pixel - np.stack([u, v], 1) - crane.flow[0][v, u], axis=1)
     assert error.max() < 0.03
+
+
+# -- what is shown ----------------------------------------------------------------------------
+
+
+@pytest.mark.gl
+def test_layers_are_shown(bar: Sequence, tmp_path: Path) -> None:
+    data = page_data(bar)
+    assert list(data["images"])[6:] == ["normal", "coordinates", "points"]
+    for images in data["images"].values():
+        assert len(images) == 4 and all(images[1:3])
+    sheet = cv2.imread(str(contact_sheet(bar, tmp_path / "sheet.png")))
+    plain = replace(bar, normal=None, coordinates=None, state=replace(
+        bar.state, track_image=None, keypoint_image=None))
+    assert list(page_data(plain)["images"]) == list(data["images"])[:6]
+    less = cv2.imread(str(contact_sheet(plain, tmp_path / "plain.png")))
+    assert sheet.shape[0] > 1.5 * less.shape[0] and sheet.shape[1] == less.shape[1]
+    assert write_gif(bar, tmp_path / "film.gif").stat().st_size > 1000
+
+
+def test_colours_of_normals_and_coordinates() -> None:
+    normal = np.array([[[0, 0, -1], [1, 0, 0], [0, -1, 0], [np.nan] * 3]], np.float32)
+    assert pictures.normal_image(normal)[0].tolist() == [
+        [128, 128, 255], [255, 128, 128], [128, 255, 128], list(pictures.NOTHING)]
+    box = np.array([[[0, 0, 0], [1, 2, 0.0]]])
+    at = np.array([[[0, 2, 0], [1, 1, 0], [np.nan] * 3]], np.float32)
+    shown = pictures.coordinate_image(at, np.array([[1, 1, 0]], np.uint16), box)
+    assert shown[0].tolist() == [[0, 255, 0], [255, 128, 0], list(pictures.NOTHING)]
+
+
+@pytest.mark.gl
+def test_visible_points_are_dots_and_hidden_ones_rings(bar: Sequence) -> None:
+    rgb = np.full((150, 200, 3), 200, np.uint8)
+    state = replace(bar.state, keypoint_image=None, track_part=np.array([2]),
+                    track_image=np.full((4, 1, 2), [[[50.0, 60.0]]]),
+                    track_visible=np.array([[True], [False]] * 2))
+    dot, ring = (marks.points_image(rgb, bar.meta, state, t)[60, 50].tolist() for t in (0, 1))
+    assert dot == pictures.palette(2)[2].tolist()
+    assert ring == [218] * 3 or ring != dot

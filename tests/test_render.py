@@ -220,7 +220,8 @@ def test_the_studio_is_plain_and_still(crane: str) -> None:
 
 
 @pytest.mark.parametrize(("far", "unit"), [
-    (1.0, 1e-4), (6.5, 1e-4), (6.6, 2e-4), (13.1, 5e-4), (32.6, 1e-3), (65.1, 2e-3), (1e4, 0.2)])
+    (1.0, 1e-4), (6.5, 1e-4), (6.6, 2e-4), (13.1, 5e-4), (32.6, 1e-3), (65.1, 2e-3), (1e4, 0.2),
+    (0.31, 1e-4), (0.29, 1e-5), (0.0301, 1e-5), (0.0299, 1e-6)])
 def test_the_depth_unit_grows_in_steps_of_1_2_5(far: float, unit: float) -> None:
     assert depth_unit(far) == unit
     assert far <= 65535 * unit
