@@ -1,5 +1,6 @@
 """BOP's layout, for 6D object pose estimation: a sequence is a scene, a part with a surface is
-an object. Lengths are in mm, as there.
+an object. Lengths are in mm, as there. An object's number is that of its part, counted on through
+the instances where each sequence shows another one.
 
     models/obj_OOOOOO.ply, models_info.json     parts in their own frames; diameter, box
     SPLIT/SSSSSS/rgb, depth                     the dataset's images
@@ -17,6 +18,7 @@ loaded as for rendering, nothing is downloaded.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,41 +27,50 @@ from numpy.typing import NDArray
 
 from .. import GcbenchError
 from ..robots.geometry import Array
-from ..robots.model import Material, Visual
+from ..robots.model import ArticulatedModel, Material, Visual
 from ..robots.texture import mean_color
 from . import codec
 from .archive import Archive
 from .camera import Camera
 from .dataset import Dataset
+from .instances import robot_of
 from .metadata import dump_json
 from .overlay import model_at_hand
 from .rasterizer import Rasterizer
-from .sequence import Sequence
+from .sequence import Meta, Sequence
 
 _MM = 1000.0
 _PASS = 32  # parts whose silhouettes are drawn at once
 _LEAST_VISIBLE = 0.1
 
 
+@dataclass(frozen=True)
+class _Model:
+    model: ArticulatedModel
+    parts: list[int]
+    """Indices of those that have a surface."""
+    first: int
+    """Object number of part 0."""
+
+
 class Bop:
-    """See export.Writer. Raises GcbenchError if the model is not at hand, or deforms."""
+    """See export.Writer. `add` raises GcbenchError if the model is not at hand, or deforms."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder = folder
+        self._folder, self._config = folder, dataset.config
         self._split = dataset.config.stream
-        self._model = model_at_hand(dataset.config)
-        if any(v.deforms for v in self._model.visuals):
-            raise GcbenchError(f"{dataset.path}: its model deforms, and BOP has rigid objects only")
-        self._objects = sorted({v.part for v in self._model.visuals})
+        self._models: dict[str, _Model] = {}
+        self._infos: dict[str, Any] = {}
         width, height = dataset.config.width, dataset.config.height
         self._rasterizer = Rasterizer(3 * width, 3 * height, 1)
         self._targets: list[dict[str, int]] = []
         self._camera: dict[str, float] = {}
-        self._write_models(folder / "models")
+        (folder / "models").mkdir()
 
     def add(self, sequence: Sequence, archive: Archive) -> None:
         meta, s = sequence.meta, sequence.state
-        if meta.part_names != self._model.part_names:
+        self._now = self._model_of(meta)
+        if meta.part_names != self._now.model.part_names:
             raise GcbenchError(f"{archive.path}: its parts are not those of the model at hand")
         folder = self._folder / self._split / archive.path.stem
         for kind in ("rgb", "depth", "mask", "mask_visib"):
@@ -79,13 +90,14 @@ class Bop:
                 (folder / kind / f"{t:06d}.png").write_bytes(archive.read(f"{kind}/{t:06d}.png"))
             cameras[str(t)] = {"cam_K": k.ravel(), "depth_scale": scale,
                                **_pose("w2c", s.cam_from_world[t])}
-            poses[str(t)] = [{**_pose("m2c", cam_from_part[t, p]), "obj_id": p + 1}
-                             for p in self._objects]
+            poses[str(t)] = [{**_pose("m2c", cam_from_part[t, p]), "obj_id": self._now.first + p}
+                             for p in self._now.parts]
             infos[str(t)] = self._masks(folder, t, cam_from_part[t], sequence)
         for name, tree in (("camera", cameras), ("gt", poses), ("gt_info", infos)):
             (folder / f"scene_{name}.json").write_bytes(dump_json(tree))
 
     def finish(self) -> None:
+        (self._folder / "models" / "models_info.json").write_bytes(dump_json(self._infos))
         (self._folder / "camera.json").write_bytes(dump_json(self._camera))
         if self._split == "test":
             (self._folder / "test_targets_bop19.json").write_bytes(dump_json(self._targets))
@@ -97,15 +109,15 @@ class Bop:
         """Draw from the camera's frame from now on, on the large canvas; poses are [T P 4 4]."""
         middle = intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
         camera = Camera(3 * width, 3 * height, middle, np.eye(4))
-        self._rasterizer.begin_truth(self._model, camera, cam_from_part)
+        self._rasterizer.begin_truth(self._now.model, camera, cam_from_part)
 
     def _silhouettes(self, cam_from_part: Array) -> list[NDArray[np.bool_]]:
         """[3H 3W] of each object, from poses [P 4 4]."""
         canvas = np.array([0, 0, self._rasterizer.width, self._rasterizer.height])
         where = np.tile(canvas, (len(cam_from_part), 1))
         out: list[NDArray[np.bool_]] = []
-        for start in range(0, len(self._objects), _PASS):
-            chosen = self._objects[start:start + _PASS]
+        for start in range(0, len(self._now.parts), _PASS):
+            chosen = self._now.parts[start:start + _PASS]
             group = np.full(len(cam_from_part), -1, np.int64)
             group[chosen] = np.arange(len(chosen))
             self._rasterizer.draw_coverage(cam_from_part, group, where)
@@ -120,7 +132,7 @@ class Bop:
         height, width = part.shape
         infos: list[dict[str, Any]] = []
         for k, (p, large) in enumerate(zip(
-                self._objects, self._silhouettes(cam_from_part), strict=True)):
+                self._now.parts, self._silhouettes(cam_from_part), strict=True)):
             visible = part == p + 1
             inside = large[height:2 * height, width:2 * width]
             inside |= visible  # both are sampled at pixel centres, with roundings of their own
@@ -138,18 +150,27 @@ class Bop:
             })
             if infos[-1]["visib_fract"] >= _LEAST_VISIBLE:
                 self._targets.append({"scene_id": sequence.meta.index, "im_id": t,
-                                      "obj_id": p + 1, "inst_count": 1})
+                                      "obj_id": self._now.first + p, "inst_count": 1})
         return infos
 
-    def _write_models(self, folder: Path) -> None:
-        folder.mkdir()
-        infos: dict[str, Any] = {}
-        for p in self._objects:
-            visuals = [v for v in self._model.visuals if v.part == p]
-            write_ply(folder / f"obj_{p + 1:06d}.ply", visuals)
-            infos[str(p + 1)] = {"name": self._model.part_names[p],
-                                 **size_of(np.concatenate([v.vertices for v in visuals]))}
-        (folder / "models_info.json").write_bytes(dump_json(infos))
+    def _model_of(self, meta: Meta) -> _Model:
+        """The model of a sequence, which is written when it is seen first."""
+        robot = robot_of(self._config, meta)
+        if robot in self._models:
+            return self._models[robot]
+        model = model_at_hand(self._config, meta)
+        if any(v.deforms for v in model.visuals):
+            raise GcbenchError(f"{robot} deforms, and BOP has rigid objects only")
+        first = 1 + sum(len(m.model.part_names) for m in self._models.values())
+        parts = sorted({v.part for v in model.visuals})
+        for p in parts:
+            visuals = [v for v in model.visuals if v.part == p]
+            write_ply(self._folder / "models" / f"obj_{first + p:06d}.ply", visuals)
+            self._infos[str(first + p)] = {
+                "name": model.part_names[p], "model": model.name,
+                **size_of(np.concatenate([v.vertices for v in visuals]))}
+        self._models[robot] = _Model(model, parts, first)
+        return self._models[robot]
 
 
 def write_ply(path: Path, visuals: list[Visual]) -> None:

@@ -38,11 +38,10 @@ class Coco:
         self._annotations: list[dict[str, Any]] = []
         self._keypoints: list[dict[str, Any]] = []
         self._keypoint_names: tuple[str, ...] = ()
-        self._categories: dict[tuple[str, str], int] = {}
+        self._categories: dict[str, int] = {}
 
     def add(self, sequence: Sequence, archive: Archive) -> None:
         meta = sequence.meta
-        model = str(meta.asset.get("name") or self._dataset.config.robot)
         for t in range(len(sequence)):
             name = f"{archive.path.stem}_{t:06d}.png"
             (self._folder / "images" / name).write_bytes(archive.read(f"rgb/{t:06d}.png"))
@@ -60,7 +59,7 @@ class Coco:
                 })  # fmt: skip
             for number in np.unique(part[part > 0]):
                 category = self._categories.setdefault(
-                    (model, meta.part_names[number - 1]), len(self._categories) + 1)
+                    meta.part_names[number - 1], len(self._categories) + 1)
                 self._annotations.append({
                     "id": len(self._annotations) + 1, "image_id": len(self._images),
                     "category_id": category, **instance(part == number), "part": int(number),
@@ -69,18 +68,19 @@ class Coco:
     def finish(self) -> None:
         licence = "; ".join(dict.fromkeys(str(a.get("licence", ""))
                                           for a in self._dataset.info.assets))
+        model = Path(self._dataset.config.robot).stem
         common = {
-            "info": {"description": f"gcbench: {self._dataset.config.robot}", "version": "1.0"},
+            "info": {"description": f"gcbench: {model}", "version": "1.0"},
             "licenses": [{"id": 1, "name": f"of the model: {licence}", "url": ""}],
             "images": [{**image, "license": 1} for image in self._images],
         }  # fmt: skip
         parts = [{"id": k, "name": part, "supercategory": model}
-                 for (model, part), k in self._categories.items()]
+                 for part, k in self._categories.items()]
         folder = self._folder / "annotations"
         (folder / "instances.json").write_bytes(dump_json(
             {**common, "annotations": self._annotations, "categories": parts}))
         if self._keypoint_names:
-            whole = {"id": 1, "name": self._dataset.config.robot, "supercategory": "model",
+            whole = {"id": 1, "name": model, "supercategory": "model",
                      "keypoints": self._keypoint_names, "skeleton": []}
             (folder / "keypoints.json").write_bytes(dump_json(
                 {**common, "annotations": self._keypoints, "categories": [whole]}))

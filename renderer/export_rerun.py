@@ -27,9 +27,10 @@ from ..robots.model import ArticulatedModel
 from ..robots.texture import mean_color
 from .archive import Archive
 from .dataset import Dataset
+from .instances import robot_of
 from .metadata import dump_json
 from .overlay import model_at_hand
-from .sequence import Sequence
+from .sequence import Meta, Sequence
 
 _APPLICATION = "gcbench"
 _CAMERA, _IMAGE = ["world", "camera"], ["world", "camera", "image"]
@@ -40,9 +41,9 @@ class Rerun:
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder, self._name = folder, dataset.path.absolute().name
+        self._config = dataset.config
+        self._robot: str | None = None
         self._model: ArticulatedModel | None = None
-        with suppress(GcbenchError):  # then there are poses without surfaces
-            self._model = model_at_hand(dataset.config)
 
     def add(self, sequence: Sequence, archive: Archive) -> None:
         meta, s = sequence.meta, sequence.state
@@ -82,8 +83,17 @@ class Rerun:
     def close(self) -> None:
         pass
 
+    def _load(self, meta: Meta) -> None:
+        """Get the sequence's model, if it is at hand: else there are poses without surfaces."""
+        with suppress(GcbenchError):
+            robot = robot_of(self._config, meta)
+            if robot != self._robot:
+                self._robot, self._model = robot, None
+                self._model = model_at_hand(self._config, meta)
+
     def _log_once(self, recording: rr.RecordingStream, sequence: Sequence) -> None:
         """What holds for all frames."""
+        self._load(sequence.meta)
         meta, k = sequence.meta, sequence.state.intrinsics + np.array([[0, 0, 0.5]] * 2 + [[0] * 3])
         names = ["background", *meta.part_names]
         recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

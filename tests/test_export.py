@@ -367,6 +367,25 @@ def test_bop(toy: Dataset, tmp_path: Path) -> None:
                 assert listed == (info["visib_fract"] >= 0.1)
 
 
+@pytest.mark.gl
+def test_bop_counts_the_parts_of_each_instance(tmp_path: Path) -> None:
+    config = RenderConfig(robot="microwave", frames=2, width=160, height=120)
+    generate(config, 2, tmp_path / "data", workers=1, progress=False)
+    out = export(tmp_path / "data", "bop", tmp_path / "b", progress=False).folder
+    infos = json.loads((out / "models" / "models_info.json").read_text())
+    used: list[set[int]] = []
+    for sequence in open_dataset(tmp_path / "data"):
+        folder = out / "test" / f"{sequence.meta.index:06d}"
+        poses = json.loads((folder / "scene_gt.json").read_text())["1"]
+        used.append({pose["obj_id"] for pose in poses})
+        names = [infos[str(k)]["name"] for k in sorted(used[-1])]
+        seen = np.unique(sequence.part[1])
+        assert {sequence.meta.part_names[n - 1] for n in seen[seen > 0]} <= set(names)
+        assert set(names) <= set(sequence.meta.part_names)
+    assert not used[0] & used[1] and {str(k) for k in used[0] | used[1]} == set(infos)
+    assert len(list((out / "models").glob("obj_*.ply"))) == len(infos)
+
+
 def test_bop_needs_the_model(dataset: Dataset, tmp_path: Path) -> None:
     with pytest.raises(GcbenchError, match="no robot 'arm'"):
         export(dataset.path, "bop", tmp_path / "b", progress=False)
