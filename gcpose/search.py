@@ -31,9 +31,9 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     """
     freedom = tracker.known.freedom
     coarse = tracker.thinned(_COARSE) if freedom else tracker
-    ways = {0: (by_lines, by_more_lines), 2: (by_directions, by_nothing), 4: (by_nothing,)}
+    ways = (by_sweeps, by_more_sweeps, by_flow) if freedom else (by_lines, by_more_lines)
     best: Hypothesis | None = None
-    for way in ways[freedom]:
+    for way in ways:
         found = way(coarse, flow)
         if freedom:
             found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds), h.order)
@@ -101,26 +101,39 @@ def by_more_lines(tracker: Tracker, flow: Flow) -> list[Hypothesis]:
     return together(lambda h: tracker.settle(h, 1, _MIDDLING), distinct(found, 6))
 
 
-def by_directions(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
-    """Where the axes' directions are known.
+def by_sweeps(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
+    """Where the axes' lines are not known."""
+    end = coarse.surfaces.frames - 1
+    found = swept(coarse, 1, 20) + swept(coarse, min(3, end), 20)
+    return grown(coarse, found + beginnings(coarse, flow, (2, 4), 6), 4, 1)
 
-    A few frames do not tell where the axes are: they stay in the hinges at first.
+
+def by_more_sweeps(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
+    """The same from more starts, more of which are kept for longer."""
+    end = coarse.surfaces.frames - 1
+    return grown(coarse, [h for t in (1, 2, 3, 4) for h in swept(coarse, min(t, end), 24)], 5, 2)
+
+
+def grown(coarse: Tracker, found: list[Hypothesis], hold: int, keep: int) -> list[Hypothesis]:
+    """The best over some frames.
+
+    A few frames do not tell where the axes are: up to frame `hold` they stay in the hinges.
     """
     end = coarse.surfaces.frames - 1
-    found = swept(coarse, 1, 24) + swept(coarse, min(3, end), 16)
-    found += beginnings(coarse, flow, (2, 4), 6)
     found = together(lambda h: coarse.settle(h, 1, (8.0, 8.0, 6.0), held=True), found)
-    found = distinct(found, 24)
-    found = together(lambda h: coarse.follow(h, min(4, end), (8.0, 6.0), held=True), found)
-    found = together(lambda h: coarse.settle(h, 1, (8.0, 6.0, 4.0, 4.0)), distinct(found, 16))
-    found = together(lambda h: coarse.follow(h, min(6, end), (4.0, 3.0)), distinct(found, 10))
-    found = together(lambda h: coarse.settle(h, 1, _MIDDLING), distinct(found, 8))
-    found = together(lambda h: coarse.follow(h, min(8, end)), distinct(found, 6))
-    return together(lambda h: descended(coarse, h, 2, _MIDDLING), distinct(found, 6))
+    found = distinct(found, 24 * keep)
+    found = together(lambda h: coarse.follow(h, min(hold, end), (8.0, 6.0), held=True), found)
+    found = together(lambda h: coarse.settle(h, 1, (8.0, 6.0, 4.0, 4.0)),
+                     distinct(found, 16 * keep))
+    found = together(lambda h: coarse.follow(h, min(6, end), (4.0, 3.0)),
+                     distinct(found, 10 * keep))
+    found = together(lambda h: coarse.settle(h, 1, _MIDDLING), distinct(found, 8 * keep))
+    found = together(lambda h: coarse.follow(h, min(8, end)), distinct(found, 6 * keep))
+    return together(lambda h: descended(coarse, h, 2, _MIDDLING), distinct(found, 6 * keep))
 
 
-def by_nothing(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
-    """Where nothing is known of the axes."""
+def by_flow(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
+    """The same from flow alone, with axes that are free from the beginning."""
     end = coarse.surfaces.frames - 1
     found = beginnings(coarse, flow, (1, 2, 4), 6)
     found = together(lambda h: coarse.settle(extend(h, min(2, end)), 2, _WIDE), found)
@@ -135,7 +148,7 @@ def squared(tracker: Tracker, best: Hypothesis) -> Hypothesis:
     joints = len(best.state.prismatic)
     ways = [replace(best, state=replace(best.state, relation=way))
             for way in product((ACROSS, ALONG), repeat=joints - 1)]
-    found = [best, *(tracker.settle(h, 3) for h in ways)]
+    found = [best, *together(lambda h: tracker.settle(h, 3), ways)]
     return min(found, key=lambda h: h.cost * (1.0 if h.state.relation else 1.05))
 
 

@@ -9,8 +9,10 @@ centimetres hardly matters for so small a turn.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from ..robots.geometry import Array
@@ -29,50 +31,112 @@ _PLACES = 10  # where a hinge may be
 _BEAM = 2500  # chains that are carried on to the next joint
 _POINTS = 120
 _BLOCK = 40000  # points that are judged at a time
+_TURNS = 8  # directions across another
 _COARSE = 6.0  # px, of what a grid leaves
 
 
 def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
-    """The `most` best starts over frames 0 and `to`; none where axes' directions are unknown.
+    """The `most` best starts over frames 0 and `to`.
 
     A beam search along the chain: a joint's hinge is at one of some places on what moves, its step
     one of some values; a point costs what the best part so far costs it.
     """
     grid, known, surfaces = tracker.grid(0), tracker.known, tracker.surfaces
-    if known.direction is None:
-        return []
     inside = grid.point[tracker.moving]
     pick = np.linspace(0, len(inside) - 1, min(len(inside), _POINTS)).astype(int)
     points, normals = inside[pick], grid.normal[tracker.moving][pick]
     places = spread(thinned(inside, 400), _PLACES)
     reach = min(to, _REACH)
-    motion = np.eye(4)[None]
-    cost = judged(surfaces, to, motion, points, normals)
-    place, angle = np.zeros((1, 0), np.int64), np.zeros((1, 0))
+    still = np.eye(4)[None]
+    beam = Beam(still, judged(surfaces, to, still, points, normals),
+                np.zeros((1, 0, 6)), np.zeros((1, 0)))
     for j, prismatic in enumerate(known.prismatic):
-        lines = np.stack([line(known, j, p) for p in places])
-        if known.line is not None or prismatic:
-            lines = lines[:1]
-        values = _VALUES if len(lines) > 1 else 2 * _VALUES - 1
-        step = np.linspace(-1, 1, values) * reach * (_SLIDE if prismatic else _TURN)
-        turn = np.stack([joint_motion(l, step) for l in lines])  # [P V 4 4]
-        motion = (motion[:, None, None] @ turn).reshape(-1, 4, 4)
-        each = len(lines) * values
-        cost = cost.repeat(each, axis=0)
-        cost = np.minimum(cost, judged(surfaces, to, motion, points, normals))
-        which = np.tile(np.arange(len(lines)).repeat(values), len(place))
-        place = np.concatenate([place.repeat(each, axis=0), which[:, None]], axis=1)
-        turned = np.tile(step, len(lines) * len(angle))
-        angle = np.concatenate([angle.repeat(each, axis=0), turned[:, None]], axis=1)
-        best = np.argsort(cost.mean(axis=1), kind="stable")[:_BEAM]
-        motion, cost, place, angle = motion[best], cost[best], place[best], angle[best]
+        grown: list[Beam] = []
+        step = np.linspace(-1, 1, _VALUES) * reach * (_SLIDE if prismatic else _TURN)
+        for before, group in families(beam, known):
+            lines = axes(known, j, directions(known, j, before), places)
+            if len(lines) == 1:
+                step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
+            turn = np.concatenate([joint_motion(l, step) for l in lines])  # [P V 4 4]
+            motion = (group.motion[:, None] @ turn[None]).reshape(-1, 4, 4)
+            cost = judged(surfaces, to, motion, points, normals)
+            cost = np.minimum(group.cost.repeat(len(turn), axis=0), cost)
+            best = np.argsort(cost.mean(axis=1), kind="stable")[:_BEAM]
+            old, new = np.divmod(best, len(turn))
+            line, value = np.divmod(new, len(step))
+            grown.append(Beam(
+                motion[best], cost[best],
+                np.concatenate([group.twist[old], lines[line][:, None]], axis=1),
+                np.concatenate([group.angle[old], step[value][:, None]], axis=1),
+            ))
+        beam = Beam(
+            np.concatenate([b.motion for b in grown]), np.concatenate([b.cost for b in grown]),
+            np.concatenate([b.twist for b in grown]), np.concatenate([b.angle for b in grown]),
+        )
+        most_now = _BEAM if known.direction is not None else _BEAM // 5
+        beam = chosen(beam, np.argsort(beam.cost.mean(axis=1), kind="stable")[:most_now])
     found: list[Hypothesis] = []
-    for at, end, c in zip(place[:most], angle[:most], cost[:most].mean(axis=1), strict=True):
-        twist = np.stack([line(known, j, places[p]) for j, p in enumerate(at)])
-        order = int(np.argmin([np.linalg.norm(b - places[at[0]]) for b in tracker.bases]))
+    for twist, end, c in zip(beam.twist[:most], beam.angle[:most], beam.cost[:most].mean(axis=1),
+                             strict=True):
+        at = np.cross(twist[0, :3], twist[0, 3:])
+        order = int(np.argmin([np.linalg.norm(b - at) for b in tracker.bases]))
         state = Articulation(twist, np.linspace(0 * end, end, to + 1), known.prismatic)
         found.append(Hypothesis(state, (), float(c), order))
     return [replace(h, clouds=(coarse_cloud(tracker, h.state),)) for h in found]
+
+
+class Beam(NamedTuple):
+    """M chains of j joints."""
+
+    motion: Array
+    """[M 4 4] of the last part"""
+    cost: Image
+    """[M N] of each point under the best part so far"""
+    twist: Array
+    """[M j 6]"""
+    angle: Array
+    """[M j]"""
+
+
+def chosen(beam: Beam, which: NDArray[np.intp]) -> Beam:
+    """Some of the chains."""
+    return Beam(beam.motion[which], beam.cost[which], beam.twist[which], beam.angle[which])
+
+
+def families(beam: Beam, known: Known) -> list[tuple[Array | None, Beam]]:
+    """The chains by the direction [3] of their last axis, where the next one's depends on it."""
+    if known.direction is not None or beam.twist.shape[1] == 0:
+        return [(None, beam)]
+    turns = np.any(beam.twist[:, -1, :3], axis=1, keepdims=True)
+    last = np.where(turns, beam.twist[:, -1, :3], beam.twist[:, -1, 3:])
+    kinds, which = np.unique(last.round(6), axis=0, return_inverse=True)
+    members = [np.flatnonzero(which.reshape(-1) == i) for i in range(len(kinds))]
+    return [(k / np.linalg.norm(k), chosen(beam, m))
+            for k, m in zip(kinds, members, strict=True)]
+
+
+def directions(known: Known, joint: int, before: Array | None) -> Array:
+    """[D 3] where an axis may point: as known; or upright, then parallel to the one before it or
+    across, as machines are built and images are taken."""
+    if known.direction is not None:
+        return known.direction[joint][None]
+    if before is None:
+        tilt = np.radians([10.0, 22.0, 35.0, 48.0])
+        return np.stack([0 * tilt, -np.cos(tilt), -np.sin(tilt)], axis=1)
+    across = np.linalg.svd(before[None])[2][1:]
+    turn = np.arange(_TURNS) * np.pi / _TURNS
+    round_about = np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1]
+    return np.concatenate([before[None], round_about])
+
+
+def axes(known: Known, joint: int, direction: Array, places: Array) -> Array:
+    """Twists [P 6] of a joint with any of the directions [D 3], at any of the places."""
+    if known.line is not None:
+        return known.line[joint][None]
+    if known.prismatic[joint]:
+        return np.concatenate([np.zeros_like(direction), direction], axis=1)
+    l, p = direction.repeat(len(places), axis=0), np.tile(places, (len(direction), 1))
+    return np.concatenate([l, np.asarray(np.cross(p, l), np.float64)], axis=1)
 
 
 def spread(points: Array, most: int) -> Array:
@@ -92,17 +156,6 @@ def coarse_cloud(tracker: Tracker, state: Articulation) -> Cloud:
     cost = judged(tracker.surfaces, last, motion, grid.point, grid.normal).T
     label = smooth(cost.astype(np.float64), grid).argmin(axis=1)
     return Cloud(0, grid.point, grid.normal, grid.shade, label)
-
-
-def line(known: Known, joint: int, at: Array) -> Array:
-    """Twist [6] of a joint through a point [3]."""
-    assert known.direction is not None
-    if known.line is not None:
-        return known.line[joint]
-    l = known.direction[joint]
-    if known.prismatic[joint]:
-        return np.concatenate([np.zeros(3), l])
-    return np.concatenate([l, np.asarray(np.cross(at, l), np.float64)])
 
 
 def judged(
