@@ -14,7 +14,7 @@ from .crew import together
 from .denoise import smoothed
 from .flow import Flow, dis_flow
 from .knowledge import Known, knowledge
-from .search import search
+from .search import doubtful, search
 from .segment import candidates
 from .surface import measure
 from .tracker import Tracker
@@ -22,7 +22,8 @@ from .tracker import Tracker
 _CANDIDATES = 1500
 _FEWEST = 30  # candidates that are worth a search
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
-_CALIBRATION = {0: 2.5, 2: 3.3, 4: 5.0}  # of standard deviations, by the axes' freedom
+_CALIBRATION = {0: 2.7, 2: 3.0, 4: 4.0}  # of standard deviations, by the axes' freedom
+_LOST = np.radians(10.0)  # and where much stays unexplained
 _NOISY = (15.0, np.radians(0.5))  # where depth is noisy: factor, and the least
 
 
@@ -33,7 +34,7 @@ class GCPose:
     inputs: tuple[Inputs, ...] = ("rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
     training = "none"
-    version = "1"
+    version = "2"
 
     def __init__(self, flow: Flow = dis_flow) -> None:
         self.flow = flow
@@ -72,17 +73,19 @@ class GCPose:
             displacement=state.angle,
             screw=screws_of(state.twist, state.prismatic),
             part=parts(tracker, state),
-            sigma=calibrated(sigma, known, noise > 0),
+            sigma=calibrated(sigma, known, noise > 0, doubtful(tracker, best)),
         )
 
 
-def calibrated(sigma: Array, known: Known, noisy: bool) -> Array:
+def calibrated(sigma: Array, known: Known, noisy: bool, lost: bool) -> Array:
     """Standard deviations [T J] that two thirds of the errors lie within.
 
     What errs together (labels, smoothing, the bend of surfaces within a pixel) is more than the
     residuals show: factor and floor are from training sequences.
     """
     factor, floor = _NOISY if noisy else (_CALIBRATION[known.freedom], 0.0)
+    if lost:
+        floor = _LOST
     out = np.minimum(np.hypot(factor * sigma, floor), _CLUELESS)
     out[0] = 0.0
     return out

@@ -40,10 +40,15 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
                      for h in distinct(found, 4)]
         other = polished(tracker, distinct(found, 3))
         best = other if best is None or other.cost < best.cost else best
-        if tracker.unexplained(best) < _DOUBTFUL[tracker.surfaces.noise > 0]:
+        if not doubtful(tracker, best):
             break
     assert best is not None
     return squared(tracker, best) if freedom == 4 else best
+
+
+def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:
+    """Whether more is unexplained than the truth leaves."""
+    return tracker.unexplained(guess) > _DOUBTFUL[tracker.surfaces.noise > 0]
 
 
 def polished(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:

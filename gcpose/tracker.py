@@ -64,7 +64,9 @@ class Tracker:
 
     def thinned(self, most: int) -> Tracker:
         """The same with fewer candidates."""
-        return Tracker(self.surfaces, self.rgb, self.known, most)
+        out = Tracker(self.surfaces, self.rgb, self.known, most)
+        out.bases = self.bases  # a hypothesis means the same base to both
+        return out
 
     def grid(self, frame: int) -> Candidates:
         """Candidates of a key frame."""

@@ -126,6 +126,7 @@ def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
     off = [np.abs(h.state.angle[3] - angle[3]).max() for h in found]
     assert len(found) == 12 and min(off) < np.radians(4.0)
     assert all(a.cost <= b.cost for a, b in pairwise(found))
+    assert tracker.thinned(100).bases is tracker.bases
     free = swept(Tracker(surfaces, blank, knowledge(np.zeros(2, bool), None, None), 500), 3, 9)
     for h in free:  # upright, then along or across
         first, second = h.state.twist[:, :3]
