@@ -309,6 +309,8 @@ def export(args: Sequence[str]) -> int:
 def robots(args: Sequence[str]) -> int:
     """List the robots that come with gcbench; `fetch` gets their meshes (done on first use, too).
 
+    Any .urdf, .glb or .gltf file is a robot, too: give its path wherever a name is asked for.
+
     Examples:
       gcbench robots
       gcbench robots fetch ur5

@@ -33,11 +33,11 @@ from .gltf_meshes import (
 )
 from .gltf_nodes import Rig, node_tree, rig
 from .mesh import quiet
-from .model import FIXED, ArticulatedModel, ModelError, Visual
+from .model import FIXED, ArticulatedModel, ModelError, Visual, forward_kinematics
 from .references import read_file
 from .skin import deformed
 
-SMALLEST, LARGEST = 1e-2, 1e3
+SMALLEST, LARGEST = 1e-3, 1e4
 """m: the size of a model outside is taken for another unit, and noted."""
 MAX_MORPH_CHANNELS = 10_000
 
@@ -220,9 +220,7 @@ def _own_motion(animation: KeyedAnimation, part_of_node: dict[int, int]) -> set[
 
 def _size(model: ArticulatedModel) -> float:
     """The diagonal, m, of the box around the model at rest."""
-    poses = model.parent_from_part_at_zero.copy()
-    for p in range(1, len(poses)):
-        poses[p] = poses[model.parent[p]] @ poses[p]
+    poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
     points = [deformed(v, poses, None, model.morph_weights)[0] for v in model.visuals]
     low = np.min([p.min(0) for p in points], axis=0)
     high = np.max([p.max(0) for p in points], axis=0)

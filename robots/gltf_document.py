@@ -29,12 +29,15 @@ DRAWN = frozenset({
 })
 """Extensions that a picture here shows."""
 SURFACES_ONLY = frozenset({
+    "EXT_lights_image_based", "EXT_mesh_features", "EXT_structural_metadata",
     "KHR_lights_punctual", "KHR_materials_anisotropy", "KHR_materials_clearcoat",
-    "KHR_materials_dispersion", "KHR_materials_ior", "KHR_materials_iridescence",
+    "KHR_materials_diffuse_transmission", "KHR_materials_dispersion", "KHR_materials_ior",
+    "KHR_materials_iridescence",
     "KHR_materials_sheen", "KHR_materials_specular", "KHR_materials_transmission",
     "KHR_materials_variants", "KHR_materials_volume", "KHR_xmp", "KHR_xmp_json_ld",
 })
-"""Extensions that only change how a surface shines: a picture can do without them."""
+"""Extensions that only change how a surface shines, or say what it means: a picture can do without.
+"""
 
 Counts = Mapping[str, int]
 Check = Callable[[Any, str, Counts], Any]

@@ -18,10 +18,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .geometry import Array
-from .model import REVOLUTE, ArticulatedModel
+from .model import REVOLUTE, ArticulatedModel, forward_kinematics
 from .skin import deformed
 
 LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
@@ -29,6 +28,8 @@ LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
 _SMALL = 0.1  # of the model's size
 _CENTRED = 0.15  # of what moves: a mesh whose middle is nearer to its origin turns like a wheel
 _MOST_LOOSE = 3
+MAX_JOINTS = 100
+"""Where more could move, those do that move most."""
 _SEEN = 0.2  # of the model's size
 
 
@@ -55,20 +56,22 @@ def with_joints(
 
     By part: bones of skins, nodes that animations move, nodes that carry meshes.
     """
-    boxes = _boxes(model)
+    poses = forward_kinematics(model, np.zeros(0))  # nothing moves yet
+    boxes = _boxes(model, poses)
     shown = [p for p in range(1, len(model.parent)) if boxes.size(p) > 0.0]
     chosen = _articulated(model, shown, bones, animated, meshes)
+    chosen = sorted(sorted(chosen, key=lambda p: (-boxes.size(p), p))[:MAX_JOINTS])
     note = "a glTF file has no joints: each bone or node that moves got one through its origin"
     if not chosen:
         largest = sorted((p for p in shown if p in meshes), key=lambda p: (-boxes.size(p), p))
         chosen = sorted(p for k, p in enumerate(largest[1:1 + _MOST_LOOSE])
                         if k == 0 or boxes.size(p) >= _SEEN * boxes.size(0))
         note = "a glTF file has no joints: its largest meshes but one got one each"
-    parts = {p: _axis(model, boxes, p, chosen) for p in chosen}
+    parts = {p: _axis(model, poses, boxes, p, frozenset(chosen)) for p in chosen}
     if not chosen and shown:
         top = shown[0]
         middle = (boxes.low[0] + boxes.high[0]) / 2.0
-        pose = model_poses(model)[top]
+        pose = poses[top]
         axis = pose[:3, :3].T @ np.array([0.0, 0.0, 1.0])
         point = pose[:3, :3].T @ (middle - pose[:3, 3])
         parts = {top: np.concatenate([axis, np.cross(point, axis)])}
@@ -103,15 +106,17 @@ def _articulated(
             or (p in meshes and held[p])]
 
 
-def _axis(model: ArticulatedModel, boxes: _Boxes, part: int, chosen: Collection[int]) -> Array:
-    """The screw [6] of a part's joint, in its frame."""
-    pose = model_poses(model)[part]
+def _axis(
+    model: ArticulatedModel, poses: Array, boxes: _Boxes, part: int, chosen: Collection[int]
+) -> Array:
+    """The screw [6] of a part's joint, in its frame; poses are [P 4 4]."""
+    pose = poses[part]
     origin, frame = pose[:3, 3], pose[:3, :3]
     middle = (boxes.low[part] + boxes.high[part]) / 2.0
     next_joints = [int(c) for c in np.flatnonzero(model.parent == part) if int(c) in chosen]
     if next_joints:
         largest = max(next_joints, key=lambda c: (boxes.size(c), -c))
-        ahead = model_poses(model)[largest, :3, 3]
+        ahead = poses[largest, :3, 3]
         if np.linalg.norm(ahead - origin) > 0.05 * boxes.size(part):
             middle = ahead
     bone = frame.T @ (middle - origin)
@@ -127,10 +132,9 @@ def _axis(model: ArticulatedModel, boxes: _Boxes, part: int, chosen: Collection[
     return np.concatenate([np.eye(3)[axis], np.zeros(3)])
 
 
-def _boxes(model: ArticulatedModel) -> _Boxes:
+def _boxes(model: ArticulatedModel, poses: Array) -> _Boxes:
     low = np.full((len(model.parent), 3), np.inf)
     high = -low
-    poses = model_poses(model)
     for visual in model.visuals:
         points, _ = deformed(visual, poses, None, model.morph_weights)
         low[visual.part] = np.minimum(low[visual.part], points.min(0))
@@ -140,11 +144,3 @@ def _boxes(model: ArticulatedModel) -> _Boxes:
         low[above] = np.minimum(low[above], low[p])
         high[above] = np.maximum(high[above], high[p])
     return _Boxes(low, high)
-
-
-def model_poses(model: ArticulatedModel) -> NDArray[np.float64]:
-    """world_from_part [P 4 4] of a model that has no joints yet."""
-    poses = model.parent_from_part_at_zero.copy()
-    for p in range(1, len(poses)):
-        poses[p] = poses[model.parent[p]] @ poses[p]
-    return poses

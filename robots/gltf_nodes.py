@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,7 @@ class Rig:
     world_from_scene: Array
     """[4 4] to z up (and to metres, where a file was in another unit)"""
 
-    @property
+    @cached_property
     def part_of_node(self) -> dict[int, int]:
         return {int(n): p for p, n in enumerate(self.node) if n >= 0}
 

@@ -31,9 +31,11 @@ def deformed(
     if stretch is not None:
         part = part @ stretch[skin.bone_part]
     bones = part @ skin.part_from_mesh
-    matrix = np.einsum("vk,vkij->vij", skin.weight, bones[skin.bone])
-    points = np.einsum("vij,vj->vi", matrix[:, :3, :3], points) + matrix[:, :3, 3]
-    a, b, c = (matrix[:, :3, i] for i in range(3))
+    matrix = np.zeros((len(points), 3, 4))
+    for bone, weight in zip(skin.bone.T, skin.weight.T, strict=True):
+        matrix += weight[:, None, None] * bones[bone, :3]
+    points = np.einsum("vij,vj->vi", matrix[:, :, :3], points) + matrix[:, :, 3]
+    a, b, c = (matrix[:, :, i] for i in range(3))
     cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
     return points, unit(np.einsum("vij,vj->vi", cofactor, normals))
 

@@ -177,4 +177,6 @@ def default_scored_joints(model: ArticulatedModel, n: int = 3) -> tuple[str, ...
         good = extent >= _SMALLEST_SHARE * whole and high > low
         if extent > 0:
             (names if good else hidden).append(model.joint_names[j])
+        if len(names) == n:
+            break
     return tuple((names or hidden)[:n])

@@ -391,7 +391,7 @@ def test_a_single_mesh_turns_about_the_vertical(tmp_path: Path) -> None:
 
 def test_units_names_and_provenance(tmp_path: Path) -> None:
     maker = Maker()
-    mesh = maker.mesh(CORNERS * 5000.0)
+    mesh = maker.mesh(CORNERS * 50000.0)
     for name in ("a", "a", "", "b\nc"):
         maker.node(mesh=mesh, name=name)
     maker.tree["asset"] |= {"copyright": "2020 A. Nyone", "extras": {"license": "CC-BY-4.0"}}
