@@ -356,6 +356,50 @@ def test_morph_normals_follow(tmp_path: Path) -> None:
             normals, np.tile(np.array([-1, 0, 1]) / 2**0.5 @ Z_UP.T, (4, 1)), atol=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_files_of_everything_at_once(tmp_path: Path, seed: int) -> None:
+    """Random trees of scaled, mirrored and sheared nodes with skins, morphs, all kinds of keys."""
+    rng = np.random.default_rng(seed)
+    maker = Maker()
+
+    def turns(count: int) -> np.ndarray:
+        q = rng.normal(size=(count, 4))
+        return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+    nodes: list[int] = []
+    for k in range(10):
+        parent = None if k == 0 else int(rng.integers(k))
+        if rng.random() < 0.2:
+            matrix = np.eye(4)
+            matrix[:3] = rng.normal(size=(3, 4))
+            nodes.append(maker.node(parent, matrix=matrix.T.ravel().tolist()))
+        else:
+            nodes.append(maker.node(
+                parent, translation=rng.normal(size=3).tolist(), rotation=turns(1)[0].tolist(),
+                scale=(rng.uniform(0.5, 2, 3) * rng.choice([1, 1, -1], 3)).tolist()))
+    points, faces, _ = bar(maker)
+    targets = [{"POSITION": maker.accessor(rng.normal(size=points.shape))} for _ in range(2)]
+    joints = rng.permutation(10)[:4].tolist()
+    fields = {"JOINTS_0": maker.accessor(rng.integers(0, 4, (len(points), 4)), "B"),
+              "WEIGHTS_0": maker.accessor(rng.random((len(points), 4)))}
+    maker.node(0, mesh=maker.mesh(points, faces, targets, **fields),
+               skin=maker.skin(joints, [np.diag([*rng.uniform(0.5, 1, 3), 1]) for _ in joints]))
+    plain, soft = maker.mesh(), maker.mesh(points, faces, targets)
+    for k in (3, 6, 9):
+        maker.tree["nodes"][k]["mesh"] = soft if k == 6 else plain
+    for how in ("LINEAR", "STEP", "CUBICSPLINE"):
+        each = 3 if how == "CUBICSPLINE" else 1
+        tracks = [(6, "weights", [0.0, 1.0], rng.normal(size=4 * each), how)]
+        for k in (0, 1, 4, 7):
+            if "matrix" not in maker.tree["nodes"][k]:
+                path = str(rng.choice(["translation", "rotation", "scale"]))
+                keys = turns(3 * each) if path == "rotation" else rng.normal(size=(3 * each, 3))
+                tracks.append((k, path, np.sort(rng.random(3)), keys, how))
+        maker.animate(tracks)
+    _, worst = compare(maker.save(tmp_path), times=6)
+    assert worst < 1e-6
+
+
 # -- what a model is told --------------------------------------------------------------------
 
 
