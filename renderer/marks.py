@@ -22,7 +22,8 @@ def has_points(state: State) -> bool:
 
 def points_image(rgb: Image, meta: Meta, state: State, t: int) -> Image:
     """A copy of `rgb` [H W 3], paled, with the tracks and keypoints of frame t in their parts'
-    colours: a track's trail leads back in time, what is hidden is a ring, keypoints have names.
+    colours: a track's trail leads back in time, what is hidden is a ring, visible keypoints have
+    names.
 
     `rgb` may be smaller or larger than the sequence's own size.
     """
@@ -62,6 +63,7 @@ def points_image(rgb: Image, meta: Meta, state: State, t: int) -> Image:
             at = state.keypoint_image[t, k]
             if np.isfinite(at).all():
                 dot(pixels(at), int(part), bool(state.keypoint_visible[t, k]), 4 * thick)
-                u, v = pixels(at) >> bits
-                write(out, meta.keypoint_names[k], (int(u) + 4, int(v)))
+                if state.keypoint_visible[t, k]:
+                    u, v = pixels(at) >> bits
+                    write(out, meta.keypoint_names[k], (int(u) + 4, int(v)))
     return out

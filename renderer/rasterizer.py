@@ -19,28 +19,20 @@ from numpy.typing import NDArray
 
 from ..robots.geometry import Array, apply, inverse
 from ..robots.model import ArticulatedModel, Material, Tiling
-from .camera import Camera
-from .culling import one_sided_of
-from .gl import (
-    SHADOW_SIZE,
-    Context,
-    Look,
+from .buffers import (
     Mesh,
-    NoRendererError,
     Piece,
-    Program,
-    Programs,
     Surface,
-    Target,
     delete_mesh,
     draw_surface,
-    look_of,
     move_vertices,
-    picture_texture,
     runs_of,
-    shadow_texture,
     upload,
 )
+from .camera import Camera
+from .culling import one_sided_of
+from .gl import Context, Look, NoRendererError, Program, Programs, Target, look_of
+from .gl_textures import SHADOW_SIZE, picture_texture, shadow_texture
 from .posed import rest
 from .projection import box_corners, clip_from_light, clip_from_world
 from .scene import Scene
@@ -118,6 +110,8 @@ class Rasterizer:
 
     def place(self, surfaces: Posed) -> None:
         """Put the surfaces that deform where they are drawn from now on; after `begin_truth`."""
+        if not self._deforming:
+            return
         assert self._model is not None
         # In the camera frame single precision is enough, wherever in the world that is.
         cam_from_world = inverse(self._world_from_cam)
