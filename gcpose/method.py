@@ -19,10 +19,10 @@ from .segment import candidates
 from .surface import measure
 from .tracker import Tracker
 
-_CANDIDATES = 1500
+_CANDIDATES = 1500, 900  # and with noise, where what is near errs alike
 _FEWEST = 30  # candidates that are worth a search
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
-_CALIBRATION = {0: 2.7, 2: 3.0, 4: 4.0}  # of standard deviations, by the axes' freedom
+_CALIBRATION = {0: 2.7, 2: 3.2, 4: 4.0}  # of standard deviations, by the axes' freedom
 _LOST = np.radians(10.0)  # and where much stays unexplained
 _NOISY = (15.0, np.radians(0.5))  # where depth is noisy: factor, and the least
 
@@ -54,9 +54,10 @@ class GCPose:
             surfaces = smoothed(observation.depth, rgb, observation.intrinsics, noise, self.flow)
         else:
             surfaces = measure(observation.depth, observation.intrinsics)
-        if len(candidates(surfaces, rgb, 0, _CANDIDATES).point) < _FEWEST:
+        most = _CANDIDATES[noise > 0]
+        if len(candidates(surfaces, rgb, 0, most).point) < _FEWEST:
             return unmoved(observation, known)
-        tracker = Tracker(surfaces, rgb, known, _CANDIDATES)
+        tracker = Tracker(surfaces, rgb, known, most)
         best = search(tracker, self.flow)
         state, sigma = adjust(
             surfaces,

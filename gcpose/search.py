@@ -17,11 +17,10 @@ from .tracker import Tracker
 
 _COARSE = 500  # candidates that hard starts are judged on
 _WIDE, _MIDDLING = (16.0, 8.0, 4.0, 2.0), (4.0, 4.0, 2.0, 2.0)
-
-
 _DOUBTFUL = 0.04, 0.08  # of the candidates not explained: another way is tried; with noise
 _ROUNDS = 10  # of EM at the end, at most
 _CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
+_LOOSE = 6.0  # times as much with noise
 
 
 def search(tracker: Tracker, flow: Flow) -> Hypothesis:
@@ -62,14 +61,15 @@ def descended(
     tracker: Tracker, guess: Hypothesis, rounds: int, scales: tuple[float, ...] = (4.0, 2.0, 1.0)
 ) -> Hypothesis:
     """EM until it stands; where labels and axes creep along together, by leaps."""
+    loose = _LOOSE if tracker.surfaces.noise else 1.0
     for _ in range(rounds):
         after = tracker.settle(guess, 1, scales)
         change = float(np.abs(after.state.angle - guess.state.angle).max())
-        if change > _CREEPS:
+        if change > _CREEPS * loose:
             leap = tracker.settle(leaped(guess, after, 4.0), 1, scales)
             after = min(after, leap, key=lambda h: h.cost)
         guess = after
-        if change < _STANDS:
+        if change < _STANDS * loose:
             break
     return guess
 

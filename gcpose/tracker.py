@@ -78,7 +78,7 @@ class Tracker:
         """E-step for a frame's candidates; and their mean cost a frame."""
         grid = self.grid(frame)
         volume = label_costs(self.surfaces, grid, state.motions(len(state.angle)), width)
-        volume = smooth(volume, grid, 4 if self.surfaces.noise else 2)
+        volume = smooth(volume, grid, 3 if self.surfaces.noise else 2)
         cost = float(volume.min(axis=1).mean()) / max(1, len(state.angle) - 1)
         return Cloud(frame, grid.point, grid.normal, grid.shade, volume.argmin(axis=1)), cost
 
