@@ -101,6 +101,20 @@ def test_what_fails_leaves_nothing_behind(
         export(dataset.path, "kitti", tmp_path / "file" / "out", progress=False)
 
 
+def test_ctrl_c_leaves_nothing_behind(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(export_kitti.Kitti, "finish", interrupted)
+    out = str(tmp_path / "out")
+    assert main(["export", str(dataset.path), "--format", "kitti", "--out", out]) == 130
+    assert capsys.readouterr().err.endswith("gcbench: stopped; nothing was exported\n")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_missing_package_is_named(
     dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
