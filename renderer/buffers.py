@@ -64,7 +64,7 @@ class Piece:
 def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
     """One vertex buffer (position, normal, uv) and one index buffer for all pieces."""
     vertices = [np.zeros((0, 8), np.float32)]
-    indices = list[tuple[Piece, NDArray[np.uint32]]]()
+    indices: dict[tuple[int, bool], list[tuple[Piece, NDArray[np.uint32]]]] = {}
     base, first_vertex = 0, dict[int, int]()
     for piece in pieces:
         block = np.zeros((len(piece.vertices), 8), np.float32)
@@ -72,7 +72,8 @@ def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
         if piece.uv is not None:
             block[:, 6:] = piece.uv
         vertices.append(block)
-        indices.append((piece, np.asarray(piece.faces, np.uint32) + np.uint32(base)))
+        numbers = np.asarray(piece.faces, np.uint32) + np.uint32(base)
+        indices.setdefault((piece.part, piece.deforms), []).append((piece, numbers))
         first_vertex[piece.material] = base
         base += len(block)
     first_face, faces = dict[int, int](), 0
@@ -82,11 +83,11 @@ def upload(gl: Any, pieces: Sequence[Piece]) -> Mesh:
     # A part's one-sided triangles stand together, as do its others: two draws for its truth.
     index_blocks, surfaces, first = [np.zeros(0, np.uint32)], list[Surface](), 0
     order = [np.zeros(0, np.int64)]
-    for part, deforms in dict.fromkeys((piece.part, piece.deforms) for piece in pieces):
+    for (part, deforms), members in indices.items():
         for closed in (True, False):
-            for piece, index in indices:
+            for piece, index in members:
                 found = np.flatnonzero(piece.one_sided == closed)
-                if (piece.part, piece.deforms) == (part, deforms) and found.size:
+                if found.size:
                     count = 3 * found.size
                     surfaces.append(Surface(part, piece.material, closed, deforms, first, count))
                     index_blocks.append(index[found].ravel())

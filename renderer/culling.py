@@ -57,9 +57,11 @@ def one_sided_of(model: ArticulatedModel) -> list[NDArray[np.bool_]]:
     None of one that deforms, which may turn inside out, or in which alpha cuts holes.
     """
     out = [np.zeros(len(v.faces), bool) for v in model.visuals]
-    for part in {v.part for v in model.visuals}:
-        chosen = [k for k, v in enumerate(model.visuals) if v.part == part and not v.deforms
-                  and v.material.alpha_cutoff is None]
+    closed: dict[int, list[int]] = {}
+    for k, v in enumerate(model.visuals):
+        if not v.deforms and v.material.alpha_cutoff is None:
+            closed.setdefault(v.part, []).append(k)
+    for chosen in closed.values():
         visuals = [model.visuals[k] for k in chosen]
         found = one_sided([v.vertices for v in visuals], [v.faces for v in visuals])
         for k, outward in zip(chosen, found, strict=True):

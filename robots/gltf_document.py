@@ -34,7 +34,8 @@ SURFACES_ONLY = frozenset({
     "KHR_materials_diffuse_transmission", "KHR_materials_dispersion", "KHR_materials_ior",
     "KHR_materials_iridescence",
     "KHR_materials_sheen", "KHR_materials_specular", "KHR_materials_transmission",
-    "KHR_materials_variants", "KHR_materials_volume", "KHR_xmp", "KHR_xmp_json_ld",
+    "KHR_materials_variants", "KHR_materials_volume",
+    "KHR_materials_volume_scatter", "KHR_xmp", "KHR_xmp_json_ld",
 })
 """Extensions that only change how a surface shines, or say what it means: a picture can do without.
 """
@@ -279,7 +280,7 @@ _TOP: dict[str, Check] = {
         occlusionTexture=_object(pygltflib.OcclusionTextureInfo, "index", strength=number,
                                  **_TEXTURE),
         emissiveTexture=_object(pygltflib.TextureInfo, "index", **_TEXTURE),
-        alphaMode=_one_of("OPAQUE", "MASK", "BLEND"), alphaCutoff=number, doubleSided=_flag)),
+        alphaMode=_text, alphaCutoff=number, doubleSided=_flag)),
     "meshes": _list(_object(pygltflib.Mesh, "primitives", primitives=_list(_PRIMITIVE, 1),
                             weights=_list(number, most=1000), name=_text)),
     "nodes": _list(_object(

@@ -132,6 +132,9 @@ class Materials:
             color, picture = self._with_highlights(color, picture, glossy, where)
         unlit = "KHR_materials_unlit" in (given.extensions or {})
         mode = given.alphaMode or "OPAQUE"
+        if mode not in ("OPAQUE", "MASK", "BLEND"):  # of a later 2.x
+            self.notes[f"alpha mode {mode[:40]!r} is taken as OPAQUE"] = None
+            mode = "OPAQUE"
         if mode == "OPAQUE" and picture is not None and picture.shape[2] == 4:
             picture = self._opaque.setdefault(id(picture), np.ascontiguousarray(picture[..., :3]))
         r, g, b, a = np.clip(color, 0.0, 1.0).tolist()

@@ -42,6 +42,10 @@ def texture_from_image(image: Image.Image | Any, name: str) -> NDArray[np.uint8]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
+            if image.mode.startswith("I;16"):  # which Pillow clips instead of scaling
+                from PIL import Image
+
+                image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
             if max(width, height) > MAX_SIDE:
                 image.thumbnail((MAX_SIDE, MAX_SIDE))
             transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
