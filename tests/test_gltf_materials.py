@@ -225,3 +225,16 @@ def test_emission_and_occlusion(tmp_path: Path, rasterizer: Rasterizer) -> None:
     assert grey(emissiveFactor=[0.5] * 3) == pytest.approx(0.75, abs=0.02)
     assert grey(occlusionTexture={}) == pytest.approx(0.25 * 128 / 255, abs=0.01)
     assert grey(occlusionTexture={"strength": 0.0}) == pytest.approx(0.25, abs=0.01)
+
+
+def test_pictures_of_16_bits_are_scaled(tmp_path: Path) -> None:
+    grey = np.array([[0, 0x8000], [0x4000, 0xFFFF]], np.uint16)
+    out = io.BytesIO()
+    Image.fromarray(grey).save(out, "PNG")
+    maker = Maker()
+    maker.add("images", bufferView=maker.view(out.getvalue()))
+    maker.add("textures", source=0)
+    square(maker, pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
+    texture = only(maker, tmp_path).material.texture
+    assert texture is not None
+    np.testing.assert_array_equal(texture[..., 0], grey >> 8)
