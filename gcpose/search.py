@@ -14,12 +14,15 @@ from .flow import Flow
 from .start import beginnings
 from .sweep import swept
 from .tracker import Tracker
+from .trade import traded
 
 _COARSE = 500  # candidates that hard starts are judged on
 _WIDE, _MIDDLING = (16.0, 8.0, 4.0, 2.0), (4.0, 4.0, 2.0, 2.0)
 _DOUBTFUL = 0.04, 0.08  # of the candidates not explained: another way is tried; with noise
+_TRADED = 0.02, 0.06  # the same, for turns to be shared otherwise
 _ROUNDS = 10  # of EM at the end, at most
 _CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
+_TRADES, _CHEAPER = 3, 0.99  # of turns between parallel joints, and what is worth one
 _LOOSE = 6.0  # times as much with noise
 
 
@@ -38,11 +41,32 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
             found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds), h.order)
                      for h in distinct(found, 4)]
         other = polished(tracker, distinct(found, 3))
-        best = other if best is None or other.cost < best.cost else best
-        if not doubtful(tracker, best):
-            break
+        best, before = (other if best is None or other.cost < best.cost else best), best
+        if before is None and not doubtful(tracker, best):
+            break  # once in doubt, all ways are tried
     assert best is not None
+    if freedom and tracker.unexplained(best) > _TRADED[tracker.surfaces.noise > 0]:
+        best = bettered(tracker, coarse, best)
     return squared(tracker, best) if freedom == 4 else best
+
+
+def bettered(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
+    """The best of a hypothesis and of what shares the turns of parallel joints otherwise."""
+    for _ in range(_TRADES):
+        same = coarse.relabel(best.state, tuple(c.frame for c in best.clouds), best.order)
+        found = traded(coarse, same, 8)
+        found = together(lambda h: coarse.settle(h, 2, (8.0, 6.0, 4.0, 4.0)), found)
+        found = together(lambda h: descended(coarse, h, 2, _MIDDLING), distinct(found, 2))
+        found = [h for h in found if h.cost < _CHEAPER * same.cost]
+        if not found:
+            break
+        other = min(found, key=lambda h: h.cost)
+        other = tracker.relabel(other.state, tuple(c.frame for c in other.clouds), other.order)
+        other = descended(tracker, other, _ROUNDS)
+        if other.cost >= _CHEAPER * best.cost:
+            break
+        best = other
+    return best
 
 
 def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:
