@@ -20,7 +20,7 @@ from .tracker import Tracker, thinned
 _PARALLEL = 0.98  # cosine
 _PLACES = 24  # where the hinge may be
 _FEET = 3  # places of the first axis for each
-_NEAREST = 0.03  # of the object's size: a hinge closer to the first axis says nothing
+_NEAREST = 0.03  # of the distance to the camera: closer to the first axis, a hinge says nothing
 
 
 def traded(tracker: Tracker, guess: Hypothesis, most: int) -> list[Hypothesis]:
