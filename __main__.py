@@ -23,6 +23,7 @@ usage: gcbench COMMAND [OPTIONS]
   score    score the predictions of a method that ran elsewhere
   report   leaderboard, curves and pictures of results as one page, CSV, Markdown and LaTeX
   export   a dataset in the form of KITTI, BOP, COCO, WebDataset, TAP-Vid or Rerun
+  train    train a network of GC-Pose on renders
   robots   list the robots that come with gcbench, and fetch their meshes
   doctor   what renders on this machine, and what is missing
 
@@ -488,9 +489,42 @@ def report(args: Sequence[str]) -> int:
     return 0
 
 
+def train(args: Sequence[str]) -> int:
+    """Train a network of GC-Pose: `flow`, which refines optical flow.
+
+    The same command continues a run that was stopped. Without --data it renders what it learns
+    from: random articulated and rigid objects that no suite holds. A GPU is used if there is one.
+
+    Examples:
+
+      gcbench train flow --out raft --held-out data/ur5-train
+
+      gcbench train flow --data data/train --out raft --steps 100000 --workers 8
+
+      gcbench train flow --out raft --held-out data/ur5-train --steps 0
+    """
+    if not args or args[0] != "flow":
+        if args and args[0] in ("-h", "--help"):
+            args = ["flow", *args]
+        else:
+            raise GcbenchError("name the network to train: gcbench train flow")
+    from .gcpose.train_config import TrainConfig
+
+    options = _parse(args[1:], "train flow", TrainConfig, train.__doc__)
+    from .gcpose.train_flow import train as run
+
+    for path, errors in run(options).items():
+        print(f"{path}: px on moving parts")
+        print(f"  {'flow':10} {'EPE':>7} {'median':>7} {'bias':>7} {'by size':>7}")
+        for name, e in errors.items():
+            print(f"  {name:10} {e.epe:7.3f} {e.median:7.3f} {e.bias:7.3f} {e.bias_by_size:7.3f}")
+    print(options.out)
+    return 0
+
+
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
-    "eval": evaluate, "score": score, "report": report, "export": export,
+    "eval": evaluate, "score": score, "report": report, "export": export, "train": train,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -54,8 +55,11 @@ class Generated:
     scored: tuple[str, ...]
     licence: str
     builder: str
-    """"module:function" in this folder; the function takes nothing and returns the model."""
+    """"module:function" in this folder; the function takes nothing (or `number`) and returns the
+    model."""
     textured: bool = False
+    number: int | None = None
+    """Which of a family."""
 
     @property
     def source(self) -> str:
@@ -64,6 +68,7 @@ class Generated:
 
 
 Entry = CatalogEntry | Generated
+_RANDOM = re.compile(r"random:(\d{1,9})")
 
 
 _UR = "cmeel.prefix/share/example-robot-data/robots/ur_description/"
@@ -122,12 +127,20 @@ CATALOG: tuple[Entry, ...] = (
 
 
 def find(name: str) -> Entry:
-    """The entry of that name. Raises GcbenchError that lists what exists."""
+    """The entry of that name, or the random object `random:N` of a number.
+
+    Raises GcbenchError that lists what exists.
+    """
     for entry in CATALOG:
         if entry.name == name:
             return entry
+    if match := _RANDOM.fullmatch(name):
+        return Generated(
+            name=name, maker="gcbench", title="random object", joints=0, scored=(), licence="MIT",
+            builder="random_objects:random_object", number=int(match[1]))
     raise GcbenchError(f"no robot {name!r}; there are {', '.join(e.name for e in CATALOG)}, "
-                       f"{objects.HELP}, and any path to a .urdf, .glb or .gltf file")
+                       f"{objects.HELP}, random:NUMBER, and any path to a .urdf, .glb or .gltf "
+                       "file")
 
 
 def is_path(name_or_path: str | Path) -> bool:
@@ -174,7 +187,8 @@ def load(name_or_path: str | Path, packages: Mapping[str, Path] | None = None,
     entry = find(str(name_or_path))
     if isinstance(entry, Generated):
         module, _, function = entry.builder.partition(":")
-        model: ArticulatedModel = getattr(import_module(f".{module}", __package__), function)()
+        build = getattr(import_module(f".{module}", __package__), function)
+        model: ArticulatedModel = build() if entry.number is None else build(entry.number)
     else:
         folder = fetch(entry)
         model = load_urdf(folder / entry.urdf, asset_root=folder)

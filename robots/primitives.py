@@ -35,7 +35,7 @@ def sphere(radius: float) -> Surface:
     """A sphere of `radius` m."""
     _positive("sphere", [radius])
     polar = np.linspace(np.pi, 0.0, AROUND // 2 + 1)
-    return _revolved(radius * np.sin(polar), radius * np.cos(polar), np.sin(polar), np.cos(polar))
+    return revolved(radius * np.sin(polar), radius * np.cos(polar), np.sin(polar), np.cos(polar))
 
 
 def cylinder(radius: float, length: float) -> Surface:
@@ -43,11 +43,11 @@ def cylinder(radius: float, length: float) -> Surface:
     _positive("cylinder", [radius, length])
     h = length / 2.0
     parts = [
-        _revolved([0.0, radius], [-h, -h], [0.0, 0.0], [-1.0, -1.0]),
-        _revolved([radius, radius], [-h, h], [1.0, 1.0], [0.0, 0.0]),
-        _revolved([radius, 0.0], [h, h], [0.0, 0.0], [1.0, 1.0]),
+        revolved([0.0, radius], [-h, -h], [0.0, 0.0], [-1.0, -1.0]),
+        revolved([radius, radius], [-h, h], [1.0, 1.0], [0.0, 0.0]),
+        revolved([radius, 0.0], [h, h], [0.0, 0.0], [1.0, 1.0]),
     ]
-    return _joined(parts)
+    return joined(parts)
 
 
 def capsule(radius: float, length: float) -> Surface:
@@ -59,11 +59,11 @@ def capsule(radius: float, length: float) -> Surface:
     lower, upper = polar[: AROUND // 4 + 1], polar[AROUND // 4:]
     both = np.concatenate([lower, upper] if length else [polar])
     shift = np.where(np.arange(len(both)) < len(lower), -length / 2.0, length / 2.0)
-    return _revolved(radius * np.sin(both), radius * np.cos(both) + shift,
+    return revolved(radius * np.sin(both), radius * np.cos(both) + shift,
                      np.sin(both), np.cos(both))
 
 
-def _revolved(r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLike) -> Surface:
+def revolved(r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLike) -> Surface:
     """The profile (r, z), from below upwards on the outside, turned about the z axis."""
     r, z, nr, nz = (np.asarray(x, np.float64) for x in (r, z, normal_r, normal_z))
     r = np.where(np.abs(r) < 1e-12 * max(float(np.abs(r).max()), 1e-300), 0.0, r)
@@ -84,7 +84,7 @@ def _revolved(r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLi
     return Surface(vertices.reshape(-1, 3), faces, normals.reshape(-1, 3), uv.reshape(-1, 2))
 
 
-def _joined(parts: Sequence[Surface]) -> Surface:
+def joined(parts: Sequence[Surface]) -> Surface:
     counts = np.cumsum([0, *(len(p.vertices) for p in parts)])
     uvs: list[Array] = [p.uv for p in parts if p.uv is not None]
     return Surface(np.concatenate([p.vertices for p in parts]),

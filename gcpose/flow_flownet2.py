@@ -1,0 +1,41 @@
+"""FlowNet2 as a flow, from the official checkpoint."""
+
+# torch is an extra: without it there is nothing to check types against.
+# pyright: reportMissingImports=false, reportUnknownVariableType=false
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .flow import Flow
+from .flow_raft import device_named
+from .flownet2 import MULTIPLE, FlowNet2, torch
+from .image_tensor import padded
+from .weights_file import read_weights
+
+
+def flownet2_flow(checkpoint: Path, device: str = "auto") -> Flow:
+    """The flow of `FlowNet2_checkpoint.pth.tar`, about 270 GFLOP for 640 x 480 pixels.
+
+    Raises GcbenchError if there is no such file or it is of another network.
+    """
+    with torch.device("meta"):  # no time for random weights that are replaced
+        network = FlowNet2()
+    weights = read_weights(checkpoint, network.state_dict(), "FlowNet2")
+    network.load_state_dict(weights, assign=True)
+    network = network.to(device_named(device)).eval()
+
+    def flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        height, width = rgb_a.shape[:2]
+        place = next(network.parameters()).device
+        a, b = (padded(image.astype(np.float32) / np.float32(255), MULTIPLE).to(place)
+                for image in (rgb_a, rgb_b))
+        with torch.no_grad():
+            out = network(a, b)[0].permute(1, 2, 0)[:height, :width]
+        return out.cpu().numpy()
+
+    return flow

@@ -1,0 +1,86 @@
+"""The network of `raft.py` as a flow: weights from a file, images of any size."""
+
+# torch is an extra: without it there is nothing to check types against.
+# pyright: reportMissingImports=false, reportUnknownVariableType=false
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import GcbenchError
+from .flow import Flow, fine_dis_flow
+from .image_tensor import padded
+from .raft import MULTIPLE, Raft, torch
+from .weights_file import read_weights
+
+SHIPPED = Path(__file__).parent / "weights" / "raft.safetensors"
+_SIDE = 240
+"""Pixels of the smaller side at which it was trained; larger images are reduced to about this."""
+
+
+def raft_flow(weights: Path | None = None, device: str = "auto") -> Flow:
+    """The flow with the weights of a file; default: those that come with gcbench.
+
+    Raises GcbenchError if there is no such file or it is of another network.
+    """
+    if weights is None and not SHIPPED.exists():
+        raise GcbenchError(
+            "gcbench has no weights for raft yet: train them with `gcbench train flow` and name "
+            "them, --flow raft:DIR/raft.safetensors"
+        )
+    network = Raft()
+    network.load_state_dict(read_weights(weights or SHIPPED, network.state_dict(), "raft"))
+    return RaftFlow(network.to(device_named(device)))
+
+
+class RaftFlow:
+    """Refines the fine DIS flow, at about the resolution of its training."""
+
+    def __init__(self, network: Raft, iterations: int = 6) -> None:
+        self.network = network.eval()
+        self.iterations = iterations
+
+    def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """[H W 2] px."""
+        height, width = rgb_a.shape[:2]
+        factor = max(1, round(min(height, width) / _SIDE))
+        small = (max(1, round(width / factor)), max(1, round(height / factor)))
+        a, b = (np.asarray(cv2.resize(image, small, interpolation=cv2.INTER_AREA), np.uint8)
+                for image in (rgb_a, rgb_b))
+        flow = self.refined(a, b, fine_dis_flow(a, b))
+        if factor == 1:
+            return flow
+        flow = np.asarray(cv2.resize(flow, (width, height)), np.float32)
+        return flow * np.array([width / small[0], height / small[1]], np.float32)
+
+    def refined(
+        self, a: NDArray[np.uint8], b: NDArray[np.uint8], start: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Flow [h w 2] from another one, at the images' own resolution."""
+        height, width = a.shape[:2]
+        device = next(self.network.parameters()).device
+
+        pair = (image.astype(np.float32) / np.float32(255) for image in (a, b))
+        inputs = (padded(image, MULTIPLE).to(device) for image in (*pair, start))
+        with torch.no_grad():
+            flow = self.network(*inputs, self.iterations).fine
+        return flow[0].permute(1, 2, 0)[:height, :width].cpu().numpy()
+
+
+def device_named(name: str) -> torch.device:
+    """"cpu", "cuda", "mps", ... or "auto", which prefers what is fastest.
+
+    Raises GcbenchError where there is none.
+    """
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        return torch.zeros(1, device=name).device
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).splitlines()[0]
+        raise GcbenchError(f"--device {name}: {reason}; cpu works everywhere") from error

@@ -1,0 +1,44 @@
+"""Options of `gcbench train flow`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Options of a training run."""
+
+    data: tuple[Path, ...] = ()
+    """Datasets (`gcbench render --stream train`), or folders of them; default: random objects,
+    rendered into OUT/data first."""
+    out: Path = Path("raft")
+    """Folder of the weights (raft.safetensors), the checkpoint and the log (log.jsonl); a run
+    that was stopped continues from there."""
+    held_out: tuple[Path, ...] = ()
+    """Datasets on which the errors are measured, against DIS."""
+    steps: int = 60_000
+    """0 measures what is there."""
+    batch: int = 4
+    rate: float = 8e-4
+    """Highest learning rate of the cycle."""
+    crop: tuple[int, int] = (176, 144)
+    """Width and height of what is learned from at a time, px; multiples of 16."""
+    iterations: int = 4
+    """Corrections that the network makes; in use it makes six."""
+    models: int = 300
+    """Random objects to render if no data are given."""
+    seed: int = 1
+    device: str = "auto"
+    precision: Literal["bfloat16", "float32"] = "bfloat16"
+    """Of the arithmetic while training; weights are float32."""
+    workers: int = 0
+    """Processes that prepare samples beside the one that trains; a GPU waits for 8 and more."""
+    threads: int = 0
+    """Of the arithmetic on a CPU; default: all cores."""
+    every: int = 1000
+    """Steps between two checks on the held-out data."""
+    minutes: float = 3.0
+    """Between two checkpoints."""
