@@ -43,7 +43,7 @@ def depth_named(name: str) -> Depth | None:
 
 def _mono(folder: Path, device: str = "auto") -> Depth:
     from .flow_raft import device_named
-    from .image_tensor import padded
+    from .image_tensor import padded, unit
     from .monodepth2 import HEIGHT, WIDTH, Decoder, Encoder, depth_from_disparity, torch
     from .weights_file import read_weights
 
@@ -55,7 +55,7 @@ def _mono(folder: Path, device: str = "auto") -> Depth:
 
     def depth(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         small = cv2.resize(rgb, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-        image = padded(small.astype(np.float32) / np.float32(255), 1)
+        image = padded(unit(np.asarray(small, np.uint8)), 1)
         with torch.no_grad():
             out = depth_from_disparity(decoder(encoder(image.to(place))))[0, 0].cpu().numpy()
         size = (rgb.shape[1], rgb.shape[0])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .flow import Flow
 from .flow_raft import device_named
 from .flownet2 import MULTIPLE, FlowNet2, torch
-from .image_tensor import padded
+from .image_tensor import padded, unit
 from .weights_file import read_weights
 
 
@@ -32,7 +32,7 @@ def flownet2_flow(checkpoint: Path, device: str = "auto") -> Flow:
     def flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         height, width = rgb_a.shape[:2]
         place = next(network.parameters()).device
-        a, b = (padded(image.astype(np.float32) / np.float32(255), MULTIPLE).to(place)
+        a, b = (padded(unit(image), MULTIPLE).to(place)
                 for image in (rgb_a, rgb_b))
         with torch.no_grad():
             out = network(a, b)[0].permute(1, 2, 0)[:height, :width]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .. import GcbenchError
 from .flow import Flow, fine_dis_flow
-from .image_tensor import padded
+from .image_tensor import padded, unit
 from .raft import MULTIPLE, Raft, torch
 from .weights_file import read_weights
 
@@ -65,8 +65,7 @@ class RaftFlow:
         height, width = a.shape[:2]
         device = next(self.network.parameters()).device
 
-        pair = (image.astype(np.float32) / np.float32(255) for image in (a, b))
-        inputs = (padded(image, MULTIPLE).to(device) for image in (*pair, start))
+        inputs = (padded(image, MULTIPLE).to(device) for image in (unit(a), unit(b), start))
         with torch.no_grad():
             flow = self.network(*inputs, self.iterations).fine
         return flow[0].permute(1, 2, 0)[:height, :width].cpu().numpy()

@@ -48,7 +48,7 @@ def train(config: TrainConfig) -> dict[str, dict[str, FlowErrors]]:
         torch.set_num_threads(config.threads)
         cv2.setNumThreads(config.threads)
     torch.manual_seed(config.seed)
-    network = Raft().to(device).to(memory_format=torch.channels_last)
+    network = Raft().to(device)
     optimizer = torch.optim.AdamW(network.parameters(), config.rate, (0.9, 0.99), weight_decay=1e-4)
     config.out.mkdir(parents=True, exist_ok=True)
     at = read_checkpoint(config.out, network, optimizer)

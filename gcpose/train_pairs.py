@@ -126,7 +126,7 @@ def drawn(pair: Pair, crop: tuple[int, int], rng: np.random.Generator) -> Sample
             start = estimate(a, b)
         chance -= share
     part, weight = weighted(pair)
-    first, second = (_channels(image.astype(np.float32) / np.float32(255)) for image in (a, b))
+    first, second = (_channels(np.multiply(x, 1 / 255, dtype=np.float32)) for x in (a, b))
     flow = np.nan_to_num(pair.flow)
     return Sample(first, second, _channels(start), _channels(flow), part, weight)
 
