@@ -12,8 +12,8 @@ class TrainConfig:
     """Options of a training run."""
 
     data: tuple[Path, ...] = ()
-    """Datasets (`gcbench render --stream train`), or folders of them; default: random objects,
-    rendered into OUT/data first."""
+    """Datasets (`gcbench render --stream train`), or folders of them; default: random objects
+    and appliances, rendered into OUT/data first."""
     out: Path = Path("raft")
     """Folder of the weights (raft.safetensors), the checkpoint and the log (log.jsonl); a run
     that was stopped continues from there."""
@@ -29,7 +29,7 @@ class TrainConfig:
     iterations: int = 4
     """Corrections that the network makes; in use it makes six."""
     models: int = 300
-    """Random objects to render if no data are given."""
+    """Objects to render if no data are given."""
     seed: int = 1
     device: str = "auto"
     precision: Literal["bfloat16", "float32"] = "bfloat16"

@@ -1,4 +1,4 @@
-"""What a flow network learns from, rendered here: random objects that no suite holds."""
+"""What a flow network learns from, rendered here: objects that no suite holds."""
 
 from __future__ import annotations
 
@@ -19,12 +19,15 @@ from ..renderer.config import (
 )
 from ..renderer.generate import generate
 from ..robots import catalog
+from ..robots.appliances import CATEGORIES
 
 _FRAMES = 9
 _SEQUENCES = 4
 """Of each model: many models teach more than many views of one."""
 _MOST_JOINTS = 6
 _TEXTURED = 0.25
+_APPLIANCES = 8
+"""One dataset in so many."""
 
 
 @dataclass(frozen=True)
@@ -37,21 +40,34 @@ class Shoot:
 
 
 def recipe(models: int, seed: int) -> Iterator[Shoot]:
-    """Datasets of `models` random objects, stream "train", plain for the most part.
+    """`models` datasets of the stream "train", plain for the most part: random objects, and
+    appliances, another one in each sequence.
 
     At half of the benchmark's resolution, where the network works; motions of up to 14 deg a step,
     more than twice the benchmark's.
     """
     for number in range(models):
         rng = np.random.default_rng([seed, number])
-        name = f"random-{10_000 * seed + number}"
-        yield Shoot(name, _config(name, 10_000 * seed + number, rng), _SEQUENCES)
+        own = 10_000 * seed + number
+        if number % _APPLIANCES == _APPLIANCES - 1:
+            robot = CATEGORIES[number // _APPLIANCES % len(CATEGORIES)]
+            joints = ()
+        else:
+            robot = f"random:{own}"
+            joints = _some(catalog.load(robot).joint_names, rng)
+        config = _config(robot, joints, own, rng)
+        yield Shoot(f"{robot.partition(':')[0]}-{own}", config, _SEQUENCES)
 
 
-def _config(robot: str, seed: int, rng: np.random.Generator) -> RenderConfig:
-    names = catalog.load(robot).joint_names
+def _some(names: tuple[str, ...], rng: np.random.Generator) -> tuple[str, ...]:
+    """Two to six of them, in order; one where there is but one."""
     count = int(rng.integers(min(2, len(names)), min(len(names), _MOST_JOINTS) + 1))
-    chosen = rng.choice(len(names), count, replace=False)
+    return tuple(names[j] for j in sorted(rng.choice(len(names), count, replace=False)))
+
+
+def _config(
+    robot: str, joints: tuple[str, ...], seed: int, rng: np.random.Generator
+) -> RenderConfig:
     step = float(rng.uniform(2.0, 7.0) if rng.random() < 0.7 else rng.uniform(7.0, 14.0))
     fill = float(rng.uniform(0.35, 0.8))
     textured = float(rng.uniform(0.3, 1.0)) if rng.random() < _TEXTURED else 0.0
@@ -62,7 +78,7 @@ def _config(robot: str, seed: int, rng: np.random.Generator) -> RenderConfig:
         frames=_FRAMES,
         width=320,
         height=240,
-        scored_joints=tuple(names[j] for j in sorted(chosen)),
+        scored_joints=joints,
         keep_unobservable=True,
         randomization=RandomizationConfig(
             motion=MotionConfig(total=(2.0, 0.8 * step * (_FRAMES - 1)), max_step=step),
@@ -79,8 +95,10 @@ def rendered(out: Path, models: int, seed: int, workers: int | None = None) -> l
 
     Raises GcbenchError where nothing renders.
     """
+    from tqdm import tqdm
+
     folders: list[Path] = []
-    for shoot in recipe(models, seed):
+    for shoot in tqdm(recipe(models, seed), "render", models, unit="model", dynamic_ncols=True):
         folder = out / shoot.name
         generate(shoot.config, shoot.sequences, folder, workers, progress=False)
         folders.append(folder)

@@ -10,6 +10,7 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -17,6 +18,8 @@ import cv2
 import numpy as np
 
 from .. import GcbenchError
+from ..renderer.dataset import open_dataset
+from ..renderer.lock import locked
 from .checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_weights
 from .flow import dis_flow, fine_dis_flow
 from .flow_errors import FlowErrors, flow_errors
@@ -50,14 +53,15 @@ def train(config: TrainConfig) -> dict[str, dict[str, FlowErrors]]:
     torch.manual_seed(config.seed)
     network = Raft().to(device)
     optimizer = torch.optim.AdamW(network.parameters(), config.rate, (0.9, 0.99), weight_decay=1e-4)
-    config.out.mkdir(parents=True, exist_ok=True)
-    at = read_checkpoint(config.out, network, optimizer)
     checks = [Check(path) for path in folders(config.held_out)]
-    with (config.out / "log.jsonl").open("a") as log:
+    given = folders(config.data)
+    refuse_test_streams(given)
+    config.out.mkdir(parents=True, exist_ok=True)
+    with locked(config.out), (config.out / "log.jsonl").open("a") as log:
+        at = read_checkpoint(config.out, network, optimizer)
         if at.step < config.steps:
-            data = folders(config.data) or rendered(
-                config.out / "data", config.models, config.seed, max(config.workers, 1)
-            )
+            own = config.out / "data"
+            data = given or rendered(own, config.models, config.seed, config.workers or None)
             pairs = Pairs(data, config.seed, config.crop)
             at = _loop(config, network, optimizer, at, pairs, checks, log)
         return _check(network, checks, at, log)
@@ -91,7 +95,7 @@ def _loop(
             mean = loss.item() if np.isnan(mean) else 0.98 * mean + 0.02 * loss.item()
             bar.update()
             at = Checkpoint(step, time.monotonic() - started)
-            if step % 100 == 0:
+            if step % 20 == 0:
                 bar.set_postfix_str(f"loss {mean:.3f}")
                 _write(log, {"step": step, "seconds": round(at.seconds, 1), "loss": round(mean, 4)})
             if time.monotonic() - saved > 60 * config.minutes:
@@ -153,6 +157,16 @@ def folders(paths: tuple[Path, ...]) -> list[Path]:
     return out
 
 
+def refuse_test_streams(paths: list[Path]) -> None:
+    """Raises GcbenchError if one of the datasets is of the stream that suites hold."""
+    for path in paths:
+        if open_dataset(path).config.stream != "train":
+            raise GcbenchError(
+                f"{path} is of the stream `test`, which suites score on; render what is learned "
+                "from with --stream train"
+            )
+
+
 class Check:
     """Pairs of a held-out dataset, and how well others do on them."""
 
@@ -162,7 +176,11 @@ class Check:
         count = min(_MOST_CHECKED, len(pairs) // 2)
         chosen = np.linspace(0, len(pairs) // 2 - 1, count).astype(int)
         self.pairs = [pairs.pair(2 * int(i)) for i in chosen]  # forward
-        self.others = flow_errors({"dis": dis_flow, "dis-fine": fine_dis_flow}, self.pairs)
+
+    @cached_property
+    def others(self) -> dict[str, FlowErrors]:
+        """Of the flows that do not learn."""
+        return flow_errors({"dis": dis_flow, "dis-fine": fine_dis_flow}, self.pairs)
 
     def errors(self, network: Raft) -> dict[str, FlowErrors]:
         """Of all flows on the same pairs."""

@@ -1,4 +1,4 @@
-"""One writer at a time in a dataset's folder."""
+"""One writer at a time in a folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def locked(out: Path) -> Generator[None]:
         except BlockingIOError as error:
             file.seek(0)
             raise GcbenchError(
-                f"another gcbench render is writing to {out} (process {file.read(20).strip()})"
+                f"another gcbench is writing to {out} (process {file.read(20).strip()})"
             ) from error
         except OSError as error:
             # A file system without locks: two runs would only do the same work twice.

@@ -59,6 +59,7 @@ TYPES_AND_STORAGE = {
     "recipe",
     "provenance",
     "atomic",
+    "lock",
     "stack",
     "metadata",
     "generate",

@@ -276,7 +276,7 @@ def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
         fcntl.flock(file, fcntl.LOCK_EX)
         file.write("4711")
         file.flush()
-        with pytest.raises(GcbenchError, match=r"another gcbench render .*4711"):
+        with pytest.raises(GcbenchError, match=r"another gcbench .*4711"):
             run(tmp_path)
     assert run(tmp_path, n=1).sequences == 1
 

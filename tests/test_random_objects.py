@@ -59,8 +59,8 @@ def test_both_families_occur() -> None:
 
 
 def test_the_catalogue_knows_them_by_number() -> None:
-    model = catalog.load("random-12")
-    assert (model.name, model.licence) == ("random-12", "MIT")
-    assert catalog.is_fetched(catalog.find("random-12"))
-    with pytest.raises(GcbenchError, match="random-N"):
-        catalog.find("random-x")
+    model = catalog.load("random:12")
+    assert (model.name, model.licence) == ("random:12", "MIT")
+    assert catalog.is_fetched(catalog.find("random:12"))
+    with pytest.raises(GcbenchError, match="random:NUMBER"):
+        catalog.find("random:x")

@@ -20,6 +20,15 @@ from gcbench.robots import catalog
 from .bench_data import make_dataset
 
 
+def to_learn_from(folder: Path, n: int = 3) -> Path:
+    """A dataset of the stream "train"."""
+    make_dataset(folder, n)
+    info = json.loads((folder / "dataset.json").read_text())
+    info["config"]["stream"] = "train"
+    (folder / "dataset.json").write_text(json.dumps(info))
+    return folder
+
+
 def shifted(shift: tuple[int, int] = (5, -3), size: tuple[int, int] = (96, 128)) -> Pair:
     """Two parts on a still ground; part 2 moves by `shift` (u, v), part 1 does not."""
     rng = np.random.default_rng(0)
@@ -115,13 +124,16 @@ def test_errors_of_known_flows() -> None:
 
 
 def test_the_recipe_is_of_models_that_no_suite_holds() -> None:
-    shoots = list(recipe(6, seed=2))
-    assert len({s.name for s in shoots}) == len({s.config.seed for s in shoots}) == 6
+    shoots = list(recipe(9, seed=2))
+    assert len({s.name for s in shoots}) == len({s.config.seed for s in shoots}) == 9
     for shoot in shoots:
-        assert shoot.config.stream == "train" and shoot.config.robot.startswith("random-")
+        assert shoot.config.stream == "train"
         assert resolved(shoot.config) == shoot.config
-        assert set(shoot.config.scored_joints) <= set(catalog.load(shoot.name).joint_names)
-    assert shoots == list(recipe(6, seed=2))
+        if shoot.config.robot.startswith("random:"):
+            names = catalog.load(shoot.config.robot).joint_names
+            assert shoot.config.scored_joints and set(shoot.config.scored_joints) <= set(names)
+    assert [s.config.robot for s in shoots if ":" not in s.config.robot] == ["microwave"]
+    assert shoots == list(recipe(9, seed=2))
 
 
 # -- with PyTorch -----------------------------------------------------------------------------
@@ -184,7 +196,7 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
     from gcbench.gcpose.train_flow import train
     from gcbench.gcpose.weights_file import read_tensors
 
-    folder = make_dataset(tmp_path / "d")
+    folder = to_learn_from(tmp_path / "d")
     errors = train(config(folder, tmp_path / "whole", 3))
     assert {"dis", "dis-fine", "raft"} == set(errors[str(folder)])
     log = [json.loads(line) for line in (tmp_path / "whole/log.jsonl").read_text().splitlines()]
@@ -202,6 +214,14 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
     (tmp_path / "parts/checkpoint.safetensors").write_bytes(b"\x08" * 64)
     with pytest.raises(GcbenchError, match=r"checkpoint\.safetensors: holds no tensors"):
         train(config(folder, tmp_path / "parts", 4))
+
+
+def test_what_suites_score_on_is_not_learned_from(torch, tmp_path: Path) -> None:
+    from gcbench.gcpose.train_flow import train
+
+    with pytest.raises(GcbenchError, match="--stream train"):
+        train(config(make_dataset(tmp_path / "d"), tmp_path / "out", 3))
+    assert not (tmp_path / "out").exists()
 
 
 def stopped(options: TrainConfig, at: int) -> None:
@@ -254,6 +274,7 @@ def test_wrong_options_are_told_in_one_line(
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     assert main(["train", *args]) == 2
+    assert not list(tmp_path.iterdir())
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
 
