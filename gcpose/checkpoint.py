@@ -31,13 +31,14 @@ class Checkpoint:
 def write_checkpoint(
     folder: Path, network: torch.nn.Module, optimizer: torch.optim.Optimizer, at: Checkpoint
 ) -> None:
-    """Everything that AdamW needs to go on, whole or not at all."""
+    """Everything that AdamW needs to go on, and the network alone (raft.safetensors), for use."""
     tensors = {f"network/{key}": value for key, value in network.state_dict().items()}
     for name, parameter in network.named_parameters():
         state = optimizer.state[parameter]
         tensors |= {f"{key}/{name}": state[key] for key in _STATE if key in state}
     tensors["at"] = torch.tensor([at.step, at.seconds], dtype=torch.float64)
     _save(folder / _FILE, tensors)
+    write_weights(folder / "raft.safetensors", network)
 
 
 def read_checkpoint(
@@ -68,7 +69,7 @@ def read_checkpoint(
 
 
 def write_weights(path: Path, network: torch.nn.Module) -> None:
-    """The network alone, for use."""
+    """Whole or not at all."""
     _save(path, dict(network.state_dict()))
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from .. import GcbenchError
 from ..renderer.dataset import open_dataset
 from ..renderer.lock import locked
-from .checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_weights
+from .checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from .flow import dis_flow, fine_dis_flow
 from .flow_errors import FlowErrors, flow_errors
 from .flow_raft import RaftFlow, device_named
@@ -79,7 +79,7 @@ def _loop(
     step, mean = at.step, float("nan")
     bar = tqdm(total=config.steps, initial=step, unit="step", dynamic_ncols=True)
     try:
-        for a, b, start, flow, part, weight in _batches(pairs, config, step):
+        for a, b, start, flow, part, weight in _batches(pairs, config, step, device):
             for group in optimizer.param_groups:
                 group["lr"] = config.rate * one_cycle(step / config.steps)
             with torch.autocast(device.type, kind, enabled=kind != torch.float32):
@@ -107,7 +107,6 @@ def _loop(
         bar.close()
         if step > 0:
             write_checkpoint(config.out, network, optimizer, at)
-    write_weights(config.out / "raft.safetensors", network)
     return at
 
 
@@ -123,9 +122,10 @@ class _Numbered(torch.utils.data.Dataset[tuple[torch.Tensor, ...]]):
         return tuple(torch.from_numpy(x) for x in (s.a, s.b, s.start, s.flow, s.part, s.weight))
 
 
-def _batches(pairs: Pairs, config: TrainConfig, step: int) -> Iterator[list[torch.Tensor]]:
+def _batches(
+    pairs: Pairs, config: TrainConfig, step: int, device: torch.device
+) -> Iterator[list[torch.Tensor]]:
     """Those from `step` on: the same, wherever a run was interrupted."""
-    device = device_named(config.device)
     loader = torch.utils.data.DataLoader(
         _Numbered(pairs),
         batch_size=config.batch,
