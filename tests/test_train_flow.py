@@ -128,7 +128,7 @@ def test_the_recipe_is_of_models_that_no_suite_holds() -> None:
     assert len({s.name for s in shoots}) == len({s.config.seed for s in shoots}) == 9
     for shoot in shoots:
         assert shoot.config.stream == "train"
-        assert resolved(shoot.config) == shoot.config
+        assert resolved(shoot.config).robot == shoot.config.robot  # or it refuses a range
         if shoot.config.robot.startswith("random:"):
             names = catalog.load(shoot.config.robot).joint_names
             assert shoot.config.scored_joints and set(shoot.config.scored_joints) <= set(names)
