@@ -39,7 +39,7 @@ def raft_flow(weights: Path | None = None, device: str = "auto") -> Flow:
 
 
 class RaftFlow:
-    """Refines the fine DIS flow, at about the resolution of its training."""
+    """Corrects the fine DIS flow: seen at about the resolution of training, added to the full."""
 
     def __init__(self, network: Raft, iterations: int = 6) -> None:
         self.network = network.eval()
@@ -48,27 +48,26 @@ class RaftFlow:
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """[H W 2] px."""
         height, width = rgb_a.shape[:2]
+        start = fine_dis_flow(rgb_a, rgb_b)
         factor = max(1, round(min(height, width) / _SIDE))
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
+        scale = np.array([width / small[0], height / small[1]], np.float32)
         a, b = (np.asarray(cv2.resize(image, small, interpolation=cv2.INTER_AREA), np.uint8)
                 for image in (rgb_a, rgb_b))
-        flow = self.refined(a, b, fine_dis_flow(a, b))
-        if factor == 1:
-            return flow
-        flow = np.asarray(cv2.resize(flow, (width, height)), np.float32)
-        return flow * np.array([width / small[0], height / small[1]], np.float32)
+        reduced = np.asarray(cv2.resize(start, small, interpolation=cv2.INTER_AREA), np.float32)
+        correction = self.correction(a, b, reduced / scale)
+        return start + np.asarray(cv2.resize(correction, (width, height)), np.float32) * scale
 
-    def refined(
+    def correction(
         self, a: NDArray[np.uint8], b: NDArray[np.uint8], start: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """Flow [h w 2] from another one, at the images' own resolution."""
+        """[h w 2] px, what to add to a flow, at the images' own resolution."""
         height, width = a.shape[:2]
         device = next(self.network.parameters()).device
-
-        inputs = (padded(image, MULTIPLE).to(device) for image in (unit(a), unit(b), start))
+        first, second, flow = (padded(x, MULTIPLE).to(device) for x in (unit(a), unit(b), start))
         with torch.no_grad():
-            flow = self.network(*inputs, self.iterations).fine
-        return flow[0].permute(1, 2, 0)[:height, :width].cpu().numpy()
+            out = self.network(first, second, flow, self.iterations).fine - flow
+        return out[0].permute(1, 2, 0)[:height, :width].cpu().numpy()
 
 
 def device_named(name: str) -> torch.device:

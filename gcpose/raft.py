@@ -2,8 +2,9 @@
 
 Features at a quarter of the resolution; a window of correlations around each cell at two scales
 (20 and 40 px to each side); a gated unit that looks them up where the flow points, and corrects
-it, a few times; a convex upsampling of the last. It starts from another flow, and what it sees of
-that (the flow, and the image that it predicts) tells it where to trust it. Plain surfaces say
+it, a few times; a convex upsampling of the whole correction. It starts from another flow, whose
+detail it keeps where it finds nothing wrong, and what it sees of that (the flow, and the image that
+it predicts) tells it where to trust it. Plain surfaces say
 nothing inside: the context is a U-Net, so that outlines are heard of far away from them.
 """
 
@@ -72,7 +73,7 @@ class Raft(nn.Module):
     def forward(self, a: Tensor, b: Tensor, start: Tensor, iterations: int = 6) -> Refined:
         """Flow from images a to b [B 3 H W] in 0..1, beginning with `start` [B 2 H W] px."""
         a, b = 2 * a - 1, 2 * b - 1
-        flow = F.avg_pool2d(start, CELL) / CELL
+        flow = given = F.avg_pool2d(start, CELL) / CELL
         missed = F.avg_pool2d((warped(b, start) - a).abs(), CELL)
         hidden, context = self.context(
             torch.cat([a, b, 2 * (b - a)], 1), torch.cat([flow, missed], 1)
@@ -95,7 +96,8 @@ class Raft(nn.Module):
             around = _enlarged(F.relu(self.wide(F.avg_pool2d(hidden, 2))), hidden)
             flow = flow + self.step(F.relu(self.near(hidden) + around)).float()
             coarse.append(flow)
-        return Refined(coarse, upsampled(flow, self.mask(hidden).float() / 4), windows[0])
+        correction = upsampled(flow - given, self.mask(hidden).float() / 4)
+        return Refined(coarse, start + correction, windows[0])
 
 
 class Residual(nn.Module):

@@ -37,7 +37,7 @@ def test_raft_is_small(network: raft.Raft) -> None:
 
 def test_an_untrained_raft_returns_its_start(network: raft.Raft) -> None:
     a, b = torch.rand(2, 1, 3, 48, 64)
-    start = torch.tensor([3.0, -2.0])[None, :, None, None].expand(1, 2, 48, 64)
+    start = torch.randn(1, 2, 48, 64)
     out = network(a, b, start, iterations=2)
     assert [tuple(c.shape) for c in out.coarse] == [(1, 2, 12, 16)] * 2
     torch.testing.assert_close(out.fine, start)
@@ -78,14 +78,22 @@ def test_warping_undoes_a_shift() -> None:
 
 @pytest.mark.parametrize("size", [(240, 320), (61, 83), (480, 640)])
 def test_raft_takes_any_size(network: raft.Raft, size: tuple[int, int]) -> None:
-    """Untrained it is the flow that it starts from, whatever it must reduce and pad."""
+    """Untrained it is the flow that it starts from, whatever it must reduce and pad; and what it
+    would change is in pixels of the images that it was given."""
     rng = np.random.default_rng(0)
     a = picture(rng, *size)
     b = np.roll(a, (1, 3), (0, 1))
+    start = fine_dis_flow(a, b)
     flow = RaftFlow(network, iterations=1)(a, b)
     assert flow.shape == (*size, 2) and flow.dtype == np.float32
-    inner = flow[16:-16, 16:-16].reshape(-1, 2)
-    np.testing.assert_allclose(np.median(inner, axis=0), [3, 1], atol=0.15)
+    np.testing.assert_allclose(flow, start, atol=1e-4)
+    biased = raft.Raft()
+    with torch.no_grad():
+        biased.step.bias += torch.tensor([0.25, -0.5])  # cells, once an iteration
+    moved = RaftFlow(biased, iterations=2)(a, b) - start
+    factor = max(1, round(min(size) / 240))
+    expected = np.broadcast_to([2.0 * factor, -4.0 * factor], moved.shape)
+    np.testing.assert_allclose(moved, expected, rtol=0.01)
 
 
 @pytest.mark.parametrize("flow", [dis_flow, fine_dis_flow])
