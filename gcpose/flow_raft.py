@@ -56,7 +56,8 @@ class RaftFlow:
                 for image in (rgb_a, rgb_b))
         reduced = np.asarray(cv2.resize(start, small, interpolation=cv2.INTER_AREA), np.float32)
         correction = self.correction(a, b, reduced / scale)
-        return start + np.asarray(cv2.resize(correction, (width, height)), np.float32) * scale
+        full = np.asarray(cv2.resize(correction, (width, height)), np.float32)
+        return np.asarray(start + full * scale, np.float32)
 
     def correction(
         self, a: NDArray[np.uint8], b: NDArray[np.uint8], start: NDArray[np.float32]

@@ -140,12 +140,13 @@ def weighted(pair: Pair) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Part numbers [H W] with 0 for all that is still, and weights [H W] that sum to 1."""
     known = np.isfinite(pair.flow).all(axis=2)
     speed = np.linalg.norm(np.nan_to_num(pair.flow), axis=2)
-    counts = np.bincount(pair.part[known], minlength=MOST_PARTS)
-    total = np.bincount(pair.part[known], speed[known], minlength=MOST_PARTS)
+    numbers = max(MOST_PARTS, int(pair.part.max()) + 1)
+    counts = np.bincount(pair.part[known], minlength=numbers)
+    total = np.bincount(pair.part[known], speed[known], minlength=numbers)
     moving = (total > STILL * np.maximum(counts, 1)) & (np.arange(len(counts)) < MOST_PARTS)
     moving[0] = False
     part = np.where(moving[pair.part], pair.part, 0)
-    counts = np.bincount(part[known], minlength=MOST_PARTS)
+    counts = np.bincount(part[known], minlength=numbers)
     share = np.sqrt(counts) * (np.arange(len(counts)) > 0)
     share *= _MOVING / max(float(share.sum()), 1e-9)
     share[0] = 1.0 - _MOVING

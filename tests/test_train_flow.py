@@ -65,6 +65,16 @@ def test_parts_count_by_the_root_of_their_size() -> None:
     assert ratio == pytest.approx(np.sqrt((64 * 64 - 64) / 64), rel=1e-4)
 
 
+def test_unknown_flow_and_many_parts_weigh_nothing_more() -> None:
+    pair = shifted()
+    part, flow = pair.part.copy(), pair.flow.copy()
+    part[:8, :8], part[-8:, -8:] = 200, 90
+    flow[:8, :8], flow[-8:, -8:] = np.nan, 3.0
+    numbers, weight = weighted(pair._replace(part=part, flow=flow))
+    assert set(np.unique(numbers)) == {0, 2}  # as many as the loss can tell apart
+    assert not weight[:8, :8].any() and weight.sum() == pytest.approx(1, abs=1e-5)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_a_sample_keeps_flow_and_images_together(seed: int) -> None:
     """Whatever is drawn, b at x + flow(x) looks as a at x does, but for tone and noise."""
