@@ -23,7 +23,7 @@ from .alignment import (
 from .articulation import Articulation, Cloud, axis_bases, derivatives, displaced
 from .chain import adjoint
 from .prior import Hinges, Normal, closeness, smoothness, squareness
-from .surface import Surfaces
+from .surface import Floats, Surfaces
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
 _FLOW_SCALE = 1.0  # px, of flow's errors
@@ -50,6 +50,15 @@ def assemble(
     derivative = derivatives(state, motion, basis)
     size = derivative.shape[-1]
     matrix, vector, scatter = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
+
+    def add(row: Floats, residual: Floats, weight: Floats, g: Array) -> None:
+        """Rows [T N 6], residuals and weights [T N], of twists that are g [T 6 U] per unknown."""
+        six, right = normal_equations(row, residual, weight)
+        each = np.einsum("ti,tiu->tu", right, g)
+        np.add(matrix, np.tensordot(g, six @ g, axes=((0, 1), (0, 1))), out=matrix)
+        np.add(vector, each.sum(axis=0), out=vector)
+        np.add(scatter, each.T @ each, out=scatter)
+
     for cloud in clouds:
         frames = np.delete(np.arange(last + 1), cloud.frame)
         for j in range(1, len(state.twist) + 1):
@@ -58,30 +67,18 @@ def assemble(
                 continue
             here_from_there = motion[frames, j] @ inverse(motion[cloud.frame, j])
             point = cloud.point[mine]
-            a = align(surfaces, frames, here_from_there, point, cloud.normal[mine])
-            sigma = scale * (surfaces.footprint(point[:, 2]) + surfaces.noise)
-            weight = np.where(a.hit, robust_weight(a.plane, sigma), 0.0)
-            six, right = normal_equations(a.row, a.plane, weight)
             g = derivative[frames, j]
             if cloud.frame:
                 g = g - adjoint(here_from_there) @ derivative[cloud.frame, j]
-            matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
-            each = np.einsum("ti,tiu->tu", right, g)
-            vector += each.sum(axis=0)
-            scatter += each.T @ each
+            a = align(surfaces, frames, here_from_there, point, cloud.normal[mine])
+            sigma = scale * (surfaces.footprint(point[:, 2]) + surfaces.noise)
+            add(a.row, a.plane, np.where(a.hit, robust_weight(a.plane, sigma), 0.0), g)
             if surfaces.shade is not None and fine:
                 residual, row, seen = shade_residuals(
                     surfaces, frames, here_from_there, point, cloud.shade[mine]
                 )
                 weight = np.where(seen, robust_weight(residual, _SHADE_SCALE), 0.0) * _SHADE_SHARE
-                six, right = normal_equations(row, residual, weight.astype(np.float32))
-                g = derivative[frames, j]
-                if cloud.frame:
-                    g = g - adjoint(here_from_there) @ derivative[cloud.frame, j]
-                matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
-                each = np.einsum("ti,tiu->tu", right, g)
-                vector += each.sum(axis=0)
-                scatter += each.T @ each
+                add(row, residual, weight.astype(np.float32), g)
             elif surfaces.flow is not None:
                 steps = np.arange(last)
                 there = motion[:, j] @ inverse(motion[cloud.frame, j])
@@ -89,13 +86,9 @@ def assemble(
                 residual, row, seen = flow_residuals(surfaces, steps, there[:-1], there[1:], some)
                 share = _FLOW_SHARE * _FLOW_STRIDE
                 weight = np.where(seen, robust_weight(residual, _FLOW_SCALE), 0.0) * share
-                six, right = normal_equations(row, residual, weight.astype(np.float32))
                 step = motion[1:, j] @ inverse(motion[:-1, j])
                 g = derivative[1:, j] - adjoint(step) @ derivative[:-1, j]
-                matrix += np.tensordot(g, six @ g, axes=((0, 1), (0, 1)))
-                each = np.einsum("ti,tiu->tu", right, g)
-                vector += each.sum(axis=0)
-                scatter += each.T @ each
+                add(row, residual, weight.astype(np.float32), g)
     return Normal(matrix, vector, scatter)
 
 
