@@ -38,7 +38,6 @@ ESTIMATED = "GC-Pose, estimated depth"
 ARMS = ("ur5", "ur5-textured", "iiwa14", "irb2400")
 OBJECTS = ("microwave", "dishwasher", "oven")
 OWI = "owi535"
-OWI_JOINTS = ("rotation", "base", "elbow", "wrist")
 ACROSS = "oven, trained on the other two"
 
 _OBJECTS = {

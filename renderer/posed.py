@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import TypeVar
 
@@ -67,17 +67,10 @@ class PosedModel:
         return np.concatenate([np.zeros((0, 3), np.int64), *found])
 
     @cached_property
-    def face_part(self) -> NDArray[np.int64]:
-        """[F] index of the part of each triangle."""
-        return self._per_face(v.part for v in self.model.visuals)
-
-    @cached_property
     def face_deforms(self) -> NDArray[np.bool_]:
         """[F] whether the triangle moves otherwise than its part."""
-        return self._per_face(v.deforms for v in self.model.visuals).astype(bool)
-
-    def _per_face(self, values: Iterable[int]) -> NDArray[np.int64]:
-        return np.repeat(np.array([*values], np.int64), [len(v.faces) for v in self.model.visuals])
+        faces = [len(v.faces) for v in self.model.visuals]
+        return np.repeat(np.array([v.deforms for v in self.model.visuals], bool), faces)
 
     def _deformed(self, visual: Visual, t: int) -> tuple[Array, Array]:
         p = self.posture
