@@ -269,7 +269,8 @@ def export(args: Sequence[str]) -> int:
 
     kitti: optical flow (KITTI 2015) and depth. bop: poses of parts, their meshes and masks. coco:
     instance masks of parts. webdataset: shards for training. tapvid: point tracks. rerun:
-    recordings for the Rerun viewer. docs/export.md describes each.
+    recordings for the Rerun viewer. docs/export.md describes each. After a stop the same command
+    continues.
 
     Examples:
       gcbench export data/ur5 --format kitti
@@ -301,7 +302,7 @@ def export(args: Sequence[str]) -> int:
     try:
         done = write(options.dataset, options.format, out, options.sequences)
     except KeyboardInterrupt:
-        print("gcbench: stopped; nothing was exported", file=sys.stderr)
+        print("gcbench: stopped; the same command continues", file=sys.stderr)
         return 130
     print(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
     return 0

@@ -1,26 +1,27 @@
 """`gcbench export`: a dataset in the layouts of other benchmarks and tools.
 
-An export is written under a temporary name and renamed when it is whole. Each format has a file
-`export_FORMAT.py` with a class as `Writer`; `export.json` in the result says what it was made of.
+An export is written into a hidden folder beside its place and renamed when it is whole; after a
+stop the same command continues there. Each format has a file `export_FORMAT.py` with a class as
+`Writer`; `export.json` in the result says what it was made of.
 """
 
 from __future__ import annotations
 
-import glob
 import json
-import os
 import re
 import shutil
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from .. import GcbenchError, __version__
 from .archive import Archive, open_archive
-from .atomic import is_alive, temporary_name
 from .dataset import Dataset, open_dataset, sequence_paths
+from .export_journal import Journal, Record
+from .lock import LOCK, locked
 from .metadata import dump_json
 from .progress import frame_bar
 from .sequence import Sequence
@@ -38,13 +39,21 @@ FILE = "export.json"
 
 
 class Writer(Protocol):
-    """Writes sequences of a dataset into an empty folder; made with (folder, dataset)."""
+    """Writes sequences of a dataset into a folder; made with (folder, dataset).
 
-    def add(self, sequence: Sequence, archive: Archive) -> None:
-        """Write one more sequence; `archive` holds its encoded images.
+    Files of a sequence that was begun before may be there: they are written again.
+    """
+
+    def add(self, sequence: Sequence, archive: Archive) -> Mapping[str, Any]:
+        """Write one more sequence; `archive` holds its encoded images. Returns what must be known
+        of it later on, as JSON.
 
         Raises GcbenchError if the format cannot hold it.
         """
+        ...
+
+    def keep(self, record: Record) -> None:
+        """Remember a sequence that `add` has written: now, or in a run that was stopped."""
         ...
 
     def finish(self) -> None:
@@ -70,9 +79,10 @@ def export(
 ) -> Exported:
     """Write the dataset in the folder `dataset` into the folder `out`, which must not exist.
 
-    `sequences` chooses some by their numbers, as in "0-9,15". Raises GcbenchError if there is no
-    dataset or something at `out`, or if the format needs a package that is not installed or cannot
-    hold what is in the dataset; nothing is left behind then.
+    `sequences` chooses some by their numbers, as in "0-9,15". A run that was stopped is continued:
+    what it has done is not done again. Raises GcbenchError if there is no dataset or something at
+    `out`, or if the format needs a package that is not installed or cannot hold what is in the
+    dataset; nothing is left behind then.
     """
     data = open_dataset(dataset)
     names = chosen(data, sequences)
@@ -84,18 +94,16 @@ def export(
     except ModuleNotFoundError as error:
         raise GcbenchError(
             f"--format {format} needs {error.name}: pip install 'gcbench[export]'") from error
-    temporary = temporary_name(out)
+    part = out.with_name(f".{out.name}.part")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(out)
-        temporary.mkdir()
-        frames = _write(kind(temporary, data), data, names, progress)
-        (temporary / FILE).write_bytes(dump_json(_account(format, data, names)))
-        temporary.rename(out)
+        part.mkdir(parents=True, exist_ok=True)
+        with locked(part):
+            frames = _write_all(kind, part, data, names, format, progress)
+            (part / LOCK).unlink()
+            part.rename(out)
     except OSError as error:
-        raise GcbenchError(f"cannot write to {out}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        waits = f"; what is done waits in {part}, the same command continues" * part.exists()
+        raise GcbenchError(f"cannot write to {out}: {error.strerror or error}{waits}") from error
     return Exported(out, len(names), frames)
 
 
@@ -121,19 +129,42 @@ def chosen(dataset: Dataset, text: str) -> list[str]:
     return [there[k] for k in numbers]
 
 
-def _write(writer: Writer, dataset: Dataset, names: list[str], progress: bool) -> int:
-    """The number of frames written."""
-    paths = sequence_paths(dataset.path)
-    frames = 0
-    bar = frame_bar(len(names) * dataset.config.frames, 0, progress, "export")
-    with bar, closing(writer):
-        for name in names:
+def _write_all(
+    kind: Callable[[Path, Dataset], Writer], part: Path, data: Dataset, names: list[str],
+    format: str, progress: bool,
+) -> int:
+    """Fill `part`; the number of frames in it. It is removed if that fails for good, or if nothing
+    is done when the run is stopped."""
+    account = _account(format, data, names)
+    plan = {**account, "sequences": "", "name": data.path.absolute().name}
+    with Journal(part, plan, names) as journal:
+        try:
+            with closing(kind(part, data)) as writer:
+                _write(writer, data, names, journal, progress)
+        except BaseException as error:
+            if isinstance(error, GcbenchError) or not journal.entries:
+                shutil.rmtree(part, ignore_errors=True)
+            raise
+    (part / FILE).write_bytes(dump_json(account))
+    journal.path.unlink()
+    return sum(entry.frames for entry in journal.entries)
+
+
+def _write(
+    writer: Writer, dataset: Dataset, names: list[str], journal: Journal, progress: bool
+) -> None:
+    """Write the sequences that are not done yet."""
+    paths, each = sequence_paths(dataset.path), dataset.config.frames
+    done = len(journal.entries)
+    for entry in journal.entries:
+        writer.keep(entry.record)
+    with frame_bar(len(names) * each, done * each, progress, "export") as bar:
+        for name in names[done:]:
             sequence = dataset[name]
-            writer.add(sequence, open_archive(paths[name]))
-            frames += len(sequence)
+            record = writer.add(sequence, open_archive(paths[name]))
+            writer.keep(journal.add(name, len(sequence), record))
             bar.update(len(sequence))
         writer.finish()
-    return frames
 
 
 def _account(format: str, dataset: Dataset, names: list[str]) -> dict[str, object]:
@@ -146,10 +177,3 @@ def _account(format: str, dataset: Dataset, names: list[str]) -> dict[str, objec
         "sequences": names,
     }
 
-
-def _remove_leftovers(out: Path) -> None:
-    """Delete what processes that are gone have left of this export."""
-    for path in out.parent.glob(f".{glob.escape(out.name)}.*.tmp"):
-        pid = path.name.rsplit(".", 2)[1]
-        if pid.isdecimal() and int(pid) != os.getpid() and not is_alive(int(pid)):
-            shutil.rmtree(path, ignore_errors=True)

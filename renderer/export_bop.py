@@ -33,6 +33,7 @@ from . import codec
 from .archive import Archive
 from .camera import Camera
 from .dataset import Dataset
+from .export_journal import Record
 from .instances import robot_of
 from .metadata import dump_json
 from .overlay import model_at_hand
@@ -46,6 +47,8 @@ _LEAST_VISIBLE = 0.1
 
 @dataclass(frozen=True)
 class _Model:
+    robot: str
+    """The name that loads it."""
     model: ArticulatedModel
     parts: list[int]
     """Indices of those that have a surface."""
@@ -59,42 +62,60 @@ class Bop:
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder, self._config = folder, dataset.config
         self._split = dataset.config.stream
-        self._models: dict[str, _Model] = {}
+        self._now: _Model | None = None
+        self._firsts: dict[str, int] = {}
+        """Number of each model's first object."""
+        self._next = 1
         self._infos: dict[str, Any] = {}
         width, height = dataset.config.width, dataset.config.height
         self._rasterizer = Rasterizer(3 * width, 3 * height, 1)
         self._targets: list[dict[str, int]] = []
         self._camera: dict[str, float] = {}
-        (folder / "models").mkdir()
+        (folder / "models").mkdir(exist_ok=True)
 
-    def add(self, sequence: Sequence, archive: Archive) -> None:
+    def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta, s = sequence.meta, sequence.state
-        self._now = self._model_of(meta)
-        if meta.part_names != self._now.model.part_names:
+        now = self._now = self._model_of(meta)
+        if meta.part_names != now.model.part_names:
             raise GcbenchError(f"{archive.path}: its parts are not those of the model at hand")
         folder = self._folder / self._split / archive.path.stem
         for kind in ("rgb", "depth", "mask", "mask_visib"):
-            (folder / kind).mkdir(parents=True)
+            (folder / kind).mkdir(parents=True, exist_ok=True)
         cam_from_part = s.cam_from_world[:, None] @ s.world_from_part
-        self._begin(s.intrinsics, meta.width, meta.height, cam_from_part)
+        self._begin(now, s.intrinsics, meta.width, meta.height, cam_from_part)
         scale = meta.depth_unit * _MM
         k = s.intrinsics
-        self._camera = self._camera or {
+        camera = {
             "cx": k[0, 2], "cy": k[1, 2], "fx": k[0, 0], "fy": k[1, 1], "depth_scale": scale,
             "width": meta.width, "height": meta.height}  # fmt: skip
         cameras: dict[str, Any] = {}
         poses: dict[str, Any] = {}
         infos: dict[str, Any] = {}
+        targets: list[dict[str, int]] = []
         for t in range(len(sequence)):
             for kind in ("rgb", "depth"):
                 (folder / kind / f"{t:06d}.png").write_bytes(archive.read(f"{kind}/{t:06d}.png"))
             cameras[str(t)] = {"cam_K": k.ravel(), "depth_scale": scale,
                                **_pose("w2c", s.cam_from_world[t])}
-            poses[str(t)] = [{**_pose("m2c", cam_from_part[t, p]), "obj_id": self._now.first + p}
-                             for p in self._now.parts]
-            infos[str(t)] = self._masks(folder, t, cam_from_part[t], sequence)
+            poses[str(t)] = [{**_pose("m2c", cam_from_part[t, p]), "obj_id": now.first + p}
+                             for p in now.parts]
+            seen = infos[str(t)] = self._masks(now, folder, t, cam_from_part[t], sequence)
+            targets += [{"scene_id": meta.index, "im_id": t, "obj_id": now.first + p,
+                         "inst_count": 1} for p, info in zip(now.parts, seen, strict=True)
+                        if info["visib_fract"] >= _LEAST_VISIBLE]
         for name, tree in (("camera", cameras), ("gt", poses), ("gt_info", infos)):
             (folder / f"scene_{name}.json").write_bytes(dump_json(tree))
+        return {"robot": now.robot, "first": now.first, "parts": len(meta.part_names),
+                "objects": {} if now.robot in self._firsts else _objects(now),
+                "camera": camera, "targets": targets}
+
+    def keep(self, record: Record) -> None:
+        if record["robot"] not in self._firsts:
+            self._firsts[record["robot"]] = record["first"]
+            self._next = record["first"] + record["parts"]
+            self._infos |= record["objects"]
+        self._camera = self._camera or record["camera"]
+        self._targets += record["targets"]
 
     def finish(self) -> None:
         (self._folder / "models" / "models_info.json").write_bytes(dump_json(self._infos))
@@ -105,19 +126,21 @@ class Bop:
     def close(self) -> None:
         self._rasterizer.close()
 
-    def _begin(self, intrinsics: Array, width: int, height: int, cam_from_part: Array) -> None:
+    def _begin(
+        self, now: _Model, intrinsics: Array, width: int, height: int, cam_from_part: Array
+    ) -> None:
         """Draw from the camera's frame from now on, on the large canvas; poses are [T P 4 4]."""
         middle = intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
         camera = Camera(3 * width, 3 * height, middle, np.eye(4))
-        self._rasterizer.begin_truth(self._now.model, camera, cam_from_part)
+        self._rasterizer.begin_truth(now.model, camera, cam_from_part)
 
-    def _silhouettes(self, cam_from_part: Array) -> list[NDArray[np.bool_]]:
+    def _silhouettes(self, parts: list[int], cam_from_part: Array) -> list[NDArray[np.bool_]]:
         """[3H 3W] of each object, from poses [P 4 4]."""
         canvas = np.array([0, 0, self._rasterizer.width, self._rasterizer.height])
         where = np.tile(canvas, (len(cam_from_part), 1))
         out: list[NDArray[np.bool_]] = []
-        for start in range(0, len(self._now.parts), _PASS):
-            chosen = self._now.parts[start:start + _PASS]
+        for start in range(0, len(parts), _PASS):
+            chosen = parts[start:start + _PASS]
             group = np.full(len(cam_from_part), -1, np.int64)
             group[chosen] = np.arange(len(chosen))
             self._rasterizer.draw_coverage(cam_from_part, group, where)
@@ -125,14 +148,15 @@ class Bop:
             out += [(bits >> np.uint32(g)) & np.uint32(1) > 0 for g in range(len(chosen))]
         return out
 
-    def _masks(self, folder: Path, t: int, cam_from_part: Array, sequence: Sequence
-               ) -> list[dict[str, Any]]:
+    def _masks(
+        self, now: _Model, folder: Path, t: int, cam_from_part: Array, sequence: Sequence
+    ) -> list[dict[str, Any]]:
         """Write the masks of frame t; what scene_gt_info says of its objects."""
         part, depth = sequence.part[t], sequence.depth[t]
         height, width = part.shape
         infos: list[dict[str, Any]] = []
         for k, (p, large) in enumerate(zip(
-                self._now.parts, self._silhouettes(cam_from_part), strict=True)):
+                now.parts, self._silhouettes(now.parts, cam_from_part), strict=True)):
             visible = part == p + 1
             inside = large[height:2 * height, width:2 * width]
             inside |= visible  # both are sampled at pixel centres, with roundings of their own
@@ -148,29 +172,30 @@ class Bop:
                 "px_count_visib": seen,
                 "visib_fract": seen / everything if everything else 0.0,
             })
-            if infos[-1]["visib_fract"] >= _LEAST_VISIBLE:
-                self._targets.append({"scene_id": sequence.meta.index, "im_id": t,
-                                      "obj_id": self._now.first + p, "inst_count": 1})
         return infos
 
     def _model_of(self, meta: Meta) -> _Model:
         """The model of a sequence, which is written when it is seen first."""
         robot = robot_of(self._config, meta)
-        if robot in self._models:
-            return self._models[robot]
+        if self._now is not None and self._now.robot == robot:
+            return self._now
         model = model_at_hand(self._config, meta)
         if any(v.deforms for v in model.visuals):
             raise GcbenchError(f"{robot} deforms, and BOP has rigid objects only")
-        first = 1 + sum(len(m.model.part_names) for m in self._models.values())
-        parts = sorted({v.part for v in model.visuals})
-        for p in parts:
-            visuals = [v for v in model.visuals if v.part == p]
-            write_ply(self._folder / "models" / f"obj_{first + p:06d}.ply", visuals)
-            self._infos[str(first + p)] = {
-                "name": model.part_names[p], "model": model.name,
-                **size_of(np.concatenate([v.vertices for v in visuals]))}
-        self._models[robot] = _Model(model, parts, first)
-        return self._models[robot]
+        first = self._firsts.get(robot, self._next)
+        now = _Model(robot, model, sorted({v.part for v in model.visuals}), first)
+        for p in now.parts if robot not in self._firsts else []:
+            write_ply(self._folder / "models" / f"obj_{first + p:06d}.ply",
+                      [v for v in model.visuals if v.part == p])
+        return now
+
+
+def _objects(now: _Model) -> dict[str, Any]:
+    """What models_info.json says of the model's parts."""
+    return {str(now.first + p): {
+        "name": now.model.part_names[p], "model": now.model.name,
+        **size_of(np.concatenate([v.vertices for v in now.model.visuals if v.part == p]))}
+        for p in now.parts}
 
 
 def write_ply(path: Path, visuals: list[Visual]) -> None:

@@ -23,6 +23,7 @@ from pycocotools import mask as _coco
 
 from .archive import Archive
 from .dataset import Dataset
+from .export_journal import Record
 from .metadata import dump_json
 from .sequence import Sequence
 
@@ -32,38 +33,50 @@ class Coco:
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder, self._dataset = folder, dataset
-        (folder / "images").mkdir()
-        (folder / "annotations").mkdir()
+        (folder / "images").mkdir(exist_ok=True)
+        (folder / "annotations").mkdir(exist_ok=True)
         self._images: list[dict[str, Any]] = []
         self._annotations: list[dict[str, Any]] = []
         self._keypoints: list[dict[str, Any]] = []
-        self._keypoint_names: tuple[str, ...] = ()
+        self._keypoint_names: list[str] = []
         self._categories: dict[str, int] = {}
 
-    def add(self, sequence: Sequence, archive: Archive) -> None:
+    def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta = sequence.meta
+        images: list[dict[str, Any]] = []
+        annotations: list[dict[str, Any]] = []
+        points: list[dict[str, Any]] = []
+        categories = dict(self._categories)
         for t in range(len(sequence)):
             name = f"{archive.path.stem}_{t:06d}.png"
             (self._folder / "images" / name).write_bytes(archive.read(f"rgb/{t:06d}.png"))
-            self._images.append({
-                "id": len(self._images) + 1, "file_name": name, "width": meta.width,
+            number = len(self._images) + t + 1
+            images.append({
+                "id": number, "file_name": name, "width": meta.width,
                 "height": meta.height, "sequence": archive.path.stem, "frame": t,
             })  # fmt: skip
             part = sequence.part[t]
             if part.any() and (places := keypoints(sequence, t)) is not None:
-                self._keypoint_names = meta.keypoint_names
-                self._keypoints.append({
-                    "id": len(self._keypoints) + 1, "image_id": len(self._images),
+                points.append({
+                    "id": len(self._keypoints) + len(points) + 1, "image_id": number,
                     "category_id": 1, **instance(part > 0), "keypoints": places,
                     "num_keypoints": int(np.count_nonzero(places[2::3])),
                 })  # fmt: skip
-            for number in np.unique(part[part > 0]):
-                category = self._categories.setdefault(
-                    meta.part_names[number - 1], len(self._categories) + 1)
-                self._annotations.append({
-                    "id": len(self._annotations) + 1, "image_id": len(self._images),
-                    "category_id": category, **instance(part == number), "part": int(number),
+            for p in np.unique(part[part > 0]):
+                category = categories.setdefault(meta.part_names[p - 1], len(categories) + 1)
+                annotations.append({
+                    "id": len(self._annotations) + len(annotations) + 1, "image_id": number,
+                    "category_id": category, **instance(part == p), "part": int(p),
                 })  # fmt: skip
+        return {"images": images, "annotations": annotations, "keypoints": points,
+                "keypoint_names": meta.keypoint_names if points else (), "categories": categories}
+
+    def keep(self, record: Record) -> None:
+        self._images += record["images"]
+        self._annotations += record["annotations"]
+        self._keypoints += record["keypoints"]
+        self._keypoint_names = record["keypoint_names"] or self._keypoint_names
+        self._categories = record["categories"]
 
     def finish(self) -> None:
         licence = "; ".join(dict.fromkeys(str(a.get("licence", ""))

@@ -15,6 +15,7 @@ Depth has the resolution of its format, 3.9 mm.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from .. import GcbenchError
 from . import codec
 from .archive import Archive
 from .dataset import Dataset
+from .export_journal import Record
 from .sequence import BACKGROUND, VISIBLE, Sequence
 
 DEPTH_UNIT = 1.0 / 256.0
@@ -37,17 +39,18 @@ class Kitti:
         self._rows = ["pair,sequence,first,second"]
         self._images = ("image_2", "flow_occ", "flow_noc", "obj_map", "depth_2")
         for name in (*self._images, "calib_cam_to_cam"):
-            (self._folder / name).mkdir(parents=True)
+            (self._folder / name).mkdir(parents=True, exist_ok=True)
         if dataset.config.frames < 2:
             raise GcbenchError(f"{dataset.path}: sequences of one frame have no optical flow")
 
-    def add(self, sequence: Sequence, archive: Archive) -> None:
+    def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta = sequence.meta
         calibration = calib(sequence.state.intrinsics, meta.width, meta.height)
         wide = len(meta.part_names) > 255
         depth = [_depth(sequence.depth[t], archive) for t in range(len(sequence))]
+        first = len(self._rows) - 1
         for t in range(len(sequence) - 1):
-            name = f"{len(self._rows) - 1:06d}"
+            name = f"{first + t:06d}"
             flow, part = sequence.flow[t], sequence.part[t]
             seen = not_occluded(flow, part, sequence.visibility[t], sequence.part[t + 1])
             self._write("image_2", f"{name}_10", archive.read(f"rgb/{t:06d}.png"))
@@ -59,7 +62,11 @@ class Kitti:
             self._write("depth_2", f"{name}_10", depth[t])
             self._write("depth_2", f"{name}_11", depth[t + 1])
             (self._folder / "calib_cam_to_cam" / f"{name}.txt").write_text(calibration)
-            self._rows.append(f"{int(name)},{archive.path.stem},{t},{t + 1}")
+        return {"rows": [f"{first + t},{archive.path.stem},{t},{t + 1}"
+                         for t in range(len(sequence) - 1)]}
+
+    def keep(self, record: Record) -> None:
+        self._rows += record["rows"]
 
     def finish(self) -> None:
         (self._folder / "pairs.csv").write_text("\n".join(self._rows) + "\n")

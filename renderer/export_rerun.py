@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -27,6 +28,7 @@ from ..robots.model import ArticulatedModel
 from ..robots.texture import mean_color
 from .archive import Archive
 from .dataset import Dataset
+from .export_journal import Record
 from .instances import robot_of
 from .metadata import dump_json
 from .overlay import model_at_hand
@@ -45,7 +47,7 @@ class Rerun:
         self._robot: str | None = None
         self._model: ArticulatedModel | None = None
 
-    def add(self, sequence: Sequence, archive: Archive) -> None:
+    def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta, s = sequence.meta, sequence.state
         recording = rr.RecordingStream(
             _APPLICATION, recording_id=f"{self._name}/{archive.path.stem}")
@@ -76,6 +78,10 @@ class Rerun:
                         radii=np.where(visible[t], -3.0, -1.0)))  # px of the screen
         recording.flush()
         recording.disconnect()
+        return {}
+
+    def keep(self, record: Record) -> None:
+        pass
 
     def finish(self) -> None:
         pass

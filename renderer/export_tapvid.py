@@ -15,6 +15,7 @@ trusts it to make one.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from ..robots.geometry import Array, inverse
 from .archive import Archive
 from .camera import Camera
 from .dataset import Dataset
+from .export_journal import Record
 from .points import projected, surface_visible
 from .sequence import Sequence
 
@@ -36,7 +38,7 @@ class TapVid:
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder = folder
 
-    def add(self, sequence: Sequence, archive: Archive) -> None:
+    def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta, s = sequence.meta, sequence.state
         if s.track_image is not None and s.track_visible is not None:
             image, visible = s.track_image, s.track_visible
@@ -49,6 +51,10 @@ class TapVid:
         with (self._folder / f"{archive.path.stem}.npz").open("wb") as file:
             np.savez_compressed(file, video=np.asarray(sequence.rgb[:]), points=points,
                                 occluded=~visible.T)
+        return {}
+
+    def keep(self, record: Record) -> None:
+        pass
 
     def finish(self) -> None:
         pass

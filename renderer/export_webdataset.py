@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .archive import Archive
 from .dataset import Dataset
+from .export_journal import Record
 from .metadata import dump_json
 from .sequence import Sequence
 from .storage import member_names
@@ -36,36 +37,60 @@ class WebDataset:
         self._folder, self._name = folder, dataset.path.absolute().name
         self._tar: tarfile.TarFile | None = None
         self._frames = 0
+        """In all shards."""
+        self._size = 0
+        """Bytes of the shard that is not full yet, without the mark of its end."""
 
-    def add(self, sequence: Sequence, archive: Archive) -> None:
+    def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         members = member_names(len(sequence), sequence.meta.layers)
+        frames, size = self._frames, self._size
         for t in range(len(sequence)):
+            if self._tar is None:
+                self._tar = self._shard(frames, size)
             name = archive.path.stem
             key = f"{name}_{t:06d}"
             facts = {"sequence": name, **frame_facts(sequence, t)}
-            self._member(f"{key}.json", dump_json(facts), first=True)
+            _add(self._tar, f"{key}.json", dump_json(facts))
             for kind, names in members.items():
                 if (name := f"{kind}/{t:06d}.png") in names:
-                    self._member(f"{key}.{kind}.png", archive.read(name))
+                    _add(self._tar, f"{key}.{kind}.png", archive.read(name))
+            frames += 1
+            size = self._tar.offset
+            if frames % SHARD == 0:
+                self.close()
+                size = 0
+        if self._tar is not None:
+            self._tar.fileobj.flush()  # pyright: ignore
+        return {"frames": frames, "size": size}
+
+    def keep(self, record: Record) -> None:
+        self._frames, self._size = record["frames"], record["size"]
 
     def finish(self) -> None:
-        pass
+        if self._tar is None and self._size:  # a run was stopped after its last sequence
+            self._tar = self._shard(self._frames, self._size)
+        self.close()
 
     def close(self) -> None:
         if self._tar is not None:
+            file: Any = self._tar.fileobj
             self._tar.close()
+            file.close()
+            self._tar = None
 
-    def _member(self, name: str, data: bytes, first: bool = False) -> None:
-        if first:
-            if self._frames % SHARD == 0:
-                self.close()
-                shard = f"{self._name}-{self._frames // SHARD:06d}.tar"
-                self._tar = tarfile.open(self._folder / shard, "w")  # noqa: SIM115
-            self._frames += 1
-        assert self._tar is not None
-        entry = tarfile.TarInfo(name)  # with time zero and no owner: equal frames, equal bytes
-        entry.size = len(data)
-        self._tar.addfile(entry, io.BytesIO(data))
+    def _shard(self, frames: int, size: int) -> tarfile.TarFile:
+        """The shard of the frame that comes after so many; what it has beyond `size` is cut off."""
+        path = self._folder / f"{self._name}-{frames // SHARD:06d}.tar"
+        file = path.open("r+b" if size else "wb")
+        file.truncate(size)
+        file.seek(size)
+        return tarfile.open(fileobj=file, mode="w")
+
+
+def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
+    entry = tarfile.TarInfo(name)  # with time zero and no owner: equal frames, equal bytes
+    entry.size = len(data)
+    tar.addfile(entry, io.BytesIO(data))
 
 
 def frame_facts(sequence: Sequence, t: int) -> dict[str, object]:

@@ -11,11 +11,13 @@ from pathlib import Path
 
 from .. import GcbenchError
 
+LOCK = ".lock"
+
 
 @contextmanager
 def locked(out: Path) -> Generator[None]:
     """Holds the folder for this process. Raises GcbenchError if another one holds it."""
-    with (out / ".lock").open("a+") as file:
+    with (out / LOCK).open("a+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:

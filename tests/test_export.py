@@ -7,6 +7,8 @@ import dataclasses
 import gc
 import importlib.util
 import json
+import signal
+import subprocess
 import sys
 import tarfile
 import warnings
@@ -19,12 +21,13 @@ import trimesh
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
 from gcbench.renderer import export_kitti
-from gcbench.renderer.archive import open_archive
+from gcbench.renderer.archive import Archive, open_archive
 from gcbench.renderer.config import RenderConfig
 from gcbench.renderer.dataset import Dataset
 from gcbench.renderer.export import WRITERS, chosen, export
 from gcbench.renderer.export_webdataset import known
 from gcbench.renderer.generate import generate
+from gcbench.renderer.lock import locked
 from gcbench.renderer.sequence import Sequence
 
 from . import analytic, bench_data
@@ -83,10 +86,8 @@ def test_what_fails_leaves_nothing_behind(
     dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "deep" / "out"
-    leftover = out.with_name(".out.999999999.tmp")
-    leftover.mkdir(parents=True)
-    other = out.with_name(".other.999999999.tmp")
-    other.mkdir()
+    other = out.with_name(".other.part")
+    other.mkdir(parents=True)
     with pytest.raises(GcbenchError, match="of one frame"):
         monkeypatch.setattr(
             "gcbench.renderer.export.open_dataset", lambda _: dataclasses.replace(
@@ -111,8 +112,103 @@ def test_ctrl_c_leaves_nothing_behind(
     monkeypatch.setattr(export_kitti.Kitti, "finish", interrupted)
     out = str(tmp_path / "out")
     assert main(["export", str(dataset.path), "--format", "kitti", "--out", out]) == 130
-    assert capsys.readouterr().err.endswith("gcbench: stopped; nothing was exported\n")
-    assert not list(tmp_path.iterdir())
+    assert capsys.readouterr().err.endswith("gcbench: stopped; the same command continues\n")
+    assert [p.name for p in tmp_path.iterdir()] == [".out.part"]
+
+
+@pytest.mark.parametrize("format", WRITERS)
+def test_what_was_stopped_is_continued(
+    format: str, dataset: Dataset, toy: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After any sequence, with the next one half written; the files are those of a clean run."""
+    if format in ("rerun", "coco"):
+        pytest.importorskip({"rerun": "rerun", "coco": "pycocotools"}[format])
+    data = toy if format == "bop" else dataset
+    monkeypatch.setattr("gcbench.renderer.export_webdataset.SHARD", 6)
+    whole = export(data.path, format, tmp_path / "whole", progress=False).folder
+    for stop in range(len(data.names)):
+        out = tmp_path / str(stop)
+        calls = interrupt(monkeypatch, format, data, stop)
+        with pytest.raises(KeyboardInterrupt):
+            export(data.path, format, out, progress=False)
+        assert not out.exists() and out.with_name(f".{stop}.part").exists() == (stop > 0)
+        monkeypatch.undo()
+        monkeypatch.setattr("gcbench.renderer.export_webdataset.SHARD", 6)
+        calls = interrupt(monkeypatch, format, data, None)
+        done = export(data.path, format, out, progress=False)
+        assert calls == list(data.names[stop:])
+        assert (done.sequences, done.frames) == (len(data.names), sum(map(len, data)))
+        names = sorted(p.relative_to(whole) for p in whole.rglob("*"))
+        assert names == sorted(p.relative_to(out) for p in out.rglob("*"))
+        for name in names:
+            if (whole / name).is_file() and name.suffix != ".rrd":  # Rerun numbers at random
+                assert (whole / name).read_bytes() == (out / name).read_bytes(), name
+        monkeypatch.undo()
+        monkeypatch.setattr("gcbench.renderer.export_webdataset.SHARD", 6)
+
+
+def interrupt(
+    monkeypatch: pytest.MonkeyPatch, format: str, data: Dataset, stop: int | None
+) -> list[str]:
+    """Names of the sequences that are written from now on; Ctrl-C comes after the work of number
+    `stop`, before anybody knows that it is done."""
+    module, _, name = WRITERS[format].partition(":")
+    kind = getattr(importlib.import_module(f"gcbench.renderer.{module}"), name)
+    before, calls = kind.add, list[str]()
+
+    def add(self: object, sequence: Sequence, archive: Archive) -> object:
+        calls.append(archive.path.stem)
+        record = before(self, sequence, archive)
+        if stop is not None and calls[-1] == data.names[stop]:
+            raise KeyboardInterrupt
+        return record
+
+    monkeypatch.setattr(kind, "add", add)
+    return calls
+
+
+def test_a_kill_leaves_what_can_be_continued(dataset: Dataset, tmp_path: Path) -> None:
+    """At the worst moment: while a line of the journal is written."""
+    code = """
+import os, signal, sys
+from pathlib import Path
+from gcbench.renderer import export_journal, export
+def half(self, line, before=export_journal.Journal._append):
+    if b'"000001"' in line and b'"frames"' in line:
+        before(self, line[:-5])
+        os.kill(os.getpid(), signal.SIGKILL)
+    before(self, line)
+export_journal.Journal._append = half
+export.export(sys.argv[1], "webdataset", Path(sys.argv[2]), progress=False)
+"""
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    killed = subprocess.run([sys.executable, "-c", code, str(dataset.path), str(out)])
+    assert killed.returncode == -signal.SIGKILL
+    lines = (tmp_path / ".out.part" / "journal.jsonl").read_bytes().split(b"\n")
+    assert len(lines) == 3 and lines[2]  # what it exports, a sequence, half of another
+    export(dataset.path, "webdataset", out, progress=False)
+    export(dataset.path, "webdataset", whole, progress=False)
+    assert [p.name for p in sorted(tmp_path.iterdir())] == ["out", "whole"]
+    for path in whole.iterdir():
+        assert path.read_bytes() == (out / path.name).read_bytes()
+
+
+def test_another_export_is_not_continued(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt(monkeypatch, "tapvid", dataset, 2)
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        export(dataset.path, "tapvid", out, progress=False)
+    monkeypatch.undo()
+    assert (tmp_path / ".out.part" / "000000.npz").exists()
+    export(dataset.path, "kitti", out, sequences="1", progress=False)
+    assert sorted(p.name for p in out.iterdir()) == ["export.json", "training"]
+    part = tmp_path / ".new.part"
+    part.mkdir()
+    with locked(part), pytest.raises(GcbenchError, match="another gcbench is writing to"):
+        export(dataset.path, "kitti", tmp_path / "new", progress=False)
+    assert part.exists()
 
 
 def test_a_missing_package_is_named(
