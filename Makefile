@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-builtin-rules
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all lint speed env clean package libraries
+.PHONY: help demo test test-all lint speed appliances env clean package libraries
 
 PYTHON ?= python3
 export PYTHON
@@ -40,6 +40,15 @@ lint: $(VENV)/.lint-$(NEEDS) package  ## ruff and pyright
 speed: $(VENV)/.speed-$(NEEDS) package  ## frames per second, beside other ways to the same pixels
 	@.ci/system-libraries $(PY)
 	$(PY) tests/speed.py $(ARGS)
+
+appliances: package  ## a hundred of each appliance, verified and on a contact sheet (minutes)
+	@.ci/system-libraries $(PY)
+	for kind in microwave dishwasher oven; do \
+		$(VENV)/bin/gcbench render --robot $$kind --n 100 --frames 4 --width 320 --height 240 \
+			--out demo/$$kind && \
+		$(VENV)/bin/gcbench verify demo/$$kind && \
+		$(VENV)/bin/gcbench show demo/$$kind --contact-sheet demo/$$kind.png || exit 1; \
+	done
 
 env: $(VENV)/.test-$(NEEDS) $(VENV)/.lint-$(NEEDS) package  ## the environment .venv, with gcbench installed
 

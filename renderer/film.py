@@ -16,9 +16,10 @@ from .page import chosen_frames, layer_images, picture_size, ranges, replace_fil
 from .pictures import NOTHING, Image, depth_image, flow_image, part_image
 from .sequence import Sequence
 
-SHEET_SEQUENCES, SHEET_FRAMES, FILM_FRAMES = 20, 5, 300
-SHEET_TILE, FILM_TILE = 320, 400
-"""px: longer side of one picture."""
+SHEET_SEQUENCES, SHEET_FRAMES, FILM_FRAMES = 100, 5, 300
+SHEET_TILE, SMALL_TILE, FILM_TILE = 320, 200, 400
+"""px: longer side of one picture; small where there are more than SHEET_LARGE."""
+SHEET_LARGE = 20
 GAP, STRIP = 10, 20
 """px between pictures; height of the strip with a picture's caption."""
 PAPER, LINE, INK = 255, 205, 40
@@ -38,8 +39,10 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
     if isinstance(sequences, Sequence):
         rows = _over_time(sequences)
     else:
-        tiles = [_first(s) for s in itertools.islice(sequences, SHEET_SEQUENCES)]
-        columns = min(len(tiles), 4 if len(tiles) <= 12 else 5)
+        shown = list(itertools.islice(sequences, SHEET_SEQUENCES))
+        few = len(shown) <= SHEET_LARGE
+        tiles = [_first(s, SHEET_TILE if few else SMALL_TILE) for s in shown]
+        columns = min(len(tiles), 4 if len(tiles) <= 12 else 5 if few else 10)
         rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
     if not rows:
         raise GcbenchError("nothing to show: the dataset holds no sequence yet")
@@ -151,9 +154,9 @@ def _over_time(sequence: Sequence) -> list[list[Tile]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _first(sequence: Sequence) -> Tile:
+def _first(sequence: Sequence, side: int) -> Tile:
     meta = sequence.meta
-    rgb = resized(sequence.rgb[0], *picture_size(meta.width, meta.height, 1, SHEET_TILE))
+    rgb = resized(sequence.rgb[0], *picture_size(meta.width, meta.height, 1, side))
     return rgb, f"{meta.index}: {meta.asset.get('name', meta.name)}"
 
 

@@ -21,6 +21,7 @@ from .appliance_parts import (
     decal,
     dishes,
     door,
+    door_label,
     draw_finish,
     feet,
     handle,
@@ -73,8 +74,7 @@ def microwave(dice: Dice, number: int) -> Thing:
     shapes = [replace(s, solid=at(s.solid, door_x, middle, front + 0.001))
               for s in door(dice, look, size, window, screen=dice.chance(65))]
     if dice.chance(60):
-        shapes.append(label(dice, look, look.brand, dice.length(0.04, 0.08), shapes[1].paint,
-                            (door_x, middle - h / 2 + 0.016, front + t + 0.0012)))
+        shapes += door_label(dice, look, dice.length(0.04, 0.08), shapes)
     edge_x = door_x + side * (dw / 2 - dice.length(0.02, 0.028))
     links = [Link("body", tuple(body))]
     axis_x = -side * (w / 2 - dice.length(0.005, 0.012))
@@ -126,6 +126,7 @@ def dishwasher(dice: Dice, number: int) -> Thing:
 
     dh, y = body_h - 2 * GAP, middle
     strip = dice.length(0.06, 0.11) if dice.chance(65) else 0.0  # else the controls are hidden
+    named = 0.0  # m of the door that its name takes
     shapes = [replace(s, solid=at(s.solid, 0.0, y, front + 0.001))
               for s in door(dice, look, (w - 2 * GAP, dh, t), None)]
     z = front + 0.001 + t
@@ -142,8 +143,9 @@ def dishwasher(dice: Dice, number: int) -> Thing:
             at(b, (k - (len(buttons) - 1) / 2) * 0.03, top, front + 0.001 + t / 2)
             for k, b in enumerate(buttons)]), look.trim))
         if dice.chance(70):
-            shapes.append(label(dice, look, look.brand, dice.length(0.06, 0.1), look.front,
+            shapes.append(label(dice, look, dice.length(0.06, 0.1), 0.022, look.front,
                                 (dice.pick((-1, 0, 1)) * (w / 2 - 0.09), top - 0.03, z)))
+            named = 0.03
     if dice.chance(25):  # grooves across the door
         shapes += [Shape("groove", at(slab(w - 0.01, 0.003, (0.0, 0.0006)), 0.0,
                                       y - dh / 2 + dh * dice.pick((0.25, 0.5, 0.66)), z),
@@ -156,7 +158,7 @@ def dishwasher(dice: Dice, number: int) -> Thing:
              Link("door", tuple(shapes), 0, "revolute", hinge, (1.0, 0.0, 0.0),
                   (0.0, dice.angle(1.40, 1.57)))]
     grip = dice.pick(("handle", "pocket", "none"), (7, 3, 2))
-    hy = top - strip - dice.length(0.035, 0.06)
+    hy = top - strip - named - dice.length(0.035, 0.06)
     if grip == "handle":
         links.append(_handle(dice, look, w * dice.pick((0.55, 0.75, 0.88)), False, (0.0, hy, z),
                              links[1]))
@@ -241,16 +243,16 @@ def _toaster(dice: Dice, number: int) -> Thing:
                    "right" if s > 0 else "left", dice.number(6, 14)) for s in (-1, 1)]
     body += _heating(dice, hole, middle, d)
     count = dice.number(2, 4)
-    radius = min(dice.length(0.015, 0.024), pw * 0.3, 0.34 * cabinet / count)
-    style, knobs = dice.number(0, 3), list[Link]()
     step = (cabinet - 0.05) / count
+    radius = min(dice.length(0.015, 0.024), pw * 0.3, 0.34 * step)
+    style, knobs = dice.number(0, 3), list[Link]()
     ring = pictures.gauge(look.ink, look.panel.color, dice.number(6, 13))
     for k in range(count):
         place = (px, middle + ((count - 1) / 2 - k) * step, front + t)
         body.append(decal("gauge", ring, 2.9 * radius, place))
         knobs.append(knob(dice, look, radius, place, style))
     if dice.chance(70):
-        body.append(label(dice, look, look.brand, pw * 0.6, look.panel,
+        body.append(label(dice, look, pw * 0.6, 0.013, look.panel,
                           (px, middle + cabinet / 2 - 0.018, front + t)))
     return _with_oven_door(dice, number, look, body, knobs, (dw - 0.014, dh - GAP, t),
                            (x, y, front), hole, middle, d)
@@ -269,8 +271,7 @@ def _with_oven_door(
               for s in door(dice, look, size, window)]
     z = front + 0.001 + t
     if dice.chance(40):
-        shapes.append(label(dice, look, look.brand, min(0.3 * w, dice.length(0.06, 0.1)),
-                            shapes[1].paint, (x, y - h / 2 + 0.022, z)))
+        shapes += door_label(dice, look, min(0.3 * w, dice.length(0.06, 0.1)), shapes)
     hinge = (x, y - h / 2 + t / 2, front + 0.001 + t / 2)
     links = [Link("body", tuple(body)),
              Link("door", tuple(shapes), 0, "revolute", hinge, (1.0, 0.0, 0.0),
@@ -328,18 +329,19 @@ def _microwave_controls(
     shapes, knobs = list[Shape](), list[Link]()
     style = dice.pick(("keys", "knobs", "mixed"), (5, 3, 3))
     if dice.chance(75):
-        shapes.append(label(dice, look, look.brand, inner * 0.62, look.panel, (x, top - 0.014, z)))
+        shapes.append(label(dice, look, inner * 0.62, 0.02, look.panel, (x, top - 0.014, z)))
     if style != "knobs" or dice.chance(40):
         wide = inner * dice.number(70, 100) / 100
         shapes.append(clock(dice, look, wide, (x, top - 0.03 - wide * 0.16, z)))
-    space = h - 0.03 - inner * 0.42
-    low = y - h / 2 + 0.012
+    low = y - h / 2 + 0.021  # above a button
+    space = h - 0.039 - inner * 0.42
     if style == "keys":
         shapes.append(keys(dice, look, (inner, space - 0.02), (x, low + (space - 0.02) / 2, z),
                            dice.number(5, 9)))
     else:
         count = 1 if style == "mixed" else dice.pick((1, 2), (1, 4))
-        radius = min(inner * 0.3, 0.2 * space / count + 0.006, dice.length(0.018, 0.027))
+        most = 0.2 * space / count + (0.006 if style == "knobs" else -0.009)
+        radius = min(inner * 0.3, most, dice.length(0.018, 0.027))
         kind = dice.number(0, 3)
         marks = pictures.gauge(look.ink, look.panel.color, dice.number(7, 15))
         for k in range(count):
@@ -348,7 +350,7 @@ def _microwave_controls(
             knobs.append(knob(dice, look, radius, spot, kind))
         if style == "mixed":
             high = space * 0.42
-            shapes.append(keys(dice, look, (inner, high), (x, low + space - high / 2, z),
+            shapes.append(keys(dice, look, (inner, high), (x, low + space - 0.012 - high / 2, z),
                                dice.number(2, 4)))
     if dice.chance(45):
         button = at(slab(inner * 0.7, 0.016, (0.0, 0.003), 0.004, 0.001), x,
@@ -363,18 +365,20 @@ def _strip_controls(
     """A dishwasher's buttons, display and name on its control strip."""
     (w, h), (x, y, z) = size, place
     turn = dice.pick((-1, 1))
-    shapes = [label(dice, look, look.brand, dice.length(0.06, 0.1), look.panel,
+    shapes = [label(dice, look, dice.length(0.06, 0.1), 0.6 * h, look.panel,
                     (x - turn * (w / 2 - 0.075), y, z))]
+    inner = 0.14 * w  # where the buttons end
     if dice.chance(65):
-        wide = dice.length(0.05, 0.08)
-        shapes.append(clock(dice, look, wide, (x + dice.pick((0, 1)) * turn * 0.05, y, z)))
+        wide, aside = dice.length(0.05, 0.08), dice.pick((0, 1)) * 0.05
+        shapes.append(clock(dice, look, wide, (x + turn * aside, y, z)))
+        inner = max(inner, aside + wide / 2 + 0.008)
     count = dice.number(3, 8)
     tall, wide = min(0.02, h * 0.35), dice.length(0.012, 0.022)
     high = dice.length(0.001, 0.003)
     button = slab(wide, tall, (0.0, high), dice.pick((0.002, tall / 2)), 0.0005)
     first = x + turn * (w / 2 - 0.03)
     row = [at(button, first - turn * k * (wide + 0.006), y, z) for k in range(count)
-           if 0.03 + k * (wide + 0.006) < w * 0.36]
+           if w / 2 - 0.03 - k * (wide + 0.006) - wide / 2 > inner]
     return [*shapes, Shape("buttons", joined(row), dice.pick((look.knob, look.trim)))]
 
 
@@ -406,7 +410,7 @@ def _oven_controls(
     if wide > 0.05:
         middle = x + (free[0] + free[1]) / 2
         shapes.append(clock(dice, look, wide, (middle, y + 0.012, z)))
-        shapes.append(label(dice, look, look.brand, wide * 0.7, look.panel,
+        shapes.append(label(dice, look, wide * 0.7, 0.3 * h, look.panel,
                             (middle, y - h * 0.32, z)))
     return shapes, knobs
 

@@ -151,13 +151,33 @@ def decal(name: str, image: pictures.Picture, width: float, place: tuple[float, 
     return Shape(name, at(solid, *place), Paint(name, (255, 255, 255), picture=image))
 
 
-def label(dice: Dice, look: Finish, text: str, width: float, on: Paint,
-          place: tuple[float, float, float], name: str = "logo") -> Shape:
-    """A word in a colour that shows on its ground."""
+def label(dice: Dice, look: Finish, width: float, height: float, on: Paint,
+          place: tuple[float, float, float]) -> Shape:
+    """The maker's name in a colour that shows on its ground; the sizes are the most it takes."""
     light = sum(on.color) > 380
     ink = dice.pick(((40, 40, 44), (120, 30, 34), (30, 50, 110)), (4, 1, 1)) if light else \
         dice.pick(((235, 235, 232), (200, 202, 205), (214, 176, 96)), (3, 2, 1))
-    return decal(name, pictures.words(text, ink, on.color), width, place)
+    image = pictures.words(look.brand, ink, on.color)
+    rows, columns = image.pixels.shape
+    return decal("logo", image, min(width, height * columns / rows), place)
+
+
+def door_label(dice: Dice, look: Finish, width: float, shapes: Sequence[Shape]) -> list[Shape]:
+    """The maker's name below the window of a door of these shapes, if there is room for it."""
+    panel = next(s for s in shapes if s.name == "door_panel")
+    low, high = panel.solid.vertices.min(0), panel.solid.vertices.max(0)
+    middle = (low + high) / 2
+    floor, ceiling = low[1] + 0.008, middle[1]  # the edge is round
+    for shape in shapes:
+        bottom, top = shape.solid.vertices[:, 1].min(), shape.solid.vertices[:, 1].max()
+        if shape.name == "rail" and top < middle[1]:
+            floor = top
+        elif shape.name in ("window", "bezel"):
+            ceiling = min(ceiling, bottom)
+    space = ceiling - floor
+    place = (float(middle[0]), float(floor + space / 2), float(high[2]) + 0.0002)
+    sign = label(dice, look, width, 0.75 * space, panel.paint, place)
+    return [sign] if space > 0.014 else []
 
 
 def clock(dice: Dice, look: Finish, width: float, place: tuple[float, float, float]) -> Shape:
