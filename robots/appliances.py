@@ -40,7 +40,7 @@ def appliance_folder(category: str, number: int) -> Path:
 def write_appliance(category: str, number: int, folder: Path) -> None:
     """Write the files of an instance into an empty folder."""
     from .appliance_designs import DESIGNS
-    from .appliance_parts import Dice
+    from .appliance_dice import Dice
     from .partnet_files import write_thing
 
     rng = np.random.Generator(np.random.PCG64([zlib.crc32(category.encode()), number]))

@@ -16,7 +16,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.robots import appliances, catalog, objects
 from gcbench.robots.appliance_designs import DESIGNS
-from gcbench.robots.appliance_parts import Dice
+from gcbench.robots.appliance_dice import Dice
 from gcbench.robots.appliance_shapes import cavity, disc, frame, rounded_rectangle, slab, tube
 from gcbench.robots.appliance_textures import Picture, keypad, png, words
 from gcbench.robots.appliances import CATEGORIES, IDS, write_appliance
