@@ -5,6 +5,7 @@ Functions are handed the module of OpenGL's functions (`Context.gl`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -58,3 +59,8 @@ def shadow_texture(gl: Any) -> int:
         gl.glTexParameteri(gl.GL_TEXTURE_2D, name, value)
     gl.glTexParameterfv(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
     return texture
+
+
+def delete_textures(gl: Any, textures: Sequence[int]) -> None:
+    if textures:
+        gl.glDeleteTextures(len(textures), list(textures))
