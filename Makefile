@@ -43,7 +43,7 @@ speed: $(VENV)/.speed-$(NEEDS) package  ## frames per second, beside other ways 
 
 appliances: package  ## a hundred of each appliance, verified and on a contact sheet (minutes)
 	@.ci/system-libraries $(PY)
-	for kind in microwave dishwasher oven; do \
+	for kind in microwave dishwasher oven drawer; do \
 		$(VENV)/bin/gcbench render --robot $$kind --n 100 --frames 4 --width 320 --height 240 \
 			--out demo/$$kind && \
 		$(VENV)/bin/gcbench verify demo/$$kind && \

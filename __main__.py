@@ -339,8 +339,9 @@ def robots(args: Sequence[str]) -> int:
         for e in catalog.CATALOG
     ]
     rows += [
-        (name, f"any {name}, or {name}:17", "1+", "door", appliances.LICENCE, "yes", "generated")
-        for name in appliances.CATEGORIES
+        (name, f"any {name}, or {name}:17", "1+", "drawer" if name == "drawer" else "door",
+         appliances.LICENCE, "yes", "generated")
+        for name in appliances.GENERATED
     ]
     rows += [("partnet:7310", "an object of your PartNet-Mobility folder", "", "", "research", "no",
               "yours")]

@@ -93,7 +93,7 @@ def door(dice: Dice, look: Finish, size: tuple[float, float, float],
         shapes.append(Shape("rail", at(rail, 0, dice.pick((-1, 1)) * (h / 2 - wide / 2 - 0.001)),
                             look.front))
     rim = frame(w - 0.07, h - 0.07, (x, y, ww, wh), (-0.006, 0.0), 0.02, 0.002, corner)
-    if abs(x) + ww / 2 < w / 2 - 0.036 and abs(y) + wh / 2 < h / 2 - 0.036:
+    if abs(x) + ww / 2 < w / 2 - 0.038 and abs(y) + wh / 2 < h / 2 - 0.038:
         shapes.append(Shape("liner", rim, liner))
     return shapes
 

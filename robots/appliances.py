@@ -1,4 +1,5 @@
-"""Generated microwaves, dishwashers and ovens: an instance is a function of (category, id).
+"""Generated microwaves, dishwashers, ovens and drawers: an instance is a function of
+(category, id).
 
 They are written in the layout of PartNet-Mobility, in metres, into the cache, and read by the
 same loader. Files are the same bytes on every machine.
@@ -15,9 +16,11 @@ import numpy as np
 
 from .fetch import cache_folder, whole_folder
 
-VERSION = 2
+VERSION = 3
 """Of the generator; a change of any instance's bytes is a new one."""
 CATEGORIES = ("microwave", "dishwasher", "oven")
+"""Those of the paper: the suites have them, and flow networks learn on them."""
+GENERATED = (*CATEGORIES, "drawer")
 IDS: Mapping[str, range] = MappingProxyType({
     "test": range(100_000), "train": range(100_000, 1_000_000)})
 """By stream. They share none: what is learned on one is tested on other instances."""
@@ -29,7 +32,7 @@ LICENCE = "MIT"
 def appliance_folder(category: str, number: int) -> Path:
     """The folder of an instance in the cache, generated if it is not there (in about 0.1 s).
 
-    Raises GcbenchError if the cache cannot be written. The category is one of CATEGORIES, the
+    Raises GcbenchError if the cache cannot be written. The category is one of GENERATED, the
     number 0 to LARGEST.
     """
     target = cache_folder() / "appliances" / f"{category}-v{VERSION}" / f"{number:06d}"

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from .. import GcbenchError
 from . import appliances
-from .appliances import CATEGORIES, IDS
+from .appliances import GENERATED, IDS
 from .model import ArticulatedModel
 
 PARTNET = "partnet"
-KINDS = (*CATEGORIES, PARTNET)
-HELP = f"{', '.join(CATEGORIES)} (or one of them, as {CATEGORIES[0]}:17), {PARTNET}:ID"
+KINDS = (*GENERATED, PARTNET)
+HELP = f"{', '.join(GENERATED)} (or one of them, as {GENERATED[0]}:17), {PARTNET}:ID"
 _NAMES = re.compile(rf"({'|'.join(KINDS)})(:.*)?")
 
 
@@ -25,23 +25,23 @@ def is_object(name: str) -> bool:
 
 def is_category(name: str) -> bool:
     """Whether a name means any object of a category: each sequence shows another one."""
-    return name in CATEGORIES
+    return name in GENERATED
 
 
 def split(name: str) -> tuple[str, int]:
     """Kind and number of one object. Raises GcbenchError if the name is not that of one."""
     kind, _, number = name.partition(":")
-    most = appliances.LARGEST if kind in CATEGORIES else 10**9
+    most = appliances.LARGEST if kind in GENERATED else 10**9
     if not re.fullmatch(r"\d{1,9}", number, re.ASCII) or int(number) > most:
         raise GcbenchError(f"{name!r} names no object; write {kind}:NUMBER with a number of 0 to "
-                           f"{most}, as {kind}:{17 if kind in CATEGORIES else 7310}")
+                           f"{most}, as {kind}:{17 if kind in GENERATED else 7310}")
     return kind, int(number)
 
 
 def instances(category: str, stream: str) -> range:
     """Numbers of the category's objects that a stream ("test" or "train") may show."""
-    if category not in CATEGORIES:
-        raise GcbenchError(f"no category {category!r}; there are {', '.join(CATEGORIES)}")
+    if category not in GENERATED:
+        raise GcbenchError(f"no category {category!r}; there are {', '.join(GENERATED)}")
     return IDS[stream]
 
 
@@ -54,7 +54,7 @@ def folder_of(
     not be.
     """
     kind, number = split(name)
-    if kind in CATEGORIES:
+    if kind in GENERATED:
         return appliances.appliance_folder(kind, number)
     from .partnet import partnet_folder
 
@@ -70,6 +70,6 @@ def load_named(
     kind, number = split(name)
     model = partnet.load_object(folder_of(name, packages), allow_missing)
     name = f"{kind}:{number}"
-    if kind in CATEGORIES:
+    if kind in GENERATED:
         return replace(model, name=name, source=appliances.SOURCE, licence=appliances.LICENCE)
     return replace(model, name=name, source=f"{name}, PartNet-Mobility", licence=partnet.LICENCE)

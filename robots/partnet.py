@@ -29,6 +29,7 @@ TOKEN = "SAPIEN_ACCESS_TOKEN"
 LICENCE = "PartNet-Mobility: research terms, not to be redistributed"
 _LARGEST = 2**20
 _DOOR = re.compile(r"(.*_)?door(_\d+)?")
+_DRAWER = re.compile(r"(.*_)?drawer(_\d+)?")
 _MOST_SCORED = 3
 
 
@@ -126,7 +127,8 @@ def part_names(folder: Path) -> dict[str, str]:
 
 
 def scored_joints(model: ArticulatedModel) -> tuple[str, ...]:
-    """The hinges of an object's doors, if it has any: at most three."""
-    doors = [name for name, kind in zip(model.joint_names, model.joint_types, strict=True)
-             if kind != "prismatic" and _DOOR.fullmatch(name)]
-    return tuple(doors[:_MOST_SCORED])
+    """The hinges of an object's doors, if it has any: at most three; else its first drawer."""
+    named = list(zip(model.joint_names, model.joint_types, strict=True))
+    doors = [name for name, kind in named if kind != "prismatic" and _DOOR.fullmatch(name)]
+    drawers = [name for name, kind in named if kind == "prismatic" and _DRAWER.fullmatch(name)]
+    return tuple(doors[:_MOST_SCORED] or drawers[:1])

@@ -19,7 +19,7 @@ from gcbench.robots.appliance_designs import DESIGNS
 from gcbench.robots.appliance_dice import Dice
 from gcbench.robots.appliance_shapes import cavity, disc, frame, rounded_rectangle, slab, tube
 from gcbench.robots.appliance_textures import Picture, keypad, png, words
-from gcbench.robots.appliances import CATEGORIES, IDS, write_appliance
+from gcbench.robots.appliances import CATEGORIES, GENERATED, IDS, write_appliance
 from gcbench.robots.collision import CollisionChecker
 from gcbench.robots.fetch import whole_folder
 from gcbench.robots.geometry import apply
@@ -35,8 +35,8 @@ SIZES = {
 }
 """m: depth (with handle), width, height."""
 OPENING = {"microwave": (1.57, 2.10), "dishwasher": (1.40, 1.57), "oven": (1.40, 1.57)}
-# Of the files of three instances; if they change, so must appliances.VERSION, or a cache is stale.
-DIGESTS = {2: "b3faff7da1a4aeeab6469d0f384a843f13b99397df1382472685724d9e8c239e"}
+# Of the files of four instances; if they change, so must appliances.VERSION, or a cache is stale.
+DIGESTS = {3: "c00ec26fd486957fee03d97babef03ea0a905d775f09e39d9a2b01b4cbf68913"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -86,23 +86,23 @@ def sweep(model: ArticulatedModel) -> tuple[np.ndarray, int]:
 
 
 def test_files_are_the_same_bytes_in_every_process(tmp_path: Path) -> None:
-    here = [digest(written(c, 17, tmp_path / c)) for c in CATEGORIES]
+    here = [digest(written(c, 17, tmp_path / c)) for c in GENERATED]
     code = "\n".join([
         "import sys; from pathlib import Path",
-        "from gcbench.robots.appliances import CATEGORIES, write_appliance",
-        "for c in reversed(CATEGORIES):",
+        "from gcbench.robots.appliances import GENERATED, write_appliance",
+        "for c in reversed(GENERATED):",
         "    folder = Path(sys.argv[1]) / c; folder.mkdir(); write_appliance(c, 17, folder)"])
     there = tmp_path / "there"
     there.mkdir()
     subprocess.run([sys.executable, "-c", code, str(there)], check=True,
                    env={**os.environ, "PYTHONHASHSEED": "5"})
-    assert [digest(there / c) for c in CATEGORIES] == here
-    assert len({*here, digest(written("oven", 18, tmp_path / "18"))}) == 4
+    assert [digest(there / c) for c in GENERATED] == here
+    assert len({*here, digest(written("oven", 18, tmp_path / "18"))}) == 5
 
 
 def test_a_change_of_the_generator_is_a_new_version(tmp_path: Path) -> None:
     """Caches and datasets name instances by the version: it stands for these bytes."""
-    for category in CATEGORIES:
+    for category in GENERATED:
         written(category, 3, tmp_path / category)
     assert digest(tmp_path) == DIGESTS[appliances.VERSION]
 
@@ -112,7 +112,7 @@ def test_streams_share_no_instance() -> None:
     assert min(map(len, IDS.values())) >= 10_000
 
 
-@pytest.mark.parametrize("category", CATEGORIES)
+@pytest.mark.parametrize("category", GENERATED)
 @pytest.mark.parametrize("count", [40, pytest.param(1000, marks=pytest.mark.slow)])
 def test_no_two_instances_look_alike(category: str, count: int) -> None:
     assert len({looks(designed(category, number)) for number in range(count)}) == count
@@ -157,6 +157,61 @@ def test_a_door_opens_from_limit_to_limit_and_touches_nothing(category: str, cou
         np.testing.assert_allclose(np.abs(axis), [0, not upright, upright], atol=1e-9)
 
 
+@pytest.mark.parametrize("category", GENERATED)
+@pytest.mark.parametrize("count", [20, pytest.param(300, marks=pytest.mark.slow)])
+def test_no_two_colours_lie_in_one_plane(category: str, count: int) -> None:
+    """Of faces at least 5 mm wide that look along an axis: the depth test could not choose."""
+    for number in range(count):
+        shapes = [s for link in designed(category, number).links for s in link.shapes]
+        corners = np.concatenate([s.solid.vertices[s.solid.faces] for s in shapes])  # [F 3 3]
+        who = np.repeat(np.arange(len(shapes)), [len(s.solid.faces) for s in shapes])
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(across, axis=1)
+        for axis in range(3):
+            others = [k for k in range(3) if k != axis]
+            wide = (np.ptp(corners[:, :, others], axis=1) > 0.005).all(1)
+            for sign in (-1, 1):
+                flat = np.flatnonzero(wide & (sign * across[:, axis] > (1 - 1e-9) * length))
+                height = np.round(corners[flat, 0, axis], 5)
+                for level in np.unique(height):
+                    faces = flat[height == level]
+                    inside = centre_inside(corners[faces][:, :, others])
+                    for i, j in np.argwhere(inside & (who[faces] != who[faces][:, None])):
+                        a, b = shapes[who[faces[i]]], shapes[who[faces[j]]]
+                        assert a.paint.color == b.paint.color, (number, a.name, b.name)
+
+
+def centre_inside(triangles: np.ndarray) -> np.ndarray:
+    """[N N] whether the centre of triangle i is inside of triangle j, of triangles [N 3 2]."""
+    centre, turns = triangles.mean(1)[:, None], list[np.ndarray]()
+    for k in range(3):
+        a, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
+        arm = centre - a
+        turns.append(edge[:, 0] * arm[..., 1] - edge[:, 1] * arm[..., 0])
+    return (np.min(turns, axis=0) > 1e-7) | (np.max(turns, axis=0) < -1e-7)
+
+
+@pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.slow)])
+def test_each_drawer_slides_out_to_the_front_and_touches_nothing(count: int) -> None:
+    numbers = set[int]()
+    for number in range(count):
+        model = catalog.load(f"drawer:{number}")
+        joints = len(model.joint_names)
+        numbers.add(joints)
+        assert set(model.joint_types) == {"prismatic"} and scored_joints(model) == ("drawer",)
+        assert (model.limits[:, 0] == 0).all() and (model.limits[:, 1] > 0.15).all()
+        checker = CollisionChecker(model)
+        q = np.concatenate([model.limits[:, 1] * np.eye(joints)[[j]] * share[:, None]
+                            for j in range(joints)
+                            for share in [np.linspace(0, 1, 6)]])
+        poses = forward_kinematics(model, q)
+        assert checker.first_contact(poses, checker.ground_height(poses)) is None, number
+        for j, child in enumerate(model.joint_child):
+            moved = poses[6 * j + 5, child, :3, 3] - poses[6 * j, child, :3, 3]
+            np.testing.assert_allclose(moved, [-model.limits[j, 1], 0, 0], atol=1e-6)
+    assert len(numbers) > 1
+
+
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_sizes_and_parts_are_those_of_the_products(category: str) -> None:
     for number in range(6):
@@ -196,7 +251,7 @@ def test_the_folder_is_laid_out_as_partnet_mobility(tmp_path: Path) -> None:
     assert urdf.rindex('type="fixed"') == urdf.rindex("type=")  # the root's, last
 
 
-@pytest.mark.parametrize("category", CATEGORIES)
+@pytest.mark.parametrize("category", GENERATED)
 def test_yourdfpy_loads_an_instance_unchanged(category: str, tmp_path: Path) -> None:
     yourdfpy: Any = pytest.importorskip("yourdfpy")
     folder = written(category, 9, tmp_path / "9")
@@ -277,7 +332,8 @@ def test_what_fails_halfway_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "message"), [
     ("microwave:", "microwave:NUMBER"), ("oven:x", "names no object; write oven:NUMBER"),
     ("dishwasher:1000000", "0 to 999999"), ("oven:-1", "names no object"),
-    ("partnet:7310x", "partnet:NUMBER"), ("toaster", "there are ur5.*microwave, dishwasher, oven"),
+    ("partnet:7310x", "partnet:NUMBER"),
+    ("toaster", "there are ur5.*microwave, dishwasher, oven, drawer"),
     ("oven:../1", "names no object"),
 ])  # fmt: skip
 def test_a_name_that_means_nothing_is_refused(name: str, message: str) -> None:

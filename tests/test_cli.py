@@ -18,7 +18,7 @@ from gcbench.__main__ import COMMANDS, main
 from gcbench.renderer.config import FACTORS, STUDIO, RenderConfig
 from gcbench.renderer.sequence import Sequence
 from gcbench.robots import catalog
-from gcbench.robots.appliances import CATEGORIES
+from gcbench.robots.appliances import GENERATED
 
 Lines = pytest.CaptureFixture[str]
 
@@ -340,7 +340,7 @@ def test_robots_are_listed(capsys: Lines, tmp_path: Path, monkeypatch: pytest.Mo
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split() == ["name", "robot", "joints", "scored", "licence", "fetched", "source"]
     assert [row.split()[0] for row in rows] == [
-        *(entry.name for entry in catalog.CATALOG), *CATEGORIES, "partnet:7310"]
+        *(entry.name for entry in catalog.CATALOG), *GENERATED, "partnet:7310"]
     for row, entry in zip(rows, catalog.CATALOG, strict=False):
         assert entry.maker in row
         assert entry.licence in row
