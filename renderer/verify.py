@@ -27,6 +27,7 @@ from .verify_layers import verify_layers
 from .verify_observability import verify_observability
 from .verify_points import verify_points
 from .verify_state import verify_state
+from .verify_surface import surfaces_to_check, verify_surface
 
 __all__ = ["Check", "Reference", "Report", "reference_of", "verify_dataset", "verify_sequence"]
 
@@ -55,6 +56,7 @@ def verify_sequence(sequence: Sequence, model: ArticulatedModel | None = None,
         if all(c.ok for c in checks[:2]):  # shapes and finite: without them nothing can be computed
             checks += verify_images(sequence)
             checks += verify_layers(sequence)
+            checks += verify_surface(sequence, model)
             checks += verify_points(sequence, model)
             checks += verify_observability(sequence, model)
     return Report(merge(checks))
@@ -103,7 +105,7 @@ def _shared_reference(config: RenderConfig) -> tuple[Reference | RenderConfig, l
 def reference_of(
     config: RenderConfig, robot: str | None = None
 ) -> tuple[Reference, list[str]]:
-    """A model without surfaces, and why it or its URDF is not at hand; default: the config's.
+    """A model without rigid surfaces, and why it or its URDF is not at hand; default: the config's.
 
     Nothing is downloaded: to verify a dataset is to read it.
     """
@@ -117,14 +119,14 @@ def reference_of(
             folder = objects.folder_of(robot, packages, download=False)
             model = catalog.load(robot, packages, config.allow_missing)
             urdf, names = folder / partnet.URDF, partnet.part_names(folder)
-            return Reference(replace(model, visuals=()), urdf, names), []
+            return Reference(surfaces_to_check(model), urdf, names), []
         if not catalog.is_path(robot) and not catalog.is_fetched(catalog.find(robot)):
             raise GcbenchError(f"{robot} is not in the cache")
         urdf = catalog.urdf_file(robot)
         model = catalog.load(robot, packages, config.allow_missing)
     except (GcbenchError, OSError) as error:
         return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
-    return Reference(replace(model, visuals=()), urdf), []
+    return Reference(surfaces_to_check(model), urdf), []
 
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:

@@ -209,7 +209,7 @@ def test_layers_pass_verify_and_cover_what_they_say(
     name: str, request: pytest.FixtureRequest
 ) -> None:
     sequence = request.getfixturevalue(name)
-    report = verify_sequence(sequence, bent_bar.bar() if name == "bar" else None)
+    report = verify_sequence(sequence, bent_bar.bar(block=True) if name == "bar" else None)
     assert report.ok, report.table()
     samples = {c.name: c.samples for c in report.checks}
     for check in ("normal: unit", "normal: of the plane that depth makes",
@@ -217,6 +217,8 @@ def test_layers_pass_verify_and_cover_what_they_say(
         assert samples[check] > 1000, check
     assert samples["track: visible"] == 60 * 4
     assert samples["track: goes with the flow"] > 60
+    if name == "bar":
+        assert samples["coordinates: of a triangle that is seen there"] > 1000
     if name == "crane":
         assert samples["coordinates: of the point that depth tells"] > 1000
         assert samples["track: rides on its part"] == 60 * 4
@@ -300,11 +302,31 @@ CORRUPTIONS = {
     "query frame": (state(track_query=lambda q: (q + 1) % 4), "track: begins at a pixel"),
     "query beyond": (state(track_query=lambda q: q + 4), "track: query frames"),
 }
+
+
+def in_pose_of_part(s: Sequence, t: int) -> np.ndarray:
+    """Coordinates [H W 3] as if the parts were rigid: smooth, and right where nothing bends."""
+    v, u = np.indices(s.depth[t].shape)
+    rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(s.state.intrinsics).T
+    out = np.full(rays.shape, np.nan, np.float32)
+    for p, pose in enumerate(s.state.cam_from_world[t] @ s.state.world_from_part[t]):
+        mine = s.part[t] == p + 1
+        out[mine] = apply(np.linalg.inv(pose), (rays * s.depth[t][..., None])[mine])
+    return out
+
+
 ON_THE_BAR = {
     "normals zero": (images("normal", np.nan_to_num), "normal: known where it should be"),
     "coordinates late": (
         lambda s: replace(s, coordinates=[s.coordinates[0], *s.coordinates[:-1]]),
         "coordinates: kept where the flow leads"),
+    "coordinates shifted": (images("coordinates", lambda c: c + np.float32(2e-3)),
+                            "coordinates: of a triangle that is seen there"),
+    "coordinates of the bent bar": (
+        lambda s: replace(s, coordinates=[in_pose_of_part(s, t) for t in range(4)]),
+        "coordinates: of a triangle that is seen there"),
+    "coordinates mirrored": (images("coordinates", lambda c: c * np.float32([1, -1, 1])),
+                             "coordinates: of a triangle that is seen there"),
     "flow of the part": (
         lambda s: replace(s, flow=[f * np.float32(1.05) for f in s.flow]),
         "track: goes with the flow"),
@@ -338,7 +360,7 @@ def test_corruption_fails_its_check(crane: Sequence, name: str) -> None:
 @pytest.mark.parametrize("name", ON_THE_BAR)
 def test_corruption_of_what_deforms_fails_its_check(bar: Sequence, name: str) -> None:
     corrupt, expected = ON_THE_BAR[name]
-    report = verify_sequence(corrupt(bar), bent_bar.bar())
+    report = verify_sequence(corrupt(bar), bent_bar.bar(block=True))
     assert expected in report.failures, report.table()
 
 
