@@ -139,10 +139,13 @@ class DeviceModel:
         boxes = [apply(poses[:, part], corners).reshape(-1, 3) for part, corners in self._corners]
         return np.concatenate([self._bounds, *boxes])
 
-    def boxes(self, world_from_part: Array) -> list[tuple[int, Array]]:
-        """Parts, and world points [N 3] around a surface of each, from poses [P 4 4]."""
-        found = [(part, apply(world_from_part[part], c)) for part, c in self._corners]
-        return found + self._placed
+    def boxes(self, world_from_part: Array) -> tuple[NDArray[np.intp], Array]:
+        """The part [K] and world corners [K 8 3] of boxes around surfaces, from poses [P 4 4]."""
+        part = np.array([p for p, _ in [*self._corners, *self._placed]], np.intp)
+        local = np.array([c for _, c in self._corners]).reshape(-1, 8, 3)
+        placed = np.array([c for _, c in self._placed]).reshape(-1, 8, 3)
+        moved = apply(world_from_part[part[:len(local)]], local)
+        return part, np.concatenate([moved, placed])
 
     def draws(
         self, programs: Programs, name: str, surfaces: Sequence[Surface], world_from_part: Array,

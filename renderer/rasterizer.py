@@ -106,17 +106,17 @@ class Rasterizer:
 
         First column and row, and those after the last; parts without a surface have none.
         """
-        out = np.zeros((len(world_from_part), 4), np.int64)
-        whole = np.array([0, 0, self.width, self.height])
-        found = self._model.boxes(world_from_part)
-        for part in {part for part, _ in found}:
-            uv = camera.project(np.concatenate([c for p, c in found if p == part]))
-            if uv[:, 2].min() <= 0:
-                out[part] = whole
-                continue
-            low, high = np.floor(uv[:, :2].min(0)) - 1, np.ceil(uv[:, :2].max(0)) + 2
-            out[part] = np.clip(np.concatenate([low, high]), 0, np.tile(whole[2:], 2))
-        return out
+        part, corners = self._model.boxes(world_from_part)
+        low, high = np.full((2, len(world_from_part), 2), [[[np.inf]], [[-np.inf]]])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            uv = camera.project(corners)
+        behind = uv[..., 2].min(1) <= 0  # then it may be anywhere
+        uv[behind] = [[-np.inf, -np.inf, 0.0]] * 4 + [[np.inf, np.inf, 0.0]] * 4
+        np.minimum.at(low, part, np.floor(uv[..., :2].min(1)) - 1)
+        np.maximum.at(high, part, np.ceil(uv[..., :2].max(1)) + 2)
+        out = np.clip(np.concatenate([low, high], axis=1), 0, [self.width, self.height] * 2)
+        out[np.isinf(low).all(1) & np.isinf(high).all(1) & (low > high).all(1)] = 0
+        return out.astype(np.int64)
 
     # -- appearance: colours ------------------------------------------------------------------
 

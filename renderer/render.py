@@ -179,8 +179,7 @@ class SequenceRenderer:
             depth_unit=out.depth_unit,
             units=UNITS,
             deforming_parts=tuple(
-                name for p, name in enumerate(model.part_names)
-                if any(v.deforms and v.part == p for v in model.visuals)
+                model.part_names[p] for p in sorted({v.part for v in model.visuals if v.deforms})
             ),
             layers=config.layers,
             keypoint_names=model.keypoint_names if has_keypoints else (),

@@ -21,7 +21,7 @@ from .residual import Check, merge, share
 from .sequence import Sequence
 from .verify_view import deforming_numbers, pixel_name
 
-_FEW = 0.01
+_FEW = 2e-3
 """Share of pixels at silhouettes and folds, where a rasterizer's rounding picks a neighbour."""
 _BESIDE = 0.02
 """px that a rasterizer may count as inside of a triangle."""

@@ -41,14 +41,14 @@ class CollisionChecker:
     overlap), not of the motion. Meshes are not simplified, for nothing would be won: 15 frames of
     an arm of 100,000 triangles take milliseconds. Surfaces are tested, not volumes: a group
     that lies whole inside another one, without crossing it, is not found. Nothing is tested
-    between frames. To be built once for a model; it holds no state between calls.
+    between frames. To be built once for a model; between calls it holds only what it has built of
+    the groups that came near each other.
     """
 
     def __init__(self, model: ArticulatedModel) -> None:
         self.model = model
         self.groups = RigidGroups(model)
-        self._bodies = {group: _body(*surface)
-                        for group, surface in self.groups.surfaces.items()}
+        self._bodies: dict[int, Any] = {}
         self._centres = {group: (hull.min(0) + hull.max(0)) / 2.0 for group, hull
                          in zip(self.groups.surfaces, self.groups.hulls, strict=True)}
         self._radii = {group: float(np.linalg.norm(hull - self._centres[group], axis=1).max())
@@ -88,18 +88,23 @@ class CollisionChecker:
         import fcl
 
         centres = {g: apply(poses[g], c[None])[0] for g, c in self._centres.items()}
-        for group, body in self._bodies.items():
-            body.setTransform(fcl.Transform(poses[group, :3, :3], poses[group, :3, 3]))
+        placed = set[int]()
         for a, b in pairs:
             if np.linalg.norm(centres[a] - centres[b]) > self._radii[a] + self._radii[b]:
                 continue
+            for group in {a, b} - placed:
+                if group not in self._bodies:  # of a large mesh it takes seconds
+                    self._bodies[group] = _body(*self.groups.surfaces[group])
+                self._bodies[group].setTransform(
+                    fcl.Transform(poses[group, :3, :3], poses[group, :3, 3]))
+                placed.add(group)
             if fcl.collide(self._bodies[a], self._bodies[b],
                            fcl.CollisionRequest(), fcl.CollisionResult()):
                 yield a, b
 
     def _pairs_that_count(self) -> list[tuple[int, int]]:
-        joined = {(self._towards_base(group), group) for group in self._bodies}
-        pairs = [pair for pair in combinations(self._bodies, 2) if pair not in joined]
+        joined = {(self._towards_base(group), group) for group in self.groups.surfaces}
+        pairs = [pair for pair in combinations(self.groups.surfaces, 2) if pair not in joined]
         at_rest = set(self._touching(rest_poses(self.model), pairs))
         pairs = [pair for pair in pairs if pair not in at_rest]
         configurations = random_poses(self.model)
@@ -112,7 +117,7 @@ class CollisionChecker:
     def _towards_base(self, group: int) -> int:
         """The nearest group towards the base that has a surface, or -1."""
         part = int(self.model.parent[group])
-        while part >= 0 and int(self.groups.group[part]) not in self._bodies:
+        while part >= 0 and int(self.groups.group[part]) not in self.groups.surfaces:
             part = int(self.model.parent[self.groups.group[part]])
         return int(self.groups.group[part]) if part >= 0 else -1
 

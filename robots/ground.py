@@ -49,6 +49,11 @@ class RigidGroups:
         """For each group, the points [H 3] that a plane can touch from outside."""
         return [_hull(vertices) for vertices, _ in self.surfaces.values()]
 
+    @cached_property
+    def _tries(self) -> Array:
+        """[N P 4 4] the rest pose, and random ones."""
+        return np.concatenate([rest_poses(self.model)[None], random_poses(self.model)])
+
     def lowest(self, world_from_part: ArrayLike) -> Array:
         """[... G] height (m) of the lowest point of each group at poses [... P 4 4]."""
         poses = np.asarray(world_from_part, np.float64)
@@ -75,8 +80,7 @@ class RigidGroups:
         if not fixed.any():
             return float(lowest.min())
         base = float(lowest[0, fixed].min())
-        tries = self.lowest(poses[0, 0] @ np.concatenate(
-            [rest_poses(self.model)[None], random_poses(self.model)]))[:, ~fixed]
+        tries = self.lowest(poses[0, 0] @ self._tries)[:, ~fixed]
         above: NDArray[np.bool_] = np.all(tries >= base - TOLERANCE, axis=1)
         return base if above[0] or above.mean() >= _UPRIGHT else float(lowest.min())
 
