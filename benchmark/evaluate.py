@@ -27,7 +27,7 @@ from ..renderer.recipe import differences
 from .datasets import SUITES, Data, from_folders, from_suite
 from .estimates import Status, Stored, read_stored
 from .isolate import ask, run
-from .methods import locate, plan_rows, split
+from .methods import locate, plan_rows, split, with_options
 from .results import (
     ESTIMATES,
     RUN,
@@ -53,6 +53,11 @@ class EvalConfig:
     method: tuple[str, ...] = ()
     """Names of methods, module:attribute or FILE.py:attribute; @true-parts and @true-flow make an
     oracle row of one."""
+    flow: str = ""
+    """Optical flow for methods that let one choose: dis, dis-fine, raft, raft:WEIGHTS or
+    flownet2:CHECKPOINT; default: the method's own. The row's name says it."""
+    depth: str = ""
+    """Depth from single images, likewise: none, or mono:FOLDER with Monodepth2's weights."""
     suite: str = "mini"
     """Name of a suite, or a TOML file; its missing sequences are rendered first."""
     data: tuple[Path, ...] = ()
@@ -105,7 +110,9 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Outcome:
     same call continues.
     """
     _check(config)
-    named = [(locate(method), oracles) for method, oracles in map(split, config.method)]
+    options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth)) if v}
+    named = [(with_options(locate(method), options), oracles)
+             for method, oracles in map(split, config.method)]
     declared = {source: ask(source) for source in dict.fromkeys(source for source, _ in named)}
     rows = [
         (source, row)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import re
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from importlib import import_module, metadata
 from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
+from urllib.parse import parse_qsl, urlencode
 
 from .. import GcbenchError
 from ..renderer.observation import Inputs, Knowledge, Method
@@ -75,11 +77,19 @@ def locate(name: str) -> str:
     )
 
 
-def load(source: str) -> Method:
-    """The method at a module:attribute, made. The current folder is searched, too.
+def with_options(source: str, options: dict[str, str]) -> str:
+    """module:attribute of a method that is made with options: `module:attribute?flow=raft`."""
+    return f"{source}?{urlencode(options)}" if options else source
 
-    Raises GcbenchError if it is not there or is no method.
+
+def load(source: str) -> Method:
+    """The method at a module:attribute, made, with the options that follow it (see with_options).
+
+    The current folder is searched, too. Raises GcbenchError if it is not there, is no method, or
+    does not take the options.
     """
+    source, _, query = source.partition("?")
+    options = dict(parse_qsl(query))
     where, _, attribute = source.rpartition(":")
     module = _file(Path(where)) if where.endswith(".py") else _module(where, source)
     found: Any = module
@@ -91,9 +101,21 @@ def load(source: str) -> Method:
     if isinstance(found, type) or not hasattr(found, "estimate"):
         if not callable(found):
             raise GcbenchError(f"{source}: not a method. {HOW}")
-        found = cast("Callable[[], Any]", found)()
+        found = _made(cast("Callable[..., Any]", found), options, source)
+    elif options:
+        raise GcbenchError(f"{source} takes no --{', --'.join(options)}: it is made already")
     declare(found, source)
     return found
+
+
+def _made(method: Callable[..., Any], options: dict[str, str], source: str) -> Any:
+    try:
+        accepted = inspect.signature(method).parameters
+    except ValueError:
+        accepted = {}
+    if unknown := [name for name in options if name not in accepted]:
+        raise GcbenchError(f"{source} takes no --{unknown[0]}; leave it out")
+    return method(**options)
 
 
 def declare(method: Any, source: str) -> Declaration:

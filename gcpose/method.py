@@ -1,4 +1,4 @@
-"""GC-Pose with depth: the stages of the paper in order (Fig. 2)."""
+"""GC-Pose: the stages of the paper in order (Fig. 2); with depth here, without it in `rgb.py`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from .bundle import adjust
 from .chain import screws_of
 from .crew import together
 from .denoise import smoothed
-from .flow import Flow, dis_flow
+from .depth import depth_named
+from .flow import Flow, dis_flow, fine_dis_flow, flow_named
 from .knowledge import Known, knowledge
+from .rgb import estimate_rgb
 from .search import doubtful, search
 from .segment import candidates
 from .surface import measure
@@ -28,16 +30,26 @@ _NOISY = (15.0, np.radians(0.5))  # where depth is noisy: factor, and the least
 
 
 class GCPose:
-    """Articulated motion from an RGB-D video and nothing but geometric constraints."""
+    """Articulated motion from a video and nothing but geometric constraints."""
 
     name = "gcpose"
-    inputs: tuple[Inputs, ...] = ("rgbd", "rgbd-noise")
+    inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
     training = "none"
     version = "2"
 
-    def __init__(self, flow: Flow = dis_flow) -> None:
-        self.flow = flow
+    def __init__(self, flow: Flow | str = "", depth: str = "") -> None:
+        """A flow, or the name of one (see flow.py), and of a depth network (see depth.py).
+
+        Raises GcbenchError for names that are none, or files that are missing.
+        """
+        named = flow_named(flow) if isinstance(flow, str) and flow else flow
+        self.flow = dis_flow if isinstance(named, str) else named
+        self.fine_flow = fine_dis_flow if isinstance(named, str) else named
+        self.depth = depth_named(depth) if depth else None
+        chosen = {"flow": flow if isinstance(flow, str) else "", "depth": depth}
+        self.name += "".join(f" {k}={v.partition(':')[0]}" for k, v in chosen.items()
+                             if v not in ("", "none"))
 
     def estimate(self, observation: Observation) -> Estimate:
         """Sec. 3.2 to 3.4 on one sequence; where nothing can be seen to move, no motion."""
@@ -47,7 +59,10 @@ class GCPose:
             observation.axis_line,
         )
         rgb = observation.rgb
-        if observation.depth is None or rgb is None or len(observation.depth) < 2:
+        if observation.depth is None:
+            found = estimate_rgb(observation, known, self.fine_flow, self.depth)
+            return found or unmoved(observation, known)
+        if rgb is None or len(observation.depth) < 2:
             return unmoved(observation, known)
         noise = observation.depth_noise
         if noise > 0:
@@ -95,13 +110,13 @@ def calibrated(sigma: Array, known: Known, noisy: bool, lost: bool) -> Array:
 def unmoved(observation: Observation, known: Known) -> Estimate:
     """The estimate where there is nothing to see: no motion, and no trust in it."""
     frames, joints = len(observation.times), observation.n_joints
-    shape = (frames, *(observation.depth.shape[1:] if observation.depth is not None else (1, 1)))
+    images = observation.rgb if observation.depth is None else observation.depth
     sigma = np.full((frames, joints), _CLUELESS)
     sigma[0] = 0.0
     screw = None
     if known.line is not None:
         screw = screws_of(known.line, known.prismatic)
-    part = np.zeros(shape, np.uint8) if observation.depth is not None else None
+    part = None if images is None else np.zeros(images.shape[:3], np.uint8)
     return Estimate(np.zeros((frames, joints)), screw, part, sigma)
 
 

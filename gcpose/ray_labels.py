@@ -1,0 +1,175 @@
+"""Parts of a video without depth (Sec. 3.2, EM): which part's motion explains a pixel best.
+
+The paper's residual is the epipolar loss between two frames. Here it is what the flow differs by
+from the motion of a point on each part, over all frames, with the point's depth chosen as suits
+that part best; a part that takes a foreground pixel to where the background is seen is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.spatial import KDTree
+
+from ..robots.geometry import Array
+from .compiled import compiled
+from .footage import Footage
+from .surface import Image, rays
+
+FLOW_SIGMA = 0.5  # px
+FLOW_RATE = 0.05  # and of the flow's length
+_NEAR = 12  # neighbours that share a label
+_WIDTH = 3.0  # standard deviations beyond which flow is simply wrong
+_SEEN_THROUGH = 1.5  # cost of a place where only background is seen, of a wrong flow's
+_SPREAD = 0.3  # standard deviation of inverse depths about their mean
+
+
+@dataclass(frozen=True)
+class Spots:
+    """N pixels of key frames that are worth following."""
+
+    frame: NDArray[np.int64]
+    """[N]"""
+    pixel: NDArray[np.int64]
+    """[N 2]"""
+    ray: Array
+    """[N 3] at depth 1"""
+    expected: Array
+    """[N] inverse depth, if nothing else is known"""
+    part: NDArray[np.int64] | None
+    """[N] 1..J, if it is given"""
+    near: csr_array
+    """[N N] 1 for a pixel's neighbours"""
+
+    def average(self, values: Array) -> Array:
+        """Means [N C] of values [N C] over each pixel's neighbourhood."""
+        total: Array = self.near @ values
+        return total / np.maximum(1.0, self.near.sum(axis=1))[:, None]
+
+
+def spots(seen: Footage, frames: tuple[int, ...], most: int) -> Spots:
+    """About `most` pixels of each key frame: the most distinct one of each cell."""
+    pixel: list[NDArray[np.int64]] = []
+    frame: list[NDArray[np.int64]] = []
+    blocks: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
+    first = 0
+    for k in frames:
+        # its rim is as likely background, and more textured
+        mask = cv2.erode(seen.moving[k].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        cell = max(2, int(np.ceil(np.sqrt(np.count_nonzero(mask) / most))))
+        score = np.where(mask, seen.hold[k, ..., 0] + seen.hold[k, ..., 2], -1.0)
+        h, w = score.shape[0] // cell, score.shape[1] // cell
+        cells = score[: h * cell, : w * cell].reshape(h, cell, w, cell).swapaxes(1, 2)
+        cells = cells.reshape(h, w, -1)
+        best = cells.argmax(axis=2)
+        v, u = np.nonzero(cells.max(axis=2) >= 0)
+        inside = best[v, u]
+        here = np.stack([u * cell + inside % cell, v * cell + inside // cell], axis=1)
+        pixel.append(here)
+        frame.append(np.full(len(here), k))
+        if len(here):
+            _, others = KDTree(here).query(here, min(_NEAR, len(here)))
+            others = np.asarray(others, np.int64).reshape(len(here), -1)
+            row = np.repeat(np.arange(len(here)), others.shape[1])
+            blocks.append((row + first, others.ravel() + first))
+        first += len(here)
+    pixels = np.concatenate(pixel)
+    row = np.concatenate([b[0] for b in blocks]) if blocks else np.zeros(0, np.int64)
+    column = np.concatenate([b[1] for b in blocks]) if blocks else np.zeros(0, np.int64)
+    near = csr_array((np.ones(len(row)), (row, column)), shape=(first, first))
+    at = (np.concatenate(frame), pixels[:, 1], pixels[:, 0])
+    expected = np.ones(first) if seen.relief is None else seen.relief[at].astype(np.float64)
+    part = None if seen.part is None else np.maximum(1, seen.part[at].astype(np.int64))
+    return Spots(at[0], pixels, rays(seen.intrinsics, pixels), expected, part, near)
+
+
+@compiled
+def label_costs(
+    ray: Array, key: NDArray[np.int64], start: Array, relative: Array, focal: float, cu: float,
+    cv: float, flow: Image, hold: Image, moving: NDArray[np.bool_], steps: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """[N J] cost a frame of each part, and [N J] the inverse depth that goes with it.
+
+    It is found in `steps` steps from start [N J].
+    """
+    n, parts, last = len(ray), relative.shape[2] - 1, relative.shape[1] - 1
+    height, width = moving.shape[1:]
+    cost, depth = np.zeros((n, parts)), np.ones((n, parts))
+    limit = _WIDTH * _WIDTH
+    for i in range(n):
+        for p in range(1, parts + 1):
+            q = start[i, p - 1]
+            total, count = 0.0, 0
+            for step in range(steps + 1):
+                h, g = 1.0 / (_SPREAD * _SPREAD), (1.0 - q) / (_SPREAD * _SPREAD)
+                total, count = 0.0, 0
+                u0, v0, du0, dv0, ok0 = 0.0, 0.0, 0.0, 0.0, False
+                fu, fv, wuu, wuv, wvv = 0.0, 0.0, 0.0, 0.0, 0.0
+                for t in range(last + 1):
+                    m = relative[key[i], t, p]
+                    a, b = ray[i, 0], ray[i, 1]
+                    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + q * m[0, 3]
+                    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + q * m[1, 3]
+                    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + q * m[2, 3])
+                    u, v = focal * x / z + cu, focal * y / z + cv
+                    du = focal * (m[0, 3] - x / z * m[2, 3]) / z
+                    dv = focal * (m[1, 3] - y / z * m[2, 3]) / z
+                    if t > 0 and ok0:
+                        ru, rv = fu - (u - u0), fv - (v - v0)
+                        e = wuu * ru * ru + 2 * wuv * ru * rv + wvv * rv * rv
+                        robust = 1.0 / (1.0 + e / limit) ** 2
+                        total += limit * e / (limit + e)
+                        au, av = wuu * ru + wuv * rv, wuv * ru + wvv * rv
+                        bu, bv = du - du0, dv - dv0
+                        g += robust * (au * bu + av * bv)
+                        h += robust * (wuu * bu * bu + 2 * wuv * bu * bv + wvv * bv * bv)
+                    iu, iv = int(np.rint(u)), int(np.rint(v))
+                    ok0 = 0 <= iu < width and 0 <= iv < height
+                    if ok0:
+                        count += 1
+                        if not moving[t, iv, iu]:
+                            total += _SEEN_THROUGH * limit
+                            ok0 = False
+                        elif t < last:
+                            fu, fv = flow[t, iv, iu, 0], flow[t, iv, iu, 1]
+                            s = 1.0 / (FLOW_SIGMA**2 + FLOW_RATE**2 * (fu * fu + fv * fv))
+                            wuu, wuv = s * hold[t, iv, iu, 0], s * hold[t, iv, iu, 1]
+                            wvv = s * hold[t, iv, iu, 2]
+                    u0, v0, du0, dv0 = u, v, du, dv
+                if step < steps:
+                    q = min(2.5, max(0.4, q + min(0.1, max(-0.1, g / h))))
+            cost[i, p - 1] = total / max(1, count)
+            depth[i, p - 1] = q
+    return cost, depth
+
+
+def along_chain(cost: Array, rank: Array, frame: NDArray[np.int64]) -> NDArray[np.int64]:
+    """[N] labels 0..J-1 that follow one another from the base outward, of least cost.
+
+    cost [N J], rank [N] in 0..1 from the base outward, key frame of each [N].
+    """
+    out = np.zeros(len(rank), np.int64)
+    joints = cost.shape[1]
+    for k in np.unique(frame):
+        mine = np.flatnonzero(frame == k)
+        mine = mine[np.argsort(rank[mine], kind="stable")]
+        total = np.concatenate([np.zeros((1, joints)), np.cumsum(cost[mine], axis=0)])
+        best = total[:, 0]  # of the points before each place, if the last is on part j
+        origin: list[NDArray[np.int64]] = []
+        for j in range(1, joints):
+            gain = best - total[:, j]
+            least = np.minimum.accumulate(gain)
+            first = np.arange(len(gain))
+            first[gain > least] = 0
+            origin.append(np.maximum.accumulate(first))
+            best = least + total[:, j]
+        end = len(mine)
+        for j in range(joints - 1, 0, -1):
+            begin = int(origin[j - 1][end])
+            out[mine[begin:end]] = j
+            end = begin
+    return out

@@ -1,0 +1,106 @@
+"""GC-Pose from plain video: the stages of the paper (Fig. 2) without depth.
+
+Parts and motion come from flow under the chain, first between few frames, then over all of them
+(Sec. 3.2 and 3.3); bundle adjustment with every point's unknown depth makes them agree (Sec. 3.4).
+Scale cannot be seen, and nothing here depends on it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ..renderer.observation import Estimate, Observation
+from ..robots.geometry import Array
+from .chain import screws_of
+from .depth import Depth
+from .flow import Flow
+from .footage import Footage, footage
+from .knowledge import Known
+from .ray_bundle import Rays, places
+from .ray_search import Guess, search_rays
+
+_CALIBRATION, _FLOOR = 8.0, np.radians(0.4)  # of standard deviations, on training sequences
+_CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
+_STRIDE = 2  # px between those whose part is looked up
+
+
+def estimate_rgb(
+    observation: Observation, known: Known, flow: Flow, depth: Depth | None
+) -> Estimate | None:
+    """Sec. 3.2 to 3.4 on one sequence; None where nothing is seen to move."""
+    rgb = observation.rgb
+    if rgb is None or len(rgb) < 2:
+        return None
+    given = flow if observation.flow is None else observation.flow
+    seen = footage(rgb, observation.intrinsics, given, depth, observation.part)
+    if seen is None:
+        return None
+    far = distance(known, seen)
+    guess = search_rays(seen, scaled(known, 1 / far))
+    angle = np.where(known.prismatic, far * guess.state.angle, guess.state.angle)
+    sigma = deviations(guess)
+    if not (np.isfinite(angle).all() and np.isfinite(sigma).all()):
+        return None
+    screw = None if known.line is None else screws_of(known.line, known.prismatic)
+    part = parts(seen, guess, rgb.shape[:3])
+    return Estimate(angle, screw, part, sigma)
+
+
+def distance(known: Known, seen: Footage) -> float:
+    """How far away the object is, if its axes tell; else 1."""
+    if known.line is None or known.prismatic.all():
+        return 1.0
+    v, u = np.nonzero(seen.moving[0])
+    k = seen.intrinsics
+    ray = np.array([(u.mean() - k[0, 2]) / k[0, 0], (v.mean() - k[1, 2]) / k[1, 1], 1.0])
+    found: list[float] = []
+    for line in known.line[~known.prismatic]:  # where each axis passes the line of sight
+        l, foot = line[:3], np.cross(line[:3], line[3:])
+        across = ray - l * (l @ ray)
+        found.append(float(across @ foot / max(1e-6, across @ across)))
+    return float(np.clip(np.median(found), 0.05, 100.0))
+
+
+def scaled(known: Known, by: float) -> Known:
+    """The same joints in another unit of length."""
+    if known.line is None:
+        return known
+    line = known.line.copy()
+    line[~known.prismatic, 3:] *= by
+    return Known(known.prismatic, known.direction, line)
+
+
+def deviations(guess: Guess) -> Array:
+    """[T J] standard deviations that two thirds of the errors lie within."""
+    angle = guess.state.angle
+    held = angle[1:].size
+    size = len(guess.hessian)
+    inverse = np.linalg.inv(guess.hessian + 1e-6 * np.eye(size))
+    raw = np.sqrt(np.maximum(np.diag(inverse)[:held], 0.0)).reshape(angle[1:].shape)
+    out = np.zeros_like(angle)
+    out[1:] = np.minimum(np.hypot(_CALIBRATION * raw, _FLOOR), _CLUELESS)
+    return out
+
+
+def parts(seen: Footage, guess: Guess, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """[T H W] labels: those of the nearest points, which are moved from the nearest key frame."""
+    out = np.zeros(shape, np.uint8)
+    rays: Rays = guess.rays
+    at, _ = places(guess.state, rays, seen.intrinsics)
+    left, top = seen.corner
+    height, width = seen.moving.shape[1:]
+    keys = np.unique(rays.frame)
+    for t in range(seen.frames):
+        key = keys[np.abs(keys - t).argmin()]
+        mine = rays.frame == key
+        v, u = np.nonzero(seen.moving[t, ::_STRIDE, ::_STRIDE])
+        if not (mine.any() and len(u)):
+            continue
+        _, nearest = KDTree(at[mine, t]).query(np.stack([u, v], axis=1) * _STRIDE)
+        small = np.zeros((height // _STRIDE + 1, width // _STRIDE + 1), np.uint8)
+        small[v, u] = rays.label[mine][nearest]
+        full = small.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)[:height, :width]
+        out[t, top : top + height, left : left + width] = full * seen.moving[t]
+    return out

@@ -1,0 +1,224 @@
+"""GC-Pose without depth: exact measurements give exact angles at any scale, noise worse ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations_with_replacement
+
+import cv2
+import numpy as np
+import pytest
+from gcbench import GcbenchError
+from gcbench.benchmark.methods import load, with_options
+from gcbench.gcpose.articulation import Articulation
+from gcbench.gcpose.chain import part_motions
+from gcbench.gcpose.footage import CONTRAST, appearance, footage, moving_foreground
+from gcbench.gcpose.method import GCPose
+from gcbench.gcpose.patches import match
+from gcbench.gcpose.prior import Hinges
+from gcbench.gcpose.ray_bundle import Fit, Rays, adjust_rays, places
+from gcbench.gcpose.ray_labels import along_chain, spots
+from gcbench.renderer.observation import Observation
+from gcbench.robots.geometry import inverse
+
+INTRINSICS = np.array([[600.0, 0, 160], [0, 600, 120], [0, 0, 1]])
+FRAMES = 9
+
+
+def chain(scale: float = 1.0) -> tuple[Articulation, np.ndarray]:
+    """Three joints, two of them parallel, and where they are."""
+    direction = np.array([[0.1, 0.9, 0.42], [0.95, 0.1, 0.3], [0.95, 0.1, 0.3]])
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    at = scale * np.array([[0.0, 0.1, 1.0], [0.02, 0.04, 1.0], [0.0, -0.06, 0.95]])
+    twist = np.concatenate([direction, np.cross(at, direction)], axis=1)
+    time = np.linspace(0, 1, FRAMES)[:, None]
+    angle = np.array([0.5, -0.6, 0.8]) * (3 * time**2 - 2 * time**3)
+    return Articulation(twist, angle, np.zeros(3, bool)), at
+
+
+def measured(state: Articulation, scale: float, noise: float, steps: bool) -> Rays:
+    """Points of two key frames with their places, or steps, in all frames."""
+    rng = np.random.default_rng(4)
+    n = 240
+    label = rng.integers(1, 4, n)
+    pixel = rng.uniform([100, 60], [220, 180], (n, 2))
+    ray = np.concatenate([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones((n, 1))], axis=1)
+    frame = np.where(np.arange(n) % 2, 0, 4)
+    none, empty = np.zeros((n, FRAMES - 1, 2)), np.zeros((n, FRAMES - 1, 2, 2))
+    start = np.ones(n)
+    rays = Rays(frame, ray, label, rng.uniform(0.9, 1.1, n) / scale, start, none, empty,
+                np.zeros((n, FRAMES, 2)), np.zeros((n, FRAMES, 2, 2)))
+    at = places(state, rays, INTRINSICS)[0]
+    at = at + noise * rng.standard_normal(at.shape)
+    sure = np.broadcast_to(np.eye(2) / 0.1**2, (*at.shape, 2))
+    flat = replace(rays, inverse_depth=start)
+    if steps:
+        return replace(flat, step=np.diff(at, axis=1), step_information=sure[:, 1:])
+    own = np.arange(FRAMES)[None] == frame[:, None]
+    return replace(flat, spot=at, spot_information=np.where(own[..., None, None], 0.0, sure))
+
+
+def adjusted(scale: float = 1.0, noise: float = 0.0, steps: bool = False) -> tuple[Fit, float]:
+    """The fit from half the angles and displaced axes, and its largest error in degrees."""
+    true, _ = chain(scale)
+    rays = measured(true, scale, noise, steps)
+    off, near = chain()
+    hinges = Hinges(near + 0.01, 0.1)
+    twist = off.twist.copy()
+    twist[:, 3:] = np.cross(near + 0.01, twist[:, :3])
+    state = replace(off, twist=twist, angle=0.5 * off.angle)
+    fit = adjust_rays(state, rays, INTRINSICS, 2, (50.0,) * 10 + (5.0,) * 20, hinges, 1e-3)
+    return fit, float(np.degrees(np.abs(fit.state.angle - true.angle).max()))
+
+
+@pytest.mark.parametrize("steps", [False, True])
+def test_exact_places_and_exact_flow_give_exact_angles(steps: bool) -> None:
+    assert adjusted(steps=steps)[1] < 0.1
+
+
+def test_scale_does_not_matter() -> None:
+    one, two = (adjusted(scale)[0].state.angle for scale in (1.0, 7.0))
+    assert np.degrees(np.abs(one - two)).max() < 0.1
+
+
+def test_noise_costs_accuracy() -> None:
+    errors = [adjusted(noise=n)[1] for n in (0.0, 0.3, 3.0)]
+    assert errors[0] < errors[1] < errors[2]
+
+
+def test_places_are_those_of_the_chain() -> None:
+    state, _ = chain()
+    rays = measured(state, 1.0, 0.0, False)
+    at, warp = places(state, rays, INTRINSICS)
+    i = int(np.flatnonzero(rays.frame == 4)[0])
+    motion = part_motions(state.twist, state.angle)[:, rays.label[i]]
+    moved = (motion @ inverse(motion[4]))[7] @ np.append(rays.ray[i], 1.0)
+    assert np.allclose(at[i, 7], INTRINSICS[:2] @ moved[:3] / moved[2])
+    assert np.allclose(at[i, 4], INTRINSICS[:2] @ rays.ray[i])
+    assert np.allclose(warp[i, 4], np.eye(2))
+
+
+def texture(rng: np.random.Generator, height: int, width: int, sigma: float = 1.5) -> np.ndarray:
+    noise = cv2.GaussianBlur(rng.standard_normal((height, width, 3)), (0, 0), sigma)
+    return (127 + 60 * noise / noise.std()).clip(0, 255).astype(np.uint8)
+
+
+def test_a_patch_is_found_where_it_was_moved_to() -> None:
+    rng = np.random.default_rng(1)
+    gray = texture(rng, 90, 110)[..., 0].astype(np.float32)
+    shift = np.array([1.4, -0.7])
+    there = cv2.warpAffine(gray, np.array([[1, 0, shift[0]], [0, 1, shift[1]]]), (110, 90))
+    inside = np.ones(gray.shape, bool)
+    images = np.stack([appearance(gray, inside), appearance(there, inside)])
+    pixel = np.array([[50.0, 40.0], [60.0, 50.0]])
+    place = np.repeat(pixel[:, None], 2, axis=1)
+    warp = np.broadcast_to(np.eye(2), (2, 2, 2, 2)).copy()
+    wanted = np.array([[False, True]] * 2)
+    found, information = match(images, pixel, np.zeros(2, np.int64), place, warp, wanted, 6, 4.0,
+                               0.1, 0.0, CONTRAST, 2.0)
+    assert np.abs(found[:, 1] - pixel - shift).max() < 0.05
+    assert (np.linalg.eigvalsh(information[:, 1]) > 10).all()
+    assert not information[:, 0].any()
+
+
+def test_an_outline_tells_only_what_happens_across_it() -> None:
+    gray = np.full((90, 110), 128, np.float32)
+    half = np.arange(110)[None] + np.zeros((90, 1)) < 50
+    moved = np.arange(110)[None] + np.zeros((90, 1)) < 52
+    images = np.stack([appearance(gray, half), appearance(gray, moved)])
+    pixel = np.array([[49.0, 45.0]])
+    found, information = match(
+        images, pixel, np.zeros(1, np.int64), np.repeat(pixel[:, None], 2, axis=1),
+        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]), 6, 4.0, 0.1, 0.0,
+        CONTRAST, 2.0)  # fmt: skip
+    assert np.allclose(found[0, 1], [51, 45], atol=0.1)
+    assert information[0, 1, 0, 0] > 10
+    assert abs(information[0, 1, 1, 1]) < 1e-6
+
+
+def test_labels_along_the_chain_are_the_cheapest_in_order() -> None:
+    rng = np.random.default_rng(3)
+    cost, rank = rng.random((11, 3)), rng.random(11)
+    label = along_chain(cost, rank, np.zeros(11, np.int64))[np.argsort(rank)]
+    assert (np.diff(label) >= 0).all()
+    ordered = cost[np.argsort(rank)]
+    best = min(
+        sum(ordered[i, a] for i, a in enumerate(labels))
+        for labels in combinations_with_replacement(range(3), 11)
+    )
+    assert np.isclose(ordered[np.arange(11), label].sum(), best)
+
+
+def door(total: float) -> Observation:
+    """A textured panel that turns about an upright axis before a textured wall."""
+    rng = np.random.default_rng(5)
+    wall, panel = texture(rng, 180, 240, 3.0), texture(rng, 100, 100)
+    k = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
+    axis = np.array([0.12, 0.96, 0.25])
+    axis /= np.linalg.norm(axis)
+    line = np.concatenate([axis, np.cross([-0.15, 0.0, 1.2], axis)])
+    time = np.linspace(0, 1, 8)
+    motion = part_motions(line[None], total * time[:, None])[:, 1]
+    corner = np.array([[-0.15, -0.16, 1.2], [0.2, -0.16, 1.1],
+                       [0.2, 0.16, 1.1], [-0.15, 0.16, 1.2]])
+    frames: list[np.ndarray] = []
+    for m in motion:
+        at = (corner @ m[:3, :3].T + m[:3, 3]) @ k.T
+        source = np.array([[0, 0], [99, 0], [99, 99], [0, 99]], np.float32)
+        h = cv2.getPerspectiveTransform(source, (at[:, :2] / at[:, 2:]).astype(np.float32))
+        mask = cv2.warpPerspective(np.full((100, 100), 255, np.uint8), h, (240, 180)) > 127
+        moved = cv2.warpPerspective(panel, h, (240, 180))
+        frames.append(np.where(mask[..., None], moved, wall))
+    return Observation(np.stack(frames), None, k, time, 1, ("revolute",),
+                       cam_from_world=np.eye(4), axis_direction=axis[None])
+
+
+def test_the_foreground_is_what_moves() -> None:
+    rng = np.random.default_rng(2)
+    wall, box = texture(rng, 100, 120), texture(rng, 30, 30)
+    video = np.repeat(wall[None], 6, axis=0)
+    truth = np.zeros(video.shape[:3], bool)
+    for t in range(6):
+        video[t, 30:60, 10 + 14 * t : 40 + 14 * t] = box
+        truth[t, 30:60, 10 + 14 * t : 40 + 14 * t] = True
+    found = moving_foreground(video)
+    assert np.mean(found != truth) < 0.003
+    assert not moving_foreground(np.repeat(wall[None], 4, axis=0)).any()
+
+
+def test_a_door_opens_without_depth() -> None:
+    observation = door(0.5)
+    estimate = GCPose("dis").estimate(observation)
+    assert estimate.part is not None
+    assert estimate.part.shape == (8, 180, 240)
+    assert np.degrees(np.abs(estimate.displacement[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
+    assert estimate.sigma is not None
+    assert estimate.sigma[0] == 0
+
+
+def test_nothing_moves_and_nothing_breaks() -> None:
+    still = replace(door(0.0), axis_direction=None, cam_from_world=None)
+    estimate = GCPose().estimate(still)
+    assert not estimate.displacement.any()
+    assert estimate.sigma is not None
+    assert (estimate.sigma[1:] > 0.5).all()
+
+
+def test_spots_stay_on_what_moves() -> None:
+    observation = door(0.5)
+    assert observation.rgb is not None
+    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
+    assert seen is not None
+    found = spots(seen, (0, 4), 60)
+    assert seen.moving[found.frame, found.pixel[:, 1], found.pixel[:, 0]].all()
+    assert set(found.frame) == {0, 4}
+
+
+def test_options_make_another_row() -> None:
+    source = "gcbench.gcpose.method:GCPose"
+    assert load(source).name == "gcpose"
+    assert load(with_options(source, {"flow": "dis"})).name == "gcpose flow=dis"
+    with pytest.raises(GcbenchError, match="no flow 'magic'"):
+        load(with_options(source, {"flow": "magic"}))
+    with pytest.raises(GcbenchError, match="takes no --flow"):
+        load(with_options("gcbench.benchmark.baselines:HoldStill", {"flow": "dis"}))
