@@ -9,7 +9,8 @@ import numpy as np
 from . import appliance_textures as pictures
 from .appliance_dice import Dice
 from .appliance_finish import Finish
-from .appliance_shapes import Solid, at, cosine, disc, frame, joined, sine, slab, tube
+from .appliance_lofts import Solid, cosine, sine
+from .appliance_shapes import at, disc, frame, joined, slab, tube
 from .partnet_files import Link, Paint, Shape
 
 

@@ -11,8 +11,9 @@ from . import appliance_textures as pictures
 from .appliance_dice import Dice
 from .appliance_doors import handle
 from .appliance_finish import COLORS, Finish, draw_finish
+from .appliance_lofts import Solid
 from .appliance_parts import centred
-from .appliance_shapes import Solid, at, disc, facing, joined, slab
+from .appliance_shapes import at, disc, facing, joined, slab
 from .partnet_files import Link, Paint, Shape, Thing
 
 _WOODS = ((150, 104, 66), (196, 156, 110), (96, 66, 46), (214, 186, 146), (122, 78, 52))

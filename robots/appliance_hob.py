@@ -7,9 +7,10 @@ from itertools import pairwise
 from . import appliance_textures as pictures
 from .appliance_dice import Dice
 from .appliance_finish import Finish
+from .appliance_lofts import Solid
 from .appliance_parts import knob
 from .appliance_prints import clock, decal, label
-from .appliance_shapes import Solid, at, disc, facing, frame, joined, slab
+from .appliance_shapes import at, disc, facing, frame, joined, slab
 from .partnet_files import Link, Paint, Shape
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .appliance_dice import Dice
-from .appliance_shapes import Solid, at, circle, facing, joined, loft, ring, rod, slab, tube
+from .appliance_lofts import Solid, circle, loft, ring
+from .appliance_shapes import at, facing, joined, rod, slab, tube
 from .appliance_textures import Color
 from .geometry import Array
 from .partnet_files import Paint, Shape

@@ -17,7 +17,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .appliance_shapes import Solid, joined
+from .appliance_lofts import Solid
+from .appliance_shapes import joined
 from .appliance_textures import Color, Picture, png
 from .geometry import Array
 

@@ -17,7 +17,8 @@ from gcbench import GcbenchError
 from gcbench.robots import appliances, catalog, objects
 from gcbench.robots.appliance_designs import DESIGNS
 from gcbench.robots.appliance_dice import Dice
-from gcbench.robots.appliance_shapes import cavity, disc, frame, rounded_rectangle, slab, tube
+from gcbench.robots.appliance_lofts import rounded_rectangle
+from gcbench.robots.appliance_shapes import cavity, disc, frame, slab, tube
 from gcbench.robots.appliance_textures import Picture, keypad, png, words
 from gcbench.robots.appliances import CATEGORIES, GENERATED, IDS, write_appliance
 from gcbench.robots.collision import CollisionChecker
