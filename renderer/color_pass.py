@@ -16,10 +16,12 @@ from ..robots.geometry import Array
 from ..robots.model import Material, Tiling
 from .buffers import Mesh, Piece, Surface, delete_mesh, draw_surface, upload
 from .device_model import DeviceModel
-from .gl import Look, Program, Programs, Target, look_of
+from .gl import Program, Programs
+from .gl_target import Target
 from .gl_textures import SHADOW_SIZE, delete_textures, picture_texture, shadow_texture
 from .projection import clip_from_light
 from .scene import Scene
+from .shading import Look, look_of
 
 
 class ColorPass:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ..robots.geometry import Array
 from .buffers import draw_surface
 from .device_model import DeviceModel
-from .gl import Programs, Target
+from .gl import Programs
+from .gl_target import Target
 
 
 class CoveragePass:

@@ -59,7 +59,8 @@ def examine() -> Diagnosis:
 
 
 def _devices() -> Iterator[str]:
-    from .gl import NoRendererError, device_names
+    from .gl import device_names
+    from .gl_target import NoRendererError
 
     try:
         yield from device_names()
@@ -71,7 +72,7 @@ def _draw() -> str:
     """Draw a triangle with the real passes, check its depth, and time a frame."""
     from ..robots.model import ArticulatedModel, Material, Visual
     from .camera import Camera, intrinsics_from_fov
-    from .gl import NoRendererError
+    from .gl_target import NoRendererError
     from .rasterizer import Rasterizer
 
     points = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 2, 2]])

@@ -1,63 +1,27 @@
-"""The one module that imports OpenGL: contexts, programs and targets.
+"""The one module that imports OpenGL: contexts and programs.
 
-pyrender gives the EGL platform and the physically based shading (its mesh.frag, unchanged but for
-two-sided normals); the drawing is ours (rasterizer.py).
+pyrender gives the EGL platform and the physically based shading (its mesh.frag, changed a little in
+shading.py); the drawing is ours (rasterizer.py).
 """
 
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .. import GcbenchError
 from ..robots.geometry import Array
-from ..robots.model import Material
+from .gl_target import NoRendererError
 from .scene import Scene
+from .shading import Look, changed, defines_of
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
 
 _HERE = Path(__file__).parent
-
-
-class NoRendererError(GcbenchError):
-    """No EGL device of this machine can draw."""
-
-
-@dataclass(frozen=True)
-class Look:
-    """Which features of the shader a surface needs."""
-
-    textured: bool = False
-    metallic_roughness: bool = False
-    normal: bool = False
-    occlusion: bool = False
-    emission: bool = False
-    colored: bool = False
-    """Has vertex colours."""
-    unlit: bool = False
-    cut: bool = False
-
-    @property
-    def uses_uv(self) -> bool:
-        return (self.textured or self.metallic_roughness or self.normal or self.occlusion
-                or self.emission)
-
-
-def look_of(material: Material, colored: bool = False) -> Look:
-    """What draws a material on a surface with or without vertex colours."""
-    maps = material.maps
-    return Look(
-        material.texture is not None, maps.metallic_roughness is not None, maps.normal is not None,
-        maps.occlusion is not None, maps.emission is not None, colored, material.unlit,
-        material.alpha_cutoff is not None)
 
 
 class Context:
@@ -131,65 +95,6 @@ def _one_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {text[:200]}"
 
 
-class Target:
-    """A framebuffer with colour attachments and a depth buffer."""
-
-    def __init__(
-        self, gl: Any, width: int, height: int, formats: Sequence[Any], depth: Any
-    ) -> None:
-        self._gl, self._size, self._attachments = gl, (width, height), len(formats)
-        self.id = int(gl.glGenFramebuffers(1))
-        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self.id)
-        points = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(len(formats))]
-        for point, layout in [*zip(points, formats, strict=True), (gl.GL_DEPTH_ATTACHMENT, depth)]:
-            if layout is None:
-                continue
-            buffer = int(gl.glGenRenderbuffers(1))
-            gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
-            gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, layout, width, height)
-            gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, point, gl.GL_RENDERBUFFER, buffer)
-        if not formats:
-            gl.glDrawBuffer(gl.GL_NONE)
-            gl.glReadBuffer(gl.GL_NONE)
-            return
-        gl.glDrawBuffers(len(points), points)
-        status = gl.glCheckFramebufferStatus(gl.GL_FRAMEBUFFER)
-        if status != gl.GL_FRAMEBUFFER_COMPLETE:
-            raise NoRendererError(f"the driver refuses a framebuffer of {width} x {height} "
-                                  f"(status {int(status):#x})")
-
-    def bind(self) -> None:
-        self._gl.glBindFramebuffer(self._gl.GL_FRAMEBUFFER, self.id)
-        self._gl.glViewport(0, 0, *self._size)
-
-    def bind_depth(self, texture: int) -> None:
-        gl = self._gl
-        self.bind()
-        gl.glFramebufferTexture2D(
-            gl.GL_FRAMEBUFFER, gl.GL_DEPTH_ATTACHMENT, gl.GL_TEXTURE_2D, texture, 0
-        )
-
-    def copy_to(self, other: Target) -> None:
-        """Copy every attachment to a target of the same kind."""
-        gl = self._gl
-        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.id)
-        gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, other.id)
-        points = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(self._attachments)]
-        for k, point in enumerate(points):
-            gl.glReadBuffer(point)
-            gl.glDrawBuffers(k + 1, [gl.GL_NONE] * k + [point])
-            bits = gl.GL_COLOR_BUFFER_BIT | (gl.GL_DEPTH_BUFFER_BIT if k == 0 else 0)
-            box = (0, 0, *self._size)
-            gl.glBlitFramebuffer(*box, *box, bits, gl.GL_NEAREST)
-        gl.glDrawBuffers(len(points), points)
-
-    def read(self, attachment: int, layout: Any, kind: Any, out: NDArray[Any]) -> None:
-        gl = self._gl
-        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.id)
-        gl.glReadBuffer(gl.GL_COLOR_ATTACHMENT0 + attachment)
-        gl.glReadPixels(0, 0, *self._size, layout, kind, out)
-
-
 class Program:
     """A linked program with its uniform locations looked up once."""
 
@@ -261,47 +166,5 @@ def _pyrender_fragment_shader(look: Look, lights: int, shadows: bool) -> str:
     from pyrender.shader_program import ShaderProgram
 
     path = Path(pyrender.__file__).parent / "shaders" / "mesh.frag"
-    defines = {"USE_METALLIC_MATERIAL": 1, "NORMAL_LOC": 1, "MAX_POINT_LIGHTS": 1,
-               "MAX_SPOT_LIGHTS": 1, "MAX_DIRECTIONAL_LIGHTS": lights}
-    for wanted, define in (
-        (look.uses_uv, "TEXCOORD_0_LOC"), (look.textured, "HAS_BASE_COLOR_TEX"),
-        (look.metallic_roughness, "HAS_METALLIC_ROUGHNESS_TEX"), (look.normal, "HAS_NORMAL_TEX"),
-        (look.occlusion, "HAS_OCCLUSION_TEX"), (look.emission, "HAS_EMISSIVE_TEX"),
-        (look.colored, "COLOR_0_LOC"), (shadows, "DIRECTIONAL_LIGHT_SHADOWS"),
-    ):
-        if wanted:
-            defines[define] = 1
-    program: Any = ShaderProgram(None, None, defines=defines)
-    text = str(program._load(str(path)))
-    changes = [
-        ("vec3 n = normalize(get_normal());",
-         "vec3 n = normalize(get_normal()); if (!gl_FrontFacing) n = -n;"),
-        ("i < n_directional_lights", f"i < {lights}"),
-        ("i < n_point_lights", "i < 0"),
-        ("i < n_spot_lights", "i < 0"),
-        # glTF 2.0 has roughness in green and metallic in blue, and emission once
-        ("metallic_roughness_texture, uv_0).rg", "metallic_roughness_texture, uv_0).gb"),
-        ("color.xyz += emissive * material.emissive_factor;", "color.xyz += emissive;"),
-        # vertex colours belong to the base colour, not to what shines from it
-        ("color *= color_multiplier;", ""),
-        ("    // Compute specular and diffuse colors", _BASE_COLOR
-         + ("    base_color *= color_multiplier;\n" if look.colored else "")
-         + ("    if (base_color.a < alpha_cutoff) discard;\n" if look.cut else "")),
-        ("uniform Material material;", "uniform Material material;\nuniform float alpha_cutoff;"),
-        # mirrored textures have their second axis on the other side
-        ("vec3 b = normalize(cross(ng, t));",
-         "vec3 b = cross(ng, t); float turn = tex_dx.s * tex_dy.t - tex_dy.s * tex_dx.t;\n"
-         "    if (abs(turn) < 1e-20) return ng;\n"
-         "    if (dot(b, (tex_dx.s * pos_dy - tex_dy.s * pos_dx) / turn) < 0.0) b = -b;"),
-    ]
-    if look.unlit:
-        changes.append(("    // Apply occlusion", "    color.xyz = base_color.rgb;"))
-    for old, new in changes:
-        if old not in text:
-            raise NoRendererError(f"pyrender's mesh.frag has changed: {old!r} is not in it; "
-                                  "install scikit-robot-pyrender 0.1.50")
-        text = text.replace(old, new)
-    return text
-
-
-_BASE_COLOR = "    // Vertex colours, holes; then specular and diffuse colors\n"
+    program: Any = ShaderProgram(None, None, defines=defines_of(look, lights, shadows))
+    return changed(str(program._load(str(path))), look, lights)

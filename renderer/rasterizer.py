@@ -18,7 +18,8 @@ from .camera import Camera
 from .color_pass import ColorPass
 from .coverage_pass import CoveragePass
 from .device_model import DeviceModel, Posed
-from .gl import Context, NoRendererError, Programs
+from .gl import Context, Programs
+from .gl_target import NoRendererError
 from .projection import clip_from_world
 from .scene import Scene
 from .truth_pass import TruthPass

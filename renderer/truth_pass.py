@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from ..robots.geometry import Array
 from .buffers import Mesh, Surface, draw_surface, runs_of
 from .device_model import DeviceModel
-from .gl import Programs, Target
+from .gl import Programs
+from .gl_target import Target
 
 
 class TruthPass:
