@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,10 +20,12 @@ from gcbench.renderer.page import page_data
 from gcbench.renderer.render import SequenceRenderer
 from gcbench.renderer.sequence import Sequence
 from gcbench.renderer.storage import SequenceWriter, open_sequence
-from gcbench.renderer.verify import verify_sequence
+from gcbench.renderer.verify import verify_dataset, verify_sequence
 from gcbench.robots.geometry import apply
 
 from . import bent_bar
+from .gltf_maker import Maker
+from .gltf_maker import bent_bar as bend_gltf
 from .test_deform import angles, project, renderer
 from .test_render import CRANE, SMALL, write
 
@@ -362,6 +365,30 @@ def test_corruption_of_what_deforms_fails_its_check(bar: Sequence, name: str) ->
     corrupt, expected = ON_THE_BAR[name]
     report = verify_sequence(corrupt(bar), bent_bar.bar(block=True))
     assert expected in report.failures, report.table()
+
+
+@pytest.mark.gl
+def test_verify_finds_wrong_coordinates_of_a_skin_on_disk(tmp_path: Path) -> None:
+    """With nothing but the dataset and the model's file, which it poses itself."""
+    maker = Maker()
+    bend_gltf(maker)
+    config = RenderConfig(robot=str(maker.save(tmp_path)), frames=3, width=160, height=120, seed=2,
+                          layers=("coordinates",), keep_unobservable=True)
+    generate(config, 1, tmp_path / "d", workers=1, progress=False)
+    name = "coordinates: of a triangle that is seen there"
+    report = verify_dataset(tmp_path / "d", progress=False)
+    assert report.ok, report.table()
+    assert {c.name: c.samples for c in report.checks}[name] > 1000
+    path = tmp_path / "d" / "sequences" / "000000.zip"
+    with zipfile.ZipFile(path) as archive:
+        members = {member: archive.read(member) for member in archive.namelist()}
+    image = cv2.imdecode(np.frombuffer(members["coordinates/000001.png"], np.uint8), -1)
+    image[image > 0] = np.clip(image[image > 0].astype(int) + 400, 1, 65535)  # 0.6 % of the box
+    members["coordinates/000001.png"] = cv2.imencode(".png", image)[1].tobytes()
+    with zipfile.ZipFile(path, "w") as archive:
+        for member, data in members.items():
+            archive.writestr(member, data)
+    assert name in verify_dataset(tmp_path / "d", progress=False).failures
 
 
 @pytest.mark.gl
