@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 
 from .. import GcbenchError
 from ..robots.geometry import Array
-from ..robots.model import ArticulatedModel, Material, Visual
-from ..robots.texture import mean_color
+from ..robots.model import ArticulatedModel
 from . import codec
 from .archive import Archive
 from .camera import Camera
 from .dataset import Dataset
+from .export_bop_models import size_of, write_ply
 from .export_journal import Record
 from .instances import robot_of
 from .metadata import dump_json
@@ -198,36 +198,6 @@ def _objects(now: _Model) -> dict[str, Any]:
         for p in now.parts}
 
 
-def write_ply(path: Path, visuals: list[Visual]) -> None:
-    """A part's surfaces in mm, with normals and the colour of each material (not textures)."""
-    import trimesh
-
-    counts = np.cumsum([0, *(len(v.vertices) for v in visuals)])
-    colors = [np.tile(_color(v.material), (len(v.vertices), 1)) for v in visuals]
-    trimesh.Trimesh(
-        np.concatenate([v.vertices for v in visuals]) * _MM,
-        np.concatenate([v.faces + n for v, n in zip(visuals, counts, strict=False)]),
-        vertex_normals=np.concatenate([v.normals for v in visuals]),
-        vertex_colors=np.concatenate(colors), process=False,
-    ).export(path, file_type="ply", vertex_normal=True)
-
-
-def size_of(vertices: Array) -> dict[str, float]:
-    """What models_info.json says of a mesh: diameter, and the box along its axes, mm."""
-    from scipy.spatial import ConvexHull, QhullError
-    from scipy.spatial.distance import pdist
-
-    points = np.unique(vertices, axis=0) * _MM
-    try:
-        corners = points[ConvexHull(points).vertices]
-    except QhullError:  # flat
-        corners = points
-    low, size = points.min(0), np.ptp(points, axis=0)
-    return {"diameter": float(pdist(corners).max()),
-            **{f"min_{axis}": float(x) for axis, x in zip("xyz", low, strict=True)},
-            **{f"size_{axis}": float(x) for axis, x in zip("xyz", size, strict=True)}}
-
-
 def _pose(name: str, matrix: Array) -> dict[str, Any]:
     return {f"cam_R_{name}": matrix[:3, :3].ravel(), f"cam_t_{name}": matrix[:3, 3] * _MM}
 
@@ -237,12 +207,3 @@ def _box(mask: NDArray[np.bool_], left: int, top: int) -> list[int]:
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     x, y = int(columns[0]), int(rows[0])
     return [x - left, y - top, int(columns[-1]) - x, int(rows[-1]) - y]
-
-
-def _color(material: Material) -> NDArray[np.uint8]:
-    """sRGB, 0..255."""
-    linear = np.array(material.base_color[:3])
-    if material.texture is not None:
-        linear *= mean_color(material.texture)[:3]
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(255 * np.clip(srgb, 0, 1)).astype(np.uint8)
