@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..robots.geometry import Array, inverse
 from .articulation import Articulation
+from .crew import together
 from .footage import CONTRAST, Footage
 from .knowledge import Known
 from .patches import match
@@ -24,11 +25,14 @@ from .trade import feet, shared
 _CUTS = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85)  # of the way from the base outward
 _SHARE = 0.2  # of its pixels, of those whose flow errs independently
 _FEW, _MANY = 220, 130  # points of a key frame, in the search and at its end
+_FEWEST = 20  # that are worth a search
 _FIRST, _SECOND, _TRADED = 6, 4, 3  # hypotheses that go on
+_APART = 0.2  # of two hypotheses, rad or m
 _FLAT = 0.1  # standard deviation of inverse depths at first
 _BELIEF = 4.0  # weight of what is believed beforehand, in the search
 _SLACK = 0.1  # how far an axis may pass from its hinge, of the distance to the camera
 _PARALLEL, _PLACES = 0.98, 16  # cosine; where a hinge may be
+_SHARES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
 _RADIUS = 6  # px, of a patch
 _REACH = 3.0  # px, from where a patch is expected
 _SPAN = 3  # frames from a patch's own within which it is looked for
@@ -218,30 +222,40 @@ class Searcher:
         return replace(guess, state=state)
 
 
-def search_rays(seen: Footage, known: Known) -> Guess:
-    """The best articulation."""
+def search_rays(seen: Footage, known: Known) -> Guess | None:
+    """The best articulation; None where too little is seen to move."""
     s = Searcher(seen, known)
     last = seen.frames - 1
     many = s.points(tuple(range(0, last + 1, 2)), _MANY)
     found: list[Guess] = []
-    for key in (0, last // 2):
+    middle = last // 4 * 2  # one of the key frames
+    for key in (0, middle):
         few = s.points((key,), _FEW)
+        if len(few.frame) < _FEWEST:
+            continue
         some = [s.relabel(g, few) for g in beginnings(s, few, key)]
         found += [s.settle(g, few, 1, (6.0, 4.0), 1.0, 0.2) for g in distinct(some, _FIRST)]
-    found = [s.sharpened(s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)), many, 2, 6.0)
-             for g in found]
-    found = [s.sharpened(g, many, 3, _REACH) for g in distinct(found, _SECOND)]
-    few = s.points((last // 2,), _FEW)
+
+    if not found:
+        return None
+
+    def joined(guess: Guess, rounds: int) -> Guess:
+        return s.sharpened(s.settle(s.relabel(guess, many), many, 1, (6.0, 4.0)), many, rounds, 6.0)
+
+    found = together(lambda g: joined(g, 2), found)
+    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, _SECOND))
+    few = s.points((middle,), _FEW)
     best = min(found, key=lambda g: g.cost)
-    found += [s.sharpened(s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)), many, 3, 6.0)
-              for g in traded(s, best, few, _TRADED)]
-    found = [s.sharpened(g, many, 3, _REACH) for g in distinct(found, 2)]
+    found += together(lambda g: joined(g, 3), traded(s, best, few, _TRADED))
+    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, 2))
     return min(found, key=lambda g: g.cost)
 
 
 def traded(s: Searcher, guess: Guess, points: Spots, most: int) -> list[Guess]:
     """The best solutions that share the turns of parallel neighbours otherwise (see trade.py)."""
     state, rays = guess.state, guess.rays
+    if not len(points.frame):
+        return []
     motion = state.motions(len(state.angle))
     mine = rays.frame == points.frame[0]
     back = inverse(motion[points.frame[0], rays.label[mine]])
@@ -255,9 +269,19 @@ def traded(s: Searcher, guess: Guess, points: Spots, most: int) -> list[Guess]:
         hinge = spread(thinned(there, 400), _PLACES)
         first = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *hinge])
         others = [shared(state, j, along, p, f) for p in hinge for f in feet(state, j, p, first)]
+        others += [split(state, j, along, share) for share in _SHARES]
         found += [s.relabel(replace(guess, state=o), points) for o in others if o is not None]
-    found = [s.settle(g, points, 2, (8.0, 6.0), 1.0, 0.2) for g in distinct(found, 3 * most)]
+    found = [s.settle(g, points, 2, (8.0, 6.0), 1.0, 0.2) for g in distinct(found, 4 * most)]
     return distinct(found, most)
+
+
+def split(state: Articulation, joint: int, along: float, share: float) -> Articulation:
+    """The turns of two parallel neighbours, of which the first makes `share` of what both do."""
+    angle = state.angle.copy()
+    both = angle[:, joint] + np.sign(along) * angle[:, joint + 1]
+    angle[:, joint] = share * both
+    angle[:, joint + 1] = np.sign(along) * (1 - share) * both
+    return replace(state, angle=angle)
 
 
 def beginnings(s: Searcher, points: Spots, key: int) -> list[Guess]:
@@ -319,10 +343,14 @@ def first_axis(known: Known, joint: int, hinge: Array, guess: Array) -> Array:
 
 
 def distinct(found: list[Guess], most: int) -> list[Guess]:
-    """The best few whose labels differ."""
+    """The best few that differ in labels or in motion."""
     out: list[Guess] = []
     for g in sorted(found, key=lambda g: g.cost):
-        if all(np.mean(g.rays.label != o.rays.label) > 0.03 for o in out):
+        if all(
+            np.mean(g.rays.label != o.rays.label) > 0.05
+            or np.abs(g.state.angle[-1] - o.state.angle[-1]).max() > _APART
+            for o in out
+        ):
             out.append(g)
         if len(out) == most:
             break

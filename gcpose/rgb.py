@@ -39,6 +39,8 @@ def estimate_rgb(
         return None
     far = distance(known, seen)
     guess = search_rays(seen, scaled(known, 1 / far))
+    if guess is None:
+        return None
     angle = np.where(known.prismatic, far * guess.state.angle, guess.state.angle)
     sigma = deviations(guess)
     if not (np.isfinite(angle).all() and np.isfinite(sigma).all()):
