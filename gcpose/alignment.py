@@ -1,156 +1,269 @@
-"""Residuals of points that a hypothesis moves from frame 0 to frame t, and their normal equations.
+"""What images say of a motion: residuals of moved points, summed into normal equations.
 
 Every residual's derivative is taken to the twist (w, v) of the point's part, T <- exp(twist) T: six
 numbers a with dr = -a . twist. So the images enter the estimate only through a 6x6 matrix per part
 and frame, whatever the unknowns are: rigid motions, joint angles, axes.
+
+All of them move points by motion [T J+1 4 4] into frames 0..T-1, but for the frame that the points
+are from, and add up over each part: matrix [T J+1 6 6], vector [T J+1 6], with Geman-McClure's
+weights. Part 0 stands still and says nothing.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from .surface import Floats, Surfaces
+from .compiled import Number, compiled
+from .sight import (
+    NEAR,
+    Camera,
+    camera_of,
+    columns,
+    look,
+    matrix_of,
+    moved,
+    sight_of,
+    turned,
+)
+from .surface import Image, Surfaces
 
-_AGREE = 0.6  # least cosine between the normals of two measurements of one surface element
+AGREE = np.float32(0.6)  # least cosine between the normals of two measurements of one surface
+_NIL = np.float32(0)
+
+Equations = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
-class Alignment:
-    """T frames, N points."""
+class Elements:
+    """Surface elements sorted by part."""
 
-    plane: Floats
-    """[T N] point-to-plane distance of the measured surface, m; 0 where not `hit`."""
-    row: Floats
-    """[T N 6] derivative of `plane` to minus the twist."""
-    gap: Floats
-    """[T N] measured depth behind the predicted point, m; inf: nothing is there; NaN: outside."""
-    hit: NDArray[np.bool_]
-    """[T N] whether a surface element is there that faces as the moved one does."""
-    turned: NDArray[np.bool_]
-    """[T N] whether the moved surface element faces away: its own object hides it."""
+    column: Image
+    """[8 N] point, normal, brightness, sigma of the distance in m"""
+    start: NDArray[np.int64]
+    """[J+2] where each part begins."""
 
 
-def align(
-    surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: Array, normals: Array
-) -> Alignment:
-    """Projective association: each point [N 3], moved by motion [T 4 4], meets its pixel.
+def elements(
+    point: Array, normal: Array, shade: Array, sigma: Array, label: NDArray[np.int64], parts: int
+) -> Elements:
+    """Of points and normals [N 3], shade, sigma and label [N] on as many parts."""
+    order = np.argsort(label, kind="stable")
+    start = np.searchsorted(label[order], np.arange(parts + 1))
+    return Elements(columns(point, normal, shade, sigma)[:, order], start)
+
+
+def sparse(these: Elements, stride: int) -> Elements:
+    """Every so manieth of them."""
+    return Elements(np.ascontiguousarray(these.column[:, ::stride]), -(-these.start // stride))
+
+
+def surface_equations(
+    surfaces: Surfaces, frame: int, motion: Array, these: Elements
+) -> Equations:
+    """Point-to-plane distance of the measured surface; projective association.
 
     A point that has turned to the back of a part meets the front, a part's thickness away: the
-    normals [N 3] tell.
+    normals tell.
     """
-    k = surfaces.intrinsics.astype(np.float32)
-    height, width = surfaces.depth.shape[1:]
-    turn, shift = motion[:, :3, :3].astype(np.float32), motion[:, :3, 3].astype(np.float32)
-    x, y, z = (turn @ points.T.astype(np.float32) + shift[..., None]).swapaxes(0, 1)
-    fx, fy, fz = (turn @ normals.T.astype(np.float32)).swapaxes(0, 1)
-    far = np.maximum(z, np.float32(1e-3))
-    u = np.rint(k[0, 0] * x / far + k[0, 2])
-    v = np.rint(k[1, 1] * y / far + k[1, 2])
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    first = (frames * (height * width))[:, None]
-    pixel = np.where(inside, v * width + u, 0).astype(np.int64) + first
-    depth = surfaces.depth.reshape(-1).take(pixel)
-    nx, ny, nz = np.moveaxis(surfaces.normal.reshape(-1, 3).take(pixel, axis=0), 2, 0)
-    turned = fx * x + fy * y + fz * far < 0
-    hit = inside & (depth > 0) & (fx * nx + fy * ny + fz * nz > _AGREE)
-    a, b = (u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]
-    plane = nx * (a * depth - x) + ny * (b * depth - y) + nz * (depth - far)
-    plane = np.where(hit, plane, np.float32(0.0))
-    gap = np.where(depth > 0, depth - far, np.float32(np.inf))
-    row = np.stack([y * nz - far * ny, far * nx - x * nz, x * ny - y * nx, nx, ny, nz], axis=2)
-    return Alignment(plane, row, np.where(inside, gap, np.float32(np.nan)), hit, turned)
+    out = empty(motion.shape)
+    _surface(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
+             frame, motion.astype(np.float32), these.column, these.start, *out)
+    return out
 
 
-def project(intrinsics: Array, points: Floats) -> Floats:
-    """Pixels [... 2] of points [... 3]."""
-    focal = np.array([intrinsics[0, 0], intrinsics[1, 1]], np.float32)
-    centre = np.array([intrinsics[0, 2], intrinsics[1, 2]], np.float32)
-    return points[..., :2] / np.maximum(points[..., 2:], np.float32(1e-3)) * focal + centre
+def flow_equations(
+    surfaces: Surfaces, motion: Array, these: Elements, sigma: float, share: float
+) -> Equations:
+    """Flow from frame t to t + 1 against the motion between (Sec. 3.4, L_w), for t = 0..T-2.
 
-
-def flow_residuals(
-    surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, next_motion: Array, points: Array
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Flow against the motion of points [N 3] from frame t to t + 1 (Sec. 3.4, L_w).
-
-    motion and next_motion [T 4 4] take the points to the frames t and t + 1. Returns the measured
-    minus the predicted displacement [T 2N] px, its rows [T 2N 6] to the twist of the step, and
-    whether each point is seen in frame t [T 2N].
+    Twists are of the steps. sigma in px; `share` of the pixels errs independently.
     """
     assert surfaces.flow is not None
-    k = surfaces.intrinsics
-    height, width = surfaces.depth.shape[1:]
-    one, two = (
-        points.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2) + m[:, None, :3, 3]
-        for m in (motion.astype(np.float32), next_motion.astype(np.float32))
-    )
-    here, there = project(k, one), project(k, two)
-    u = np.rint(np.clip(here[..., 0], -2, width + 1)).astype(np.int32)
-    v = np.rint(np.clip(here[..., 1], -2, height + 1)).astype(np.int32)
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    pixel = np.where(inside, v * width + u, 0) + (frames * (height * width))[:, None]
-    gap = surfaces.depth.reshape(-1).take(pixel) - one[..., 2]
-    seen = inside & (np.abs(gap) < 15 * surfaces.noise)
-    residual = surfaces.flow.reshape(-1, 2).take(pixel, axis=0) - (there - here)
-    z = np.maximum(two[..., 2], np.float32(1e-3))
-    zero = np.zeros_like(z)
-    du = np.stack([k[0, 0] / z, zero, -k[0, 0] * two[..., 0] / z**2], axis=-1).astype(np.float32)
-    dv = np.stack([zero, k[1, 1] / z, -k[1, 1] * two[..., 1] / z**2], axis=-1).astype(np.float32)
-    rows = [np.concatenate([cross(two, d), d], axis=2) for d in (du, dv)]
-    return (
-        np.concatenate([residual[..., 0], residual[..., 1]], axis=1),
-        np.concatenate(rows, axis=1),
-        np.concatenate([seen, seen], axis=1),
-    )
+    out = empty(motion[1:].shape)
+    _flow(surfaces.depth, surfaces.normal, surfaces.flow,
+          camera_of(surfaces.intrinsics, surfaces.depth), motion.astype(np.float32),
+          these.column, these.start,
+          np.float32(15 * surfaces.noise), np.float32(sigma), np.float32(share), *out)
+    return out
 
 
-def shade_residuals(
-    surfaces: Surfaces, frames: NDArray[np.int64], motion: Array, points: Array, shade: Array
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Brightness of points [N 3] where motion [T 4 4] takes them against theirs [N] (L_b).
-
-    Returns the difference [T N], its rows [T N 6] and whether each point is seen [T N].
-    """
+def shade_equations(
+    surfaces: Surfaces, frame: int, motion: Array, these: Elements, sigma: float, share: float
+) -> Equations:
+    """Brightness of the points where they are taken against their own (L_b); sigma of 255."""
     assert surfaces.shade is not None
-    k = surfaces.intrinsics
-    height, width = surfaces.depth.shape[1:]
-    m = motion.astype(np.float32)
-    moved = points.astype(np.float32)[None] @ m[:, :3, :3].swapaxes(1, 2) + m[:, None, :3, 3]
-    at = project(k, moved)
-    near = np.rint(np.clip(at, -2, max(height, width) + 1)).astype(np.int32)
-    u, v = near[..., 0], near[..., 1]
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    pixel = np.where(inside, v * width + u, 0) + (frames * (height * width))[:, None]
-    gap = surfaces.depth.reshape(-1).take(pixel) - moved[..., 2]
-    known = surfaces.normal.reshape(-1, 3).take(pixel, axis=0).any(axis=2)
-    seen = inside & known & (np.abs(gap) < 6 * surfaces.noise)
-    s = surfaces.shade.reshape(-1, 3).take(pixel, axis=0)
-    there = s[..., 0] + s[..., 1] * (at[..., 0] - u) + s[..., 2] * (at[..., 1] - v)
-    z = np.maximum(moved[..., 2], np.float32(1e-3))
-    du, dv = s[..., 1] * np.float32(k[0, 0]) / z, s[..., 2] * np.float32(k[1, 1]) / z
-    slope = np.stack([du, dv, -(du * moved[..., 0] + dv * moved[..., 1]) / z], axis=2)
-    row = np.concatenate([cross(moved, slope), slope], axis=2)
-    return shade.astype(np.float32)[None] - there, row, seen
+    out = empty(motion.shape)
+    _shade(surfaces.depth, surfaces.normal, surfaces.shade,
+           camera_of(surfaces.intrinsics, surfaces.depth), frame, motion.astype(np.float32),
+           these.column, these.start, np.float32(6 * surfaces.noise), np.float32(sigma),
+           np.float32(share), *out)
+    return out
 
 
-def cross(a: Floats, b: Floats) -> Floats:
-    """a x b over the last axis (np.cross is several times slower)."""
-    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
-    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+def empty(shape: tuple[int, ...]) -> Equations:
+    """Sums over nothing yet, for motion of that shape."""
+    return np.zeros((*shape[:2], 6, 6)), np.zeros((*shape[:2], 6))
 
 
-def robust_weight(residual: Floats, scale: Floats | float) -> Floats:
-    """Geman-McClure's weight, over the variance."""
-    return 1.0 / (1.0 + (residual / scale) ** 2) ** 2 / np.square(scale)
+class Rows(NamedTuple):
+    """Residuals and their derivatives, each times the root of its weight."""
+
+    turn_x: Image
+    turn_y: Image
+    turn_z: Image
+    slide_x: Image
+    slide_y: Image
+    slide_z: Image
+    residual: Image
 
 
-def normal_equations(row: Floats, residual: Floats, weight: Floats) -> tuple[Array, Array]:
-    """A [T 6 6] and b [T 6] of rows [T N 6], residuals [T N], weights [T N]."""
-    weighted = (row * weight[..., None]).swapaxes(1, 2)
-    matrix = (weighted @ row).astype(np.float64)
-    return matrix, (weighted @ residual[..., None])[..., 0].astype(np.float64)
+@compiled
+def rows_of(n: int) -> Rows:
+    """Room for n of them."""
+    f = np.float32
+    return Rows(np.empty(n, f), np.empty(n, f), np.empty(n, f), np.empty(n, f), np.empty(n, f),
+                np.empty(n, f), np.empty(n, f))
+
+
+@compiled
+def fill(
+    rows: Rows, i: int, x: Number, y: Number, z: Number, a: Number, b: Number, c: Number,
+    residual: Number, weight: Number,
+) -> None:
+    """Row i: a residual that falls by (a, b, c) per metre that its point (x, y, z) moves."""
+    rows.turn_x[i] = weight * (y * c - z * b)
+    rows.turn_y[i] = weight * (z * a - x * c)
+    rows.turn_z[i] = weight * (x * b - y * a)
+    rows.slide_x[i] = weight * a
+    rows.slide_y[i] = weight * b
+    rows.slide_z[i] = weight * c
+    rows.residual[i] = weight * residual
+
+
+@compiled
+def dot(a: Image, b: Image, many: int) -> Number:
+    """Of the first `many` numbers."""
+    out = np.float32(0)
+    for i in range(many):
+        out += a[i] * b[i]
+    return out
+
+
+@compiled
+def total(rows: Rows, many: int, matrix: Array, vector: Array) -> None:
+    """Add the normal equations of the first `many` rows to [6 6] and [6]."""
+    for a in range(6):
+        vector[a] += dot(rows[a], rows[6], many)
+        for b in range(a, 6):
+            product = dot(rows[a], rows[b], many)
+            matrix[a, b] += product
+            if a < b:
+                matrix[b, a] += product
+
+
+@compiled
+def root_weight(residual: Number, sigma: Number) -> Number:
+    """Root of Geman-McClure's weight over the variance."""
+    ratio = residual / sigma
+    return np.float32(1) / ((np.float32(1) + ratio * ratio) * sigma)
+
+
+@compiled
+def _surface(
+    depth: Image, normal: Image, camera: Camera, frame: int, motion: Image, column: Image,
+    start: NDArray[np.int64], matrix: Array, vector: Array,
+) -> None:
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    sight, rows = sight_of(column.shape[1]), rows_of(column.shape[1])
+    for t in range(len(motion)):
+        if t == frame:
+            continue
+        for j in range(1, motion.shape[1]):
+            m, here = matrix_of(motion[t, j]), column[:, start[j] : start[j + 1]]
+            look(sight, m, camera, here, depth[t].ravel(), normal[t].ravel())
+            qx, qy, qz, sigma = here[3], here[4], here[5], here[7]
+            for i in range(len(qx)):
+                x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]
+                a, b = (np.rint(sight.u[i]) - cx) / fx, (np.rint(sight.v[i]) - cy) / fy
+                nx, ny, nz = sight.normal_x[i], sight.normal_y[i], sight.normal_z[i]
+                mx, my, mz = turned(m, qx[i], qy[i], qz[i])
+                hit = sight.inside[i] & (d > 0) & (mx * nx + my * ny + mz * nz > AGREE)
+                residual = nx * (a * d - x) + ny * (b * d - y) + nz * (d - z)
+                weight = root_weight(residual, sigma[i]) if hit else _NIL
+                fill(rows, i, x, y, z, nx, ny, nz, residual, weight)
+            total(rows, len(qx), matrix[t, j], vector[t, j])
+
+
+@compiled
+def _flow(
+    depth: Image, normal: Image, flow: Image, camera: Camera, motion: Image, column: Image,
+    start: NDArray[np.int64], reach: Number, sigma: Number, share: Number, matrix: Array,
+    vector: Array,
+) -> None:
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    n, root = column.shape[1], np.sqrt(share)
+    sight, across, down = sight_of(n), rows_of(n), rows_of(n)
+    du, dv = np.empty(n, np.float32), np.empty(n, np.float32)
+    for t in range(len(motion) - 1):
+        moves = flow[t].ravel()
+        for j in range(1, motion.shape[1]):
+            after, here = matrix_of(motion[t + 1, j]), column[:, start[j] : start[j + 1]]
+            look(sight, matrix_of(motion[t, j]), camera, here, depth[t].ravel(),
+                 normal[t].ravel())
+            px, py, pz = here[0], here[1], here[2]
+            for i in range(len(px)):
+                du[i], dv[i] = moves[2 * sight.pixel[i]], moves[2 * sight.pixel[i] + 1]
+            for i in range(len(px)):
+                hit = sight.inside[i] & (abs(sight.depth[i] - sight.z[i]) < reach)
+                x, y, z = moved(after, px[i], py[i], pz[i])
+                z = max(z, NEAR)
+                scale = root if hit else _NIL
+                residual = du[i] - (fx * x / z + cx - sight.u[i])
+                weight = scale * root_weight(residual, sigma)
+                fill(across, i, x, y, z, fx / z, _NIL, -fx * x / (z * z), residual, weight)
+                residual = dv[i] - (fy * y / z + cy - sight.v[i])
+                weight = scale * root_weight(residual, sigma)
+                fill(down, i, x, y, z, _NIL, fy / z, -fy * y / (z * z), residual, weight)
+            total(across, len(px), matrix[t, j], vector[t, j])
+            total(down, len(px), matrix[t, j], vector[t, j])
+
+
+@compiled
+def _shade(
+    depth: Image, normal: Image, shading: Image, camera: Camera, frame: int, motion: Image,
+    column: Image, start: NDArray[np.int64], reach: Number, sigma: Number, share: Number,
+    matrix: Array, vector: Array,
+) -> None:
+    fx, fy = camera[0], camera[1]
+    n, root = column.shape[1], np.sqrt(share)
+    sight, rows = sight_of(n), rows_of(n)
+    shade, along, down = (np.empty(n, np.float32), np.empty(n, np.float32),
+                          np.empty(n, np.float32))
+    for t in range(len(motion)):
+        if t == frame:
+            continue
+        shades = shading[t].ravel()
+        for j in range(1, motion.shape[1]):
+            here = column[:, start[j] : start[j + 1]]
+            look(sight, matrix_of(motion[t, j]), camera, here, depth[t].ravel(),
+                 normal[t].ravel())
+            own = here[6]
+            for i in range(len(own)):
+                at = 3 * sight.pixel[i]
+                shade[i], along[i], down[i] = shades[at], shades[at + 1], shades[at + 2]
+            for i in range(len(own)):
+                x, y, z, u, v = sight.x[i], sight.y[i], sight.z[i], sight.u[i], sight.v[i]
+                nx, ny, nz = sight.normal_x[i], sight.normal_y[i], sight.normal_z[i]
+                known = nx * nx + ny * ny + nz * nz > 0
+                hit = sight.inside[i] & known & (abs(sight.depth[i] - z) < reach)
+                there = shade[i] + along[i] * (u - np.rint(u)) + down[i] * (v - np.rint(v))
+                residual = own[i] - there
+                a, b = along[i] * fx / z, down[i] * fy / z
+                weight = root * root_weight(residual, sigma) if hit else _NIL
+                fill(rows, i, x, y, z, a, b, -(a * x + b * y) / z, residual, weight)
+            total(rows, len(own), matrix[t, j], vector[t, j])

@@ -14,18 +14,20 @@ import numpy as np
 
 from ..robots.geometry import Array, inverse
 from .alignment import (
-    align,
-    flow_residuals,
-    normal_equations,
-    robust_weight,
-    shade_residuals,
+    Equations,
+    elements,
+    flow_equations,
+    shade_equations,
+    sparse,
+    surface_equations,
 )
 from .articulation import Articulation, Cloud, axis_bases, derivatives, displaced
 from .chain import adjoint
 from .prior import Hinges, Normal, closeness, smoothness, squareness
-from .surface import Floats, Surfaces
+from .surface import Surfaces
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
+_FEWEST = 6  # points of a part that count
 _FLOW_SCALE = 1.0  # px, of flow's errors
 _FLOW_SHARE = 0.05  # of its pixels that err independently
 _FLOW_STRIDE = 2  # of the points whose flow is looked at: neighbours' errors are alike
@@ -51,44 +53,36 @@ def assemble(
     size = derivative.shape[-1]
     matrix, vector, scatter = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
 
-    def add(row: Floats, residual: Floats, weight: Floats, g: Array) -> None:
-        """Rows [T N 6], residuals and weights [T N], of twists that are g [T 6 U] per unknown."""
-        six, right = normal_equations(row, residual, weight)
-        each = np.einsum("ti,tiu->tu", right, g)
-        np.add(matrix, np.tensordot(g, six @ g, axes=((0, 1), (0, 1))), out=matrix)
+    def add(equations: Equations, g: Array) -> None:
+        """Sums over parts and frames, of twists that are g [T J+1 6 U] per unknown."""
+        six, right = equations
+        each = np.einsum("tji,tjiu->tju", right, g).reshape(-1, size)
+        g = g.reshape(-1, 6, size)
+        along = (six.reshape(-1, 6, 6) @ g).reshape(-1, size)
+        np.add(matrix, g.reshape(-1, size).T @ along, out=matrix)
         np.add(vector, each.sum(axis=0), out=vector)
         np.add(scatter, each.T @ each, out=scatter)
 
     for cloud in clouds:
-        frames = np.delete(np.arange(last + 1), cloud.frame)
-        for j in range(1, len(state.twist) + 1):
-            mine = cloud.label == j
-            if np.count_nonzero(mine) < 6:
-                continue
-            here_from_there = motion[frames, j] @ inverse(motion[cloud.frame, j])
-            point = cloud.point[mine]
-            g = derivative[frames, j]
-            if cloud.frame:
-                g = g - adjoint(here_from_there) @ derivative[cloud.frame, j]
-            a = align(surfaces, frames, here_from_there, point, cloud.normal[mine])
-            sigma = scale * (surfaces.footprint(point[:, 2]) + surfaces.noise)
-            add(a.row, a.plane, np.where(a.hit, robust_weight(a.plane, sigma), 0.0), g)
-            if surfaces.shade is not None and fine:
-                residual, row, seen = shade_residuals(
-                    surfaces, frames, here_from_there, point, cloud.shade[mine]
-                )
-                weight = np.where(seen, robust_weight(residual, _SHADE_SCALE), 0.0) * _SHADE_SHARE
-                add(row, residual, weight.astype(np.float32), g)
-            elif surfaces.flow is not None:
-                steps = np.arange(last)
-                there = motion[:, j] @ inverse(motion[cloud.frame, j])
-                some = point[::_FLOW_STRIDE]
-                residual, row, seen = flow_residuals(surfaces, steps, there[:-1], there[1:], some)
-                share = _FLOW_SHARE * _FLOW_STRIDE
-                weight = np.where(seen, robust_weight(residual, _FLOW_SCALE), 0.0) * share
-                step = motion[1:, j] @ inverse(motion[:-1, j])
-                g = derivative[1:, j] - adjoint(step) @ derivative[:-1, j]
-                add(row, residual, weight.astype(np.float32), g)
+        many = np.bincount(cloud.label, minlength=len(state.twist) + 1) >= _FEWEST
+        label = np.where(many[cloud.label], cloud.label, 0)
+        here_from_there = motion @ inverse(motion[cloud.frame])
+        g = derivative
+        if cloud.frame:
+            g = g - adjoint(here_from_there) @ derivative[cloud.frame]
+        sigma = scale * (surfaces.footprint(cloud.point[:, 2]) + surfaces.noise)
+        parts = len(state.twist) + 1
+        these = elements(cloud.point, cloud.normal, cloud.shade, sigma, label, parts)
+        add(surface_equations(surfaces, cloud.frame, here_from_there, these), g)
+        if surfaces.shade is not None and fine:
+            add(shade_equations(surfaces, cloud.frame, here_from_there, these,
+                                _SHADE_SCALE, _SHADE_SHARE), g)
+        elif surfaces.flow is not None:
+            some = sparse(these, _FLOW_STRIDE)
+            step = motion[1:] @ inverse(motion[:-1])
+            add(flow_equations(surfaces, here_from_there, some, _FLOW_SCALE,
+                               _FLOW_SHARE * _FLOW_STRIDE),
+                derivative[1:] - adjoint(step) @ derivative[:-1])
     return Normal(matrix, vector, scatter)
 
 

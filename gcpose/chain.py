@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robots.geometry import Array, apply, prismatic_motion, revolute_motion, transform
+from ..robots.geometry import Array, apply, transform
 
 
 def cross_matrix(v: Array) -> Array:
@@ -57,11 +57,18 @@ def screws_of(twist: Array, prismatic: NDArray[np.bool_]) -> Array:
     return np.where(prismatic[:, None], slide, twist)
 
 
-def joint_motion(twist: Array, angle: Array) -> Array:
-    """[T 4 4] of one joint: twist [6], displacement [T]."""
-    if not twist[:3].any():
-        return prismatic_motion(np.broadcast_to(np.roll(twist, 3), (len(angle), 6)), angle)
-    return revolute_motion(np.broadcast_to(twist, (len(angle), 6)), angle)
+def joint_motion(twist: Array, displacement: Array) -> Array:
+    """[... 4 4] of joints: twists [... 6] of unit speed and without pitch, displacements [...]."""
+    k, v = cross_matrix(twist[..., :3]), twist[..., 3:, None]
+    kv = k @ v
+    a = displacement[..., None, None]
+    s, c = np.sin(a), 1 - np.cos(a)
+    shift = a * v + c * kv + (a - s) * (k @ kv)  # a prismatic joint's k is 0
+    out = np.zeros((*shift.shape[:-2], 4, 4))
+    out[..., :3, :3] = np.eye(3) + s * k + c * (k @ k)
+    out[..., :3, 3:] = shift
+    out[..., 3, 3] = 1.0
+    return out
 
 
 def part_motions(twist: Array, angle: Array) -> Array:
@@ -70,8 +77,9 @@ def part_motions(twist: Array, angle: Array) -> Array:
     twist [J 6], angle [T J]: T_j = exp(S_1 a_1) ... exp(S_j a_j).
     """
     out = np.tile(np.eye(4), (len(angle), len(twist) + 1, 1, 1))
+    each = joint_motion(twist, angle)
     for j in range(len(twist)):
-        out[:, j + 1] = out[:, j] @ joint_motion(twist[j], angle[:, j])
+        out[:, j + 1] = out[:, j] @ each[:, j]
     return out
 
 

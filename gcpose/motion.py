@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from .alignment import cross
 from .surface import Surfaces, rays
 
 _FLOW_SIGMA = 1.5  # px
@@ -59,7 +58,7 @@ def correspond(
     rows = [(n, sigma), (du, flow_sigma), (dv, flow_sigma)]
     arm = points - origin
     row = np.stack(
-        [np.concatenate([cross(arm, d), d], axis=1) / s[:, None] for d, s in rows], axis=1
+        [np.concatenate([np.cross(arm, d), d], axis=1) / s[:, None] for d, s in rows], axis=1
     )
     along = np.einsum("nc,nc->n", n, target - points) / sigma
     value = np.stack([along, flow[:, 0] / flow_sigma, flow[:, 1] / flow_sigma], axis=1)

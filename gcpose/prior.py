@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -38,21 +39,17 @@ class Hinges:
 
 def smoothness(angle: Array, last: int) -> Normal:
     """Prior on the displacements of frames 1..last: joints do not jump, and do not jerk."""
-    joints = angle.shape[1]
-    size = last * joints
-    matrix, vector = np.zeros((size, size)), np.zeros(size)
-    for t in range(1, last):  # angle[t+1] - 2 angle[t] + angle[t-1], angle[0] = 0
-        row = np.zeros(last)
-        row[t], row[t - 1] = 1.0, -2.0
-        if t > 1:
-            row[t - 2] = 1.0
-        part = np.kron(np.outer(row, row), np.eye(joints))
-        matrix += part
-        vector -= part @ angle[1 : last + 1].reshape(-1)
-    matrix, vector = matrix / _ACCELERATION**2, vector / _ACCELERATION**2
-    difference = np.eye(last) - np.eye(last, k=-1)
-    part = np.kron(difference.T @ difference, np.eye(joints)) / _STEP**2
-    return Normal(matrix + part, vector - part @ angle[1 : last + 1].reshape(-1))
+    matrix = smooth_matrix(last, angle.shape[1])
+    return Normal(matrix, -matrix @ angle[1 : last + 1].reshape(-1))
+
+
+@cache
+def smooth_matrix(last: int, joints: int) -> Array:
+    """[last*J last*J] of that prior; it does not depend on the displacements."""
+    first = np.eye(last) - np.eye(last, k=-1)
+    second = (first @ first)[1:]  # angle[t+1] - 2 angle[t] + angle[t-1], angle[0] = 0
+    along = second.T @ second / _ACCELERATION**2 + first.T @ first / _STEP**2
+    return np.kron(along, np.eye(joints))
 
 
 def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> Normal:

@@ -18,9 +18,20 @@ from scipy.spatial.distance import cdist
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis
 from .chain import joint_motion
-from .crew import together
+from .compiled import Number, compiled
 from .knowledge import Known
 from .segment import smooth
+from .sight import (
+    NEAR,
+    Camera,
+    Matrix,
+    camera_of,
+    columns,
+    matrix_of,
+    moved,
+    pixel_of,
+    turned,
+)
 from .surface import Image, Surfaces
 from .tracker import Tracker, thinned
 
@@ -30,9 +41,11 @@ _VALUES = 5  # of a step
 _PLACES = 10  # where a hinge may be
 _BEAM = 2500  # chains that are carried on to the next joint
 _POINTS = 120
-_BLOCK = 40000  # points that are judged at a time
 _TURNS = 8  # directions across another
-_COARSE = 6.0  # px, of what a grid leaves
+_COARSE = np.float32(6.0)  # px, of what a grid leaves
+# costs of a point that should be seen and is not, in variances
+_SEEN_THROUGH, _HIDDEN, _OUTSIDE = np.float32(9.0), np.float32(3.0), np.float32(2.0)
+_FAR = np.float32(10.0)  # m, to what is behind a pixel that shows nothing
 
 
 def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
@@ -44,11 +57,11 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
     grid, known, surfaces = tracker.grid(0), tracker.known, tracker.surfaces
     inside = grid.point[tracker.moving]
     pick = np.linspace(0, len(inside) - 1, min(len(inside), _POINTS)).astype(int)
-    points, normals = inside[pick], grid.normal[tracker.moving][pick]
+    column = columns(inside[pick], grid.normal[tracker.moving][pick])
     places = spread(thinned(inside, 400), _PLACES)
     reach = min(to, _REACH)
     still = np.eye(4)[None]
-    beam = Beam(still, judged(surfaces, to, still, points, normals),
+    beam = Beam(still, judged(surfaces, to, still, column),
                 np.zeros((1, 0, 6)), np.zeros((1, 0)))
     for j, prismatic in enumerate(known.prismatic):
         grown: list[Beam] = []
@@ -57,15 +70,15 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
             lines = axes(known, j, directions(known, j, before), places)
             if len(lines) == 1:
                 step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
-            turn = np.concatenate([joint_motion(l, step) for l in lines])  # [P V 4 4]
-            motion = (group.motion[:, None] @ turn[None]).reshape(-1, 4, 4)
-            cost = judged(surfaces, to, motion, points, normals)
-            cost = np.minimum(group.cost.repeat(len(turn), axis=0), cost)
-            best = np.argsort(cost.mean(axis=1), kind="stable")[:_BEAM]
+            turn = joint_motion(lines.repeat(len(step), axis=0), np.tile(step, len(lines)))
+            mean = grown_costs(surfaces, to, group, turn, column).reshape(-1)
+            best = np.argsort(mean, kind="stable")[:_BEAM]
             old, new = np.divmod(best, len(turn))
             line, value = np.divmod(new, len(step))
+            motion = group.motion[old] @ turn[new]
+            cost = np.minimum(group.cost[old], judged(surfaces, to, motion, column))
             grown.append(Beam(
-                motion[best], cost[best],
+                motion, cost,
                 np.concatenate([group.twist[old], lines[line][:, None]], axis=1),
                 np.concatenate([group.angle[old], step[value][:, None]], axis=1),
             ))
@@ -153,39 +166,75 @@ def coarse_cloud(tracker: Tracker, state: Articulation) -> Cloud:
     """Frame 0's points labelled by what brings them near the last frame's surface."""
     grid, last = tracker.grid(0), len(state.angle) - 1
     motion = state.motions(last + 1)[last]
-    cost = judged(tracker.surfaces, last, motion, grid.point, grid.normal).T
-    label = smooth(cost.astype(np.float64), grid).argmin(axis=1)
+    cost = judged(tracker.surfaces, last, motion, columns(grid.point, grid.normal)).T
+    label = smooth(cost, grid).argmin(axis=1)
     return Cloud(0, grid.point, grid.normal, grid.shade, label)
 
 
-def judged(
-    surfaces: Surfaces, frame: int, motion: Array, points: Array, normals: Array
-) -> Image:
-    """[M N] coarse cost of points [N 3] moved by each of motion [M 4 4] into a frame."""
-    block = max(1, _BLOCK // max(1, len(points)))  # what stays in the processor's cache
-    blocks = [motion[m : m + block] for m in range(0, len(motion), block)]
-    costs = together(lambda b: judged_block(surfaces, frame, b, points, normals), blocks)
-    return np.concatenate(costs)
+def judged(surfaces: Surfaces, frame: int, motion: Array, column: Image) -> Image:
+    """[M N] coarse cost of points, moved by each of motion [M 4 4] into a frame.
+
+    column [6 N]: points and normals.
+    """
+    out = np.empty((len(motion), column.shape[1]), np.float32)
+    _judge(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+           motion.astype(np.float32), column, np.float32(2 * surfaces.noise), out)
+    return out
 
 
-def judged_block(
-    surfaces: Surfaces, frame: int, motion: Array, points: Array, normals: Array
+def grown_costs(
+    surfaces: Surfaces, frame: int, beam: Beam, turn: Array, column: Image
 ) -> Image:
-    """The same of few."""
-    k = surfaces.intrinsics.astype(np.float32)
-    height, width = surfaces.depth.shape[1:]
-    turn, shift = motion[:, :3, :3].astype(np.float32), motion[:, :3, 3].astype(np.float32)
-    x, y, z = np.moveaxis(turn @ points.T.astype(np.float32) + shift[..., None], 1, 0)
-    nx, ny, nz = np.moveaxis(turn @ normals.T.astype(np.float32), 1, 0)
-    z = np.maximum(z, np.float32(1e-3))
+    """[M P] mean cost of M chains with each of P more motions [P 4 4]."""
+    out = np.empty((len(beam.motion), len(turn)), np.float32)
+    _grow(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+          beam.motion, turn, beam.cost, column, np.float32(2 * surfaces.noise), out)
+    return out
+
+
+@compiled
+def _judge(
+    depth: Image, camera: Camera, motion: Image, column: Image, noise: Number, out: Image
+) -> None:
+    for k in range(len(motion)):
+        m = matrix_of(motion[k])
+        for i in range(column.shape[1]):
+            out[k, i] = _cost(depth, camera, m, column, i, noise)
+
+
+@compiled
+def _grow(
+    depth: Image, camera: Camera, motion: Array, turn: Array, before: Image, column: Image,
+    noise: Number, out: Image,
+) -> None:
+    both = np.empty((4, 4), np.float32)
+    many = column.shape[1]
+    for k in range(len(motion)):
+        for p in range(len(turn)):
+            for a in range(3):
+                for b in range(4):
+                    s = motion[k, a, 3] if b == 3 else 0.0
+                    for c in range(3):
+                        s += motion[k, a, c] * turn[p, c, b]
+                    both[a, b] = s
+            m, total = matrix_of(both), np.float32(0)
+            for i in range(many):
+                total += min(_cost(depth, camera, m, column, i, noise), before[k, i])
+            out[k, p] = total / many
+
+
+@compiled
+def _cost(
+    depth: Image, camera: Camera, m: Matrix, column: Image, i: int, noise: Number
+) -> Number:
+    fx, fy, cx, cy = camera[:4]
+    x, y, z = moved(m, column[0, i], column[1, i], column[2, i])
+    z = max(z, NEAR)
     x, y = x / z, y / z
-    u = np.rint(k[0, 0] * x + k[0, 2])
-    v = np.rint(k[1, 1] * y + k[1, 2])
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    pixel = np.where(inside, v * width + u, 0).astype(np.int32)
-    depth = surfaces.depth[frame].reshape(-1).take(pixel)
-    gap = np.where(depth > 0, depth - z, np.float32(10.0))
-    scale = z * (np.float32(_COARSE) / k[0, 0]) + np.float32(2 * surfaces.noise)
-    cost = np.square(gap * (nx * x + ny * y + nz) / scale)
-    cost = np.minimum(cost, np.where(gap > 0, np.float32(9.0), np.float32(3.0)))
-    return np.where(inside, cost, np.float32(2.0))
+    at, inside = pixel_of(np.rint(fx * x + cx), np.rint(fy * y + cy), camera)
+    d = depth[at]
+    gap = d - z if d > 0 else _FAR
+    nx, ny, nz = turned(m, column[3, i], column[4, i], column[5, i])
+    plane = gap * (nx * x + ny * y + nz) / (_COARSE * z / fx + noise)
+    cost = min(plane * plane, _SEEN_THROUGH if gap > 0 else _HIDDEN)
+    return cost if inside else _OUTSIDE

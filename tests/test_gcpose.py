@@ -13,6 +13,7 @@ from gcbench.gcpose.denoise import smoothed
 from gcbench.gcpose.flow import dis_flow
 from gcbench.gcpose.knowledge import knowledge
 from gcbench.gcpose.method import GCPose
+from gcbench.gcpose.sight import columns
 from gcbench.gcpose.surface import measure, surface_normals
 from gcbench.gcpose.sweep import judged, spread, swept
 from gcbench.gcpose.tracker import Tracker
@@ -139,13 +140,12 @@ def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
     assert observation.depth is not None
     surfaces = measure(observation.depth, INTRINSICS)
     v, u = np.nonzero((part[0] == 2) & surfaces.normal[0].any(axis=2))
-    points = surfaces.points(0, np.stack([u, v], axis=1))
-    normals = surfaces.normal[0, v, u].astype(np.float64)
+    column = columns(surfaces.points(0, np.stack([u, v], axis=1)), surfaces.normal[0, v, u])
     some = angle[5] + np.linspace(-0.2, 0.2, 41)[:, None]
     motion = part_motions(twists_of(screw, np.zeros(2, bool)), some)[:, 2]
-    cost = judged(surfaces, 5, motion, points, normals)
+    cost = judged(surfaces, 5, motion, column)
     assert abs(int(cost.mean(axis=1).argmin()) - 20) <= 1  # 0.6 deg from one to the next
-    alone = np.stack([judged(surfaces, 5, m[None], points, normals)[0] for m in motion])
+    alone = np.stack([judged(surfaces, 5, m[None], column)[0] for m in motion])
     assert np.allclose(cost, alone, atol=1e-4)
 
 
