@@ -27,6 +27,7 @@ from .prior import Hinges, Normal, closeness, smoothness, squareness
 from .surface import Surfaces
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
+_DAMPING = 1e-6  # of the diagonal; more, and flat valleys take hundreds of steps
 _FEWEST = 6  # points of a part that count
 _FLOW_SCALE = 1.0  # px, of flow's errors
 _FLOW_SHARE = 0.05  # of its pixels that err independently
@@ -118,8 +119,7 @@ def adjust(
             scatter[held:, held:] += belief.matrix
             n.vector[held:] += belief.vector
         hessian = n.matrix
-        damping = 1e-4 * np.diag(n.matrix) + 1.0
-        damping[held:] += 100.0
+        damping = _DAMPING * np.diag(n.matrix) + 1.0
         if newest:
             damping[: held - joints] += 1e15
         step = np.linalg.solve(n.matrix + np.diag(damping), n.vector)

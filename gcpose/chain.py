@@ -45,6 +45,22 @@ def exponential(twist: Array) -> Array:
     return transform(r, np.einsum("...ij,...j->...i", left, v))
 
 
+def logarithm(motion: Array) -> Array:
+    """Twists [... 6] with exponential(twist) = motion [... 4 4], turns below pi."""
+    r, t = motion[..., :3, :3], motion[..., :3, 3]
+    axis = 0.5 * np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0],
+                           r[..., 1, 0] - r[..., 0, 1]], axis=-1)
+    sine, cosine = np.linalg.norm(axis, axis=-1), 0.5 * (np.trace(r, axis1=-2, axis2=-1) - 1)
+    angle = np.arctan2(sine, cosine)
+    small = angle < 1e-4
+    a, s = np.where(small, 1.0, angle), np.where(sine < 1e-12, 1.0, sine)
+    w = axis * np.where(small, 1.0, a / s)[..., None]
+    k = cross_matrix(w)
+    bend = np.where(small, 1 / 12, 1 / a**2 - (1 + np.cos(a)) / (2 * a * np.where(small, 1.0, s)))
+    left = np.eye(3) - 0.5 * k + bend[..., None, None] * (k @ k)
+    return np.concatenate([w, (left @ t[..., None])[..., 0]], axis=-1)
+
+
 def twists_of(screw: Array, prismatic: NDArray[np.bool_]) -> Array:
     """Twists [J 6] of the dataset's screws [J 6]; prismatic [J] bool."""
     slide = np.concatenate([np.zeros_like(screw[:, :3]), screw[:, :3]], axis=1)

@@ -79,7 +79,7 @@ class GCPose:
             best.clouds,
             best.state,
             known.freedom,
-            (1.0, 0.6, 0.4, 0.4) if noise else (1.0, 0.7, 0.7),
+            (1.0, 0.6, 0.4, 0.4) if noise else (0.25, 0.12, 0.12),
             tracker.hinges(best),
             fine=True,
         )

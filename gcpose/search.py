@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from .articulation import ACROSS, ALONG, Hypothesis, distinct
+from .articulation import Articulation, Hypothesis, distinct
 from .chain import displace_axis
 from .crew import together
+from .factor import factored
 from .flow import Flow
 from .start import beginnings
 from .sweep import swept
@@ -18,11 +18,13 @@ from .trade import traded
 
 _COARSE = 500  # candidates that hard starts are judged on
 _WIDE, _MIDDLING = (16.0, 8.0, 4.0, 2.0), (4.0, 4.0, 2.0, 2.0)
-_DOUBTFUL = 0.04, 0.08  # of the candidates not explained: another way is tried; with noise
-_TRADED = 0.02, 0.06  # the same, for turns to be shared otherwise
+_DOUBTFUL = 0.045, 0.08  # of the candidates not explained: another way is tried; with noise
 _ROUNDS = 10  # of EM at the end, at most
 _CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
-_TRADES, _CHEAPER = 3, 0.99  # of turns between parallel joints, and what is worth one
+_JUMPED = 2  # of the solutions that were tried
+_JUMPS, _CHEAPER = 2, 0.99  # to other chains, and what is worth one
+_SHARP = 0.5, 0.25, 0.12, 0.12
+_SHARPEST = 0.12  # footprints, of labels and costs
 _LOOSE = 6.0  # times as much with noise
 
 
@@ -34,44 +36,60 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     freedom = tracker.known.freedom
     coarse = tracker.thinned(_COARSE) if freedom else tracker
     ways = (by_sweeps, by_more_sweeps, by_flow) if freedom else (by_lines, by_more_lines)
-    best: Hypothesis | None = None
+    tried: list[Hypothesis] = []
     for way in ways:
         found = way(coarse, flow)
         if freedom:
             found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds), h.order)
                      for h in distinct(found, 4)]
-        other = polished(tracker, distinct(found, 3))
-        best, before = (other if best is None or other.cost < best.cost else best), best
-        if before is None and not doubtful(tracker, best):
-            break  # once in doubt, all ways are tried
-    assert best is not None
-    if freedom and tracker.unexplained(best) > _TRADED[tracker.surfaces.noise > 0]:
-        best = bettered(tracker, coarse, best)
-    return squared(tracker, best) if freedom == 4 else best
+        tried.append(sharpened(tracker, polished(tracker, distinct(found, 3))))
+        if not doubtful(tracker, min(tried, key=lambda h: h.cost)):
+            break
+    else:
+        if freedom:
+            tried += [bettered(tracker, coarse, h) for h in distinct(tried, _JUMPED)]
+    return min(tried, key=lambda h: h.cost)
+
+
+def sharpened(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Where depth is exact, it is weighed as such: flat valleys are walked to their ends, and
+    labels and costs tell parts apart that move almost alike."""
+    if tracker.surfaces.noise:
+        return best
+    return descended(tracker, best, 2 * _ROUNDS, _SHARP, _SHARPEST)
 
 
 def bettered(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
-    """The best of a hypothesis and of what shares the turns of parallel joints otherwise."""
-    for _ in range(_TRADES):
-        same = coarse.relabel(best.state, tuple(c.frame for c in best.clouds), best.order)
-        found = traded(coarse, same, 8)
-        found = together(lambda h: coarse.settle(h, 2, (8.0, 6.0, 4.0, 4.0)), found)
-        found = together(lambda h: descended(coarse, h, 2, _MIDDLING), distinct(found, 2))
-        found = [h for h in found if h.cost < _CHEAPER * same.cost]
-        if not found:
-            break
-        other = min(found, key=lambda h: h.cost)
-        other = tracker.relabel(other.state, tuple(c.frame for c in other.clouds), other.order)
-        other = descended(tracker, other, _ROUNDS)
+    """The best of a hypothesis and of other chains that move the surest part as it does."""
+    for _ in range(_JUMPS):
+        other = jumped(tracker, coarse, best)
         if other.cost >= _CHEAPER * best.cost:
             break
         best = other
     return best
 
 
+def jumped(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
+    """The best other chain, at the bottom of its valley."""
+    frames = tuple(c.frame for c in best.clouds)
+
+    def seen(state: Articulation) -> Hypothesis:
+        return coarse.relabel(state, frames, best.order)
+
+    found = together(lambda h: coarse.settle(h, 2, (8.0, 6.0, 4.0, 4.0)),
+                     traded(coarse, seen(best.state), 8))
+    some = distinct(together(seen, factored(tracker, best)), 24)
+    found += together(lambda h: coarse.settle(h, 2, _MIDDLING), some)
+    found = together(lambda h: descended(coarse, h, 2, _MIDDLING), distinct(found, 8))
+    found = [tracker.relabel(h.state, frames, h.order) for h in distinct(found, 3)]
+    found = together(lambda h: descended(tracker, h, _ROUNDS // 2), found)
+    return min(together(lambda h: sharpened(tracker, h), found), key=lambda h: h.cost)
+
+
 def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:
     """Whether more is unexplained than the truth leaves."""
-    return tracker.unexplained(guess) > _DOUBTFUL[tracker.surfaces.noise > 0]
+    noisy = tracker.surfaces.noise > 0
+    return tracker.unexplained(guess, 1.0 if noisy else _SHARPEST) > _DOUBTFUL[noisy]
 
 
 def polished(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:
@@ -82,15 +100,19 @@ def polished(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:
 
 
 def descended(
-    tracker: Tracker, guess: Hypothesis, rounds: int, scales: tuple[float, ...] = (4.0, 2.0, 1.0)
+    tracker: Tracker,
+    guess: Hypothesis,
+    rounds: int,
+    scales: tuple[float, ...] = (4.0, 2.0, 1.0),
+    sharp: float = 1.0,
 ) -> Hypothesis:
     """EM until it stands; where labels and axes creep along together, by leaps."""
     loose = _LOOSE if tracker.surfaces.noise else 1.0
     for _ in range(rounds):
-        after = tracker.settle(guess, 1, scales)
+        after = tracker.settle(guess, 1, scales, sharp=sharp)
         change = float(np.abs(after.state.angle - guess.state.angle).max())
         if change > _CREEPS * loose:
-            leap = tracker.settle(leaped(guess, after, 4.0), 1, scales)
+            leap = tracker.settle(leaped(guess, after, 4.0), 1, scales, sharp=sharp)
             after = min(after, leap, key=lambda h: h.cost)
         guess = after
         if change < _STANDS * loose:
@@ -170,15 +192,6 @@ def by_flow(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
     found = together(lambda h: coarse.settle(h, 1, _MIDDLING), distinct(found, 16))
     found = together(lambda h: coarse.follow(h, min(7, end)), distinct(found, 10))
     return together(lambda h: coarse.settle(h, 2, _MIDDLING), distinct(found, 6))
-
-
-def squared(tracker: Tracker, best: Hypothesis) -> Hypothesis:
-    """Where directions are unknown: neighbouring axes at right angles or parallel, if they fit."""
-    joints = len(best.state.prismatic)
-    ways = [replace(best, state=replace(best.state, relation=way))
-            for way in product((ACROSS, ALONG), repeat=joints - 1)]
-    found = [best, *together(lambda h: tracker.settle(h, 3), ways)]
-    return min(found, key=lambda h: h.cost * (1.0 if h.state.relation else 1.05))
 
 
 def extend(guess: Hypothesis, until: int) -> Hypothesis:

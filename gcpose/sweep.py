@@ -37,8 +37,8 @@ from .tracker import Tracker, thinned
 
 _TURN, _SLIDE = np.radians(6.5), 0.06  # largest step of a frame that is looked for, rad and m
 _REACH = 2.0  # how much further it looks over longer spans
-_VALUES = 5  # of a step
-_PLACES = 10  # where a hinge may be
+_VALUES = 7  # of a step
+_PLACES = 14  # where a hinge may be
 _BEAM = 2500  # chains that are carried on to the next joint
 _POINTS = 120
 _TURNS = 8  # directions across another

@@ -76,18 +76,22 @@ class Tracker:
 
     def label(self, state: Articulation, frame: int, width: float = 1.0) -> tuple[Cloud, float]:
         """E-step for a frame's candidates; and their mean cost a frame."""
+        return self.label_motion(state.motions(len(state.angle)), frame, width)
+
+    def label_motion(self, motion: Array, frame: int, width: float) -> tuple[Cloud, float]:
+        """The same for any motion [T J+1 4 4] of the parts."""
         grid = self.grid(frame)
-        volume = label_costs(self.surfaces, grid, state.motions(len(state.angle)), width)
+        volume = label_costs(self.surfaces, grid, motion, width)
         volume = smooth(volume, grid, 3 if self.surfaces.noise else 2)
-        cost = float(volume.min(axis=1).mean()) / max(1, len(state.angle) - 1)
+        cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
         return Cloud(frame, grid.point, grid.normal, grid.shade, volume.argmin(axis=1)), cost
 
-    def unexplained(self, guess: Hypothesis) -> float:
+    def unexplained(self, guess: Hypothesis, width: float = 1.0) -> float:
         """Share of the candidates that no part brings to where the frames show something."""
         state, bad = guess.state, []
         for cloud in guess.clouds:
             volume = label_costs(self.surfaces, self.grid(cloud.frame),
-                                 state.motions(len(state.angle)))
+                                 state.motions(len(state.angle)), width)
             bad.append(volume.min(axis=1) > _UNEXPLAINED * (len(state.angle) - 1))
         return float(np.concatenate(bad).mean())
 
@@ -124,12 +128,13 @@ class Tracker:
         rounds: int,
         scales: tuple[float, ...] = (4.0, 2.0, 1.0),
         held: bool = False,
+        sharp: float = 1.0,
     ) -> Hypothesis:
-        """EM over the frames that a hypothesis has."""
+        """EM over the frames that a hypothesis has; labels within `sharp` footprints at least."""
         for _ in range(rounds):
             state = self.fit(guess, guess.state, scales, held=held)
             frames = tuple(c.frame for c in guess.clouds)
-            guess = self.relabel(state, frames, guess.order, max(1.0, scales[-1]))
+            guess = self.relabel(state, frames, guess.order, max(sharp, scales[-1]))
         return guess
 
     def hinges(self, guess: Hypothesis) -> Hinges:
