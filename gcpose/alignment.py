@@ -43,18 +43,18 @@ class Elements:
     """Surface elements sorted by part."""
 
     column: Image
-    """[8 N] point, normal, brightness, sigma of the distance in m"""
+    """[7 N] point, normal, sigma of the distance in m"""
     start: NDArray[np.int64]
     """[J+2] where each part begins."""
 
 
 def elements(
-    point: Array, normal: Array, shade: Array, sigma: Array, label: NDArray[np.int64], parts: int
+    point: Array, normal: Array, sigma: Array, label: NDArray[np.int64], parts: int
 ) -> Elements:
-    """Of points and normals [N 3], shade, sigma and label [N] on as many parts."""
+    """Of points and normals [N 3], sigma and label [N] on as many parts."""
     order = np.argsort(label, kind="stable")
     start = np.searchsorted(label[order], np.arange(parts + 1))
-    return Elements(columns(point, normal, shade, sigma)[:, order], start)
+    return Elements(columns(point, normal, sigma)[:, order], start)
 
 
 def sparse(these: Elements, stride: int) -> Elements:
@@ -89,19 +89,6 @@ def flow_equations(
           camera_of(surfaces.intrinsics, surfaces.depth), motion.astype(np.float32),
           these.column, these.start,
           np.float32(15 * surfaces.noise), np.float32(sigma), np.float32(share), *out)
-    return out
-
-
-def shade_equations(
-    surfaces: Surfaces, frame: int, motion: Array, these: Elements, sigma: float, share: float
-) -> Equations:
-    """Brightness of the points where they are taken against their own (L_b); sigma of 255."""
-    assert surfaces.shade is not None
-    out = empty(motion.shape)
-    _shade(surfaces.depth, surfaces.normal, surfaces.shade,
-           camera_of(surfaces.intrinsics, surfaces.depth), frame, motion.astype(np.float32),
-           these.column, these.start, np.float32(6 * surfaces.noise), np.float32(sigma),
-           np.float32(share), *out)
     return out
 
 
@@ -186,7 +173,7 @@ def _surface(
         for j in range(1, motion.shape[1]):
             m, here = matrix_of(motion[t, j]), column[:, start[j] : start[j + 1]]
             look(sight, m, camera, here, depth[t].ravel(), normal[t].ravel())
-            qx, qy, qz, sigma = here[3], here[4], here[5], here[7]
+            qx, qy, qz, sigma = here[3], here[4], here[5], here[6]
             for i in range(len(qx)):
                 x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]
                 a, b = (np.rint(sight.u[i]) - cx) / fx, (np.rint(sight.v[i]) - cy) / fy
@@ -231,39 +218,3 @@ def _flow(
                 fill(down, i, x, y, z, _NIL, fy / z, -fy * y / (z * z), residual, weight)
             total(across, len(px), matrix[t, j], vector[t, j])
             total(down, len(px), matrix[t, j], vector[t, j])
-
-
-@compiled
-def _shade(
-    depth: Image, normal: Image, shading: Image, camera: Camera, frame: int, motion: Image,
-    column: Image, start: NDArray[np.int64], reach: Number, sigma: Number, share: Number,
-    matrix: Array, vector: Array,
-) -> None:
-    fx, fy = camera[0], camera[1]
-    n, root = column.shape[1], np.sqrt(share)
-    sight, rows = sight_of(n), rows_of(n)
-    shade, along, down = (np.empty(n, np.float32), np.empty(n, np.float32),
-                          np.empty(n, np.float32))
-    for t in range(len(motion)):
-        if t == frame:
-            continue
-        shades = shading[t].ravel()
-        for j in range(1, motion.shape[1]):
-            here = column[:, start[j] : start[j + 1]]
-            look(sight, matrix_of(motion[t, j]), camera, here, depth[t].ravel(),
-                 normal[t].ravel())
-            own = here[6]
-            for i in range(len(own)):
-                at = 3 * sight.pixel[i]
-                shade[i], along[i], down[i] = shades[at], shades[at + 1], shades[at + 2]
-            for i in range(len(own)):
-                x, y, z, u, v = sight.x[i], sight.y[i], sight.z[i], sight.u[i], sight.v[i]
-                nx, ny, nz = sight.normal_x[i], sight.normal_y[i], sight.normal_z[i]
-                known = nx * nx + ny * ny + nz * nz > 0
-                hit = sight.inside[i] & known & (abs(sight.depth[i] - z) < reach)
-                there = shade[i] + along[i] * (u - np.rint(u)) + down[i] * (v - np.rint(v))
-                residual = own[i] - there
-                a, b = along[i] * fx / z, down[i] * fy / z
-                weight = root * root_weight(residual, sigma) if hit else _NIL
-                fill(rows, i, x, y, z, a, b, -(a * x + b * y) / z, residual, weight)
-            total(rows, len(own), matrix[t, j], vector[t, j])

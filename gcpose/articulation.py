@@ -51,8 +51,6 @@ class Cloud:
     """[N 3] at that frame, camera frame, m"""
     normal: Array
     """[N 3]"""
-    shade: Array
-    """[N] brightness"""
     label: NDArray[np.int64]
     """[N] 0..J"""
 

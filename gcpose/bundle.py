@@ -17,7 +17,6 @@ from .alignment import (
     Equations,
     elements,
     flow_equations,
-    shade_equations,
     sparse,
     surface_equations,
 )
@@ -32,8 +31,6 @@ _FEWEST = 6  # points of a part that count
 _FLOW_SCALE = 1.0  # px, of flow's errors
 _FLOW_SHARE = 0.05  # of its pixels that err independently
 _FLOW_STRIDE = 2  # of the points whose flow is looked at: neighbours' errors are alike
-_SHADE_SCALE = 6.0  # of 255
-_SHADE_SHARE = 0.2
 
 
 def assemble(
@@ -43,7 +40,6 @@ def assemble(
     basis: tuple[Array, ...],
     last: int,
     scale: float,
-    fine: bool,
 ) -> Normal:
     """Clouds against all frames up to `last`; `scale` is in footprints of a pixel.
 
@@ -73,12 +69,9 @@ def assemble(
             g = g - adjoint(here_from_there) @ derivative[cloud.frame]
         sigma = scale * (surfaces.footprint(cloud.point[:, 2]) + surfaces.noise)
         parts = len(state.twist) + 1
-        these = elements(cloud.point, cloud.normal, cloud.shade, sigma, label, parts)
+        these = elements(cloud.point, cloud.normal, sigma, label, parts)
         add(surface_equations(surfaces, cloud.frame, here_from_there, these), g)
-        if surfaces.shade is not None and fine:
-            add(shade_equations(surfaces, cloud.frame, here_from_there, these,
-                                _SHADE_SCALE, _SHADE_SHARE), g)
-        elif surfaces.flow is not None:
+        if surfaces.flow is not None:
             some = sparse(these, _FLOW_STRIDE)
             step = motion[1:] @ inverse(motion[:-1])
             add(flow_equations(surfaces, here_from_there, some, _FLOW_SCALE,
@@ -95,7 +88,6 @@ def adjust(
     scales: tuple[float, ...],
     hinges: Hinges,
     newest: bool = False,
-    fine: bool = False,
 ) -> tuple[Articulation, Array]:
     """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
 
@@ -107,7 +99,7 @@ def adjust(
     hessian, scatter = np.zeros((0, 0)), np.zeros((0, 0))
     for scale in scales:
         basis = axis_bases(state, clouds, 0 if newest else freedom)
-        n = assemble(surfaces, clouds, state, basis, last, scale, fine)
+        n = assemble(surfaces, clouds, state, basis, last, scale)
         prior = smoothness(state.angle, last)
         assert n.scatter is not None
         scatter = n.scatter.copy()

@@ -49,15 +49,7 @@ def smoothed(
         intrinsics,
         left,
         flows,
-        np.stack(together(shading, rgb)),
     )
-
-
-def shading(image: NDArray[np.uint8]) -> Image:
-    """Brightness and gradient [H W 3] of an image [H W 3]."""
-    gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
-    du, dv = (cv2.Sobel(gray, cv2.CV_32F, *d, ksize=3, scale=0.125) for d in ((1, 0), (0, 1)))
-    return np.stack([gray, du, dv], axis=2).astype(np.float32)
 
 
 def fit_planes(

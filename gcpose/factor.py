@@ -67,7 +67,7 @@ def align_parts(
     for cloud in clouds:
         here_from_there = motion @ inverse(motion[cloud.frame])
         sigma = scale * (surfaces.footprint(cloud.point[:, 2]) + surfaces.noise)
-        these = elements(cloud.point, cloud.normal, cloud.shade, sigma, cloud.label, parts)
+        these = elements(cloud.point, cloud.normal, sigma, cloud.label, parts)
         six, right = (x.swapaxes(0, 1)
                       for x in surface_equations(surfaces, cloud.frame, here_from_there, these))
         there = -adjoint(here_from_there).swapaxes(0, 1)  # a twist of the frame it is from

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,13 +77,12 @@ class GCPose:
         tracker = Tracker(surfaces, rgb, known, most)
         best = search(tracker, self.flow)
         state, sigma = adjust(
-            surfaces,
+            replace(surfaces, flow=None),
             best.clouds,
             best.state,
             known.freedom,
             (1.0, 0.6, 0.4, 0.4) if noise else (0.25, 0.12, 0.12),
             tracker.hinges(best),
-            fine=True,
         )
         if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
             return unmoved(observation, known)

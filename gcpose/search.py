@@ -18,13 +18,14 @@ from .trade import traded
 
 _COARSE = 500  # candidates that hard starts are judged on
 _WIDE, _MIDDLING = (16.0, 8.0, 4.0, 2.0), (4.0, 4.0, 2.0, 2.0)
-_DOUBTFUL = 0.045, 0.08  # of the candidates not explained: another way is tried; with noise
+_DOUBTFUL = 0.045, 0.03  # of the candidates not explained: another way is tried; with noise
 _ROUNDS = 10  # of EM at the end, at most
 _CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
-_JUMPED = 2  # of the solutions that were tried
+_JUMPED = 2, 1  # of the solutions that were tried; with noise
 _JUMPS, _CHEAPER = 2, 0.99  # to other chains, and what is worth one
 _SHARP = 0.5, 0.25, 0.12, 0.12
 _SHARPEST = 0.12  # footprints, of labels and costs
+_REFINED = 2.0, 1.0, 0.6, 0.4
 _LOOSE = 6.0  # times as much with noise
 
 
@@ -47,8 +48,17 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
             break
     else:
         if freedom:
-            tried += [bettered(tracker, coarse, h) for h in distinct(tried, _JUMPED)]
-    return min(tried, key=lambda h: h.cost)
+            most = _JUMPED[tracker.surfaces.noise > 0]
+            tried += [bettered(tracker, coarse, h) for h in distinct(tried, most)]
+    return refined(tracker, min(tried, key=lambda h: h.cost))
+
+
+def refined(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Where depth is noisy: by depth alone at the end, as flow sees too little motion where there
+    is no texture."""
+    if tracker.surfaces.flow is None:
+        return best
+    return descended(tracker.flowless(), best, _ROUNDS, _REFINED)
 
 
 def sharpened(tracker: Tracker, best: Hypothesis) -> Hypothesis:
@@ -83,7 +93,8 @@ def jumped(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
     found = together(lambda h: descended(coarse, h, 2, _MIDDLING), distinct(found, 8))
     found = [tracker.relabel(h.state, frames, h.order) for h in distinct(found, 3)]
     found = together(lambda h: descended(tracker, h, _ROUNDS // 2), found)
-    return min(together(lambda h: sharpened(tracker, h), found), key=lambda h: h.cost)
+    found = together(lambda h: sharpened(tracker, h), found)
+    return min([best, *found], key=lambda h: h.cost)
 
 
 def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:

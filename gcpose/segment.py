@@ -42,8 +42,6 @@ class Candidates:
     """[N 3] m"""
     normal: Array
     """[N 3]"""
-    shade: Array
-    """[N] brightness, where it is used"""
     stride: int
     """Pixels from one to the next."""
 
@@ -94,11 +92,8 @@ def candidates(
     stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(wide) / most))))
     v, u = np.nonzero(wide[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride
-    shade = np.zeros(len(pixel))
-    if surfaces.shade is not None:
-        shade = surfaces.shade[frame, pixel[:, 1], pixel[:, 0], 0].astype(np.float64)
     normal = surfaces.normal[frame, pixel[:, 1], pixel[:, 0]].astype(np.float64)
-    return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, shade, stride)
+    return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, stride)
 
 
 def label_costs(

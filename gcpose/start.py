@@ -74,7 +74,7 @@ def first_motion(
         z = about(-origin, added[j])
         twist[j], end = axis_from(z, known, j, at[j], np.radians(0.3))
         angle[:, j] = np.linspace(0, end, to + 1)
-    cloud = Cloud(0, grid.point, grid.normal, grid.shade, label)
+    cloud = Cloud(0, grid.point, grid.normal, label)
     return Hypothesis(Articulation(twist, angle, known.prismatic), (cloud,), cost)
 
 

@@ -30,8 +30,6 @@ class Surfaces:
     """Standard deviation of the depth, m."""
     flow: Image | None = None
     """[T-1 H W 2] to the next frame, px, where depth alone is too poor."""
-    shade: Image | None = None
-    """[T H W 3] brightness and its gradient along u and v, there too."""
 
     @property
     def frames(self) -> int:

@@ -168,7 +168,7 @@ def coarse_cloud(tracker: Tracker, state: Articulation) -> Cloud:
     motion = state.motions(last + 1)[last]
     cost = judged(tracker.surfaces, last, motion, columns(grid.point, grid.normal)).T
     label = smooth(cost, grid).argmin(axis=1)
-    return Cloud(0, grid.point, grid.normal, grid.shade, label)
+    return Cloud(0, grid.point, grid.normal, label)
 
 
 def judged(surfaces: Surfaces, frame: int, motion: Array, column: Image) -> Image:

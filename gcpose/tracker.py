@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -68,6 +69,12 @@ class Tracker:
         out.bases = self.bases  # a hypothesis means the same base to both
         return out
 
+    def flowless(self) -> Tracker:
+        """The same by depth alone."""
+        out = copy(self)
+        out.surfaces = replace(self.surfaces, flow=None)
+        return out
+
     def grid(self, frame: int) -> Candidates:
         """Candidates of a key frame."""
         if frame not in self.grids:
@@ -84,7 +91,7 @@ class Tracker:
         volume = label_costs(self.surfaces, grid, motion, width)
         volume = smooth(volume, grid, 3 if self.surfaces.noise else 2)
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
-        return Cloud(frame, grid.point, grid.normal, grid.shade, volume.argmin(axis=1)), cost
+        return Cloud(frame, grid.point, grid.normal, volume.argmin(axis=1)), cost
 
     def unexplained(self, guess: Hypothesis, width: float = 1.0) -> float:
         """Share of the candidates that no part brings to where the frames show something."""
