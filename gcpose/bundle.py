@@ -2,8 +2,9 @@
 
 The paper minimises the distance between where a part's points fall under T_theta and where the
 images show them: L_w in pixels, then L_b in brightness over the accumulated point cloud. With
-depth the distance is point-to-plane, and L_w and L_b join it where depth is noisy; the unknowns
-are the displacements theta_{1:n} of all joints and, where the knowledge leaves them open, the axes.
+depth the distance is point-to-plane, and L_w joins it where depth is noisy and the search needs to
+be led; L_b would not help: shades stay with the lamp where a plain surface turns. The unknowns are
+the displacements theta_{1:n} of all joints and, where the knowledge leaves them open, the axes.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from .depth import depth_named
 from .flow import Flow, dis_flow, fine_dis_flow, flow_named
 from .knowledge import Known, knowledge
 from .rgb import estimate_rgb
-from .search import doubtful, search
+from .search import lost, search
 from .segment import candidates
 from .surface import measure
 from .tracker import Tracker
@@ -38,7 +38,7 @@ class GCPose:
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
     training = "none"
-    version = "2"
+    version = "3"
 
     def __init__(self, flow: Flow | str = "", depth: str = "") -> None:
         """A flow, or the name of one (see flow.py), and of a depth network (see depth.py).
@@ -90,7 +90,7 @@ class GCPose:
             displacement=state.angle,
             screw=screws_of(state.twist, state.prismatic),
             part=parts(tracker, state),
-            sigma=calibrated(sigma, known, noise > 0, doubtful(tracker, best)),
+            sigma=calibrated(sigma, known, noise > 0, lost(tracker, best)),
         )
 
 
