@@ -17,18 +17,10 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import cdist
 
 from ..robots.geometry import Array, inverse
-from .alignment import AGREE
-from .compiled import compiled
-from .sight import Camera, camera_of, columns, look, matrix_of, sight_of, turned
-from .surface import Image, Surfaces
+from .kernels import add_label_costs, camera_of, columns
+from .surface import Surfaces
 
 _SAME = 1.5e-4  # m, between two measurements of one still point
-# costs of a point that should be seen and is not, in variances
-_SEEN_THROUGH, _HIDDEN, _HIDDEN_STILL, _OUTSIDE, _TURNED, _ELSEWISE = (
-    np.float32(c) for c in (9.0, 3.0, 1.0, 2.0, 2.0, 1.0)
-)
-_CLOSE = np.float32(20)  # standard deviations within which two surfaces may be one
-_NOTHING = np.float32(1e6)  # m, to what is behind a pixel that shows nothing
 
 
 @dataclass(frozen=True)
@@ -106,41 +98,10 @@ def label_costs(
     scale = width * (surfaces.footprint(grid.point[:, 2]) + surfaces.noise)
     here_from_there = motion @ inverse(motion[grid.frame])
     out = np.zeros((motion.shape[1], len(grid.point)), np.float32)
-    _label_costs(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
+    add_label_costs(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
                  grid.frame, here_from_there.astype(np.float32),
                  columns(grid.point, grid.normal, scale), out)
     return out.T.astype(np.float64)
-
-
-@compiled
-def _label_costs(
-    depth: Image, normal: Image, camera: Camera, frame: int, motion: Image, column: Image,
-    out: Image,
-) -> None:
-    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
-    qx, qy, qz, scale = column[3], column[4], column[5], column[6]
-    sight = sight_of(len(scale))
-    for t in range(len(motion)):
-        if t == frame:
-            continue
-        for j in range(motion.shape[1]):
-            m, total = matrix_of(motion[t, j]), out[j]
-            look(sight, m, camera, column, depth[t].ravel(), normal[t].ravel())
-            hidden = _HIDDEN if j else _HIDDEN_STILL
-            for i in range(len(scale)):
-                x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]
-                a, b = (np.rint(sight.u[i]) - cx) / fx, (np.rint(sight.v[i]) - cy) / fy
-                nx, ny, nz = sight.normal_x[i], sight.normal_y[i], sight.normal_z[i]
-                mx, my, mz = turned(m, qx[i], qy[i], qz[i])
-                gap = d - z if d > 0 else _NOTHING
-                plane = (nx * (a * d - x) + ny * (b * d - y) + nz * (d - z)) / scale[i]
-                beyond = _SEEN_THROUGH if gap > 0 else hidden
-                agree = mx * nx + my * ny + mz * nz > AGREE
-                cost = min(plane * plane, beyond) if agree else _ELSEWISE
-                cost = cost if abs(gap) < _CLOSE * scale[i] else beyond
-                away = mx * x + my * y + mz * z < 0  # its own object hides it
-                cost = min(cost, _TURNED) if away else cost
-                total[i] += cost if sight.inside[i] else _OUTSIDE
 
 
 def smooth(cost: Array, grid: Candidates, radius: int = 2) -> Array:

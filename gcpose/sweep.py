@@ -18,20 +18,9 @@ from scipy.spatial.distance import cdist
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis
 from .chain import joint_motion
-from .compiled import Number, compiled
+from .kernels import camera_of, columns, grow, judge
 from .knowledge import Known
 from .segment import smooth
-from .sight import (
-    NEAR,
-    Camera,
-    Matrix,
-    camera_of,
-    columns,
-    matrix_of,
-    moved,
-    pixel_of,
-    turned,
-)
 from .surface import Image, Surfaces
 from .tracker import Tracker, thinned
 
@@ -42,10 +31,6 @@ _PLACES = 14  # where a hinge may be
 _BEAM = 2500  # chains that are carried on to the next joint
 _POINTS = 120
 _TURNS = 8  # directions across another
-_COARSE = np.float32(6.0)  # px, of what a grid leaves
-# costs of a point that should be seen and is not, in variances
-_SEEN_THROUGH, _HIDDEN, _OUTSIDE = np.float32(9.0), np.float32(3.0), np.float32(2.0)
-_FAR = np.float32(10.0)  # m, to what is behind a pixel that shows nothing
 
 
 def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
@@ -177,7 +162,7 @@ def judged(surfaces: Surfaces, frame: int, motion: Array, column: Image) -> Imag
     column [6 N]: points and normals.
     """
     out = np.empty((len(motion), column.shape[1]), np.float32)
-    _judge(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+    judge(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
            motion.astype(np.float32), column, np.float32(2 * surfaces.noise), out)
     return out
 
@@ -187,54 +172,6 @@ def grown_costs(
 ) -> Image:
     """[M P] mean cost of M chains with each of P more motions [P 4 4]."""
     out = np.empty((len(beam.motion), len(turn)), np.float32)
-    _grow(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+    grow(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
           beam.motion, turn, beam.cost, column, np.float32(2 * surfaces.noise), out)
     return out
-
-
-@compiled
-def _judge(
-    depth: Image, camera: Camera, motion: Image, column: Image, noise: Number, out: Image
-) -> None:
-    for k in range(len(motion)):
-        m = matrix_of(motion[k])
-        for i in range(column.shape[1]):
-            out[k, i] = _cost(depth, camera, m, column, i, noise)
-
-
-@compiled
-def _grow(
-    depth: Image, camera: Camera, motion: Array, turn: Array, before: Image, column: Image,
-    noise: Number, out: Image,
-) -> None:
-    both = np.empty((4, 4), np.float32)
-    many = column.shape[1]
-    for k in range(len(motion)):
-        for p in range(len(turn)):
-            for a in range(3):
-                for b in range(4):
-                    s = motion[k, a, 3] if b == 3 else 0.0
-                    for c in range(3):
-                        s += motion[k, a, c] * turn[p, c, b]
-                    both[a, b] = s
-            m, total = matrix_of(both), np.float32(0)
-            for i in range(many):
-                total += min(_cost(depth, camera, m, column, i, noise), before[k, i])
-            out[k, p] = total / many
-
-
-@compiled
-def _cost(
-    depth: Image, camera: Camera, m: Matrix, column: Image, i: int, noise: Number
-) -> Number:
-    fx, fy, cx, cy = camera[:4]
-    x, y, z = moved(m, column[0, i], column[1, i], column[2, i])
-    z = max(z, NEAR)
-    x, y = x / z, y / z
-    at, inside = pixel_of(np.rint(fx * x + cx), np.rint(fy * y + cy), camera)
-    d = depth[at]
-    gap = d - z if d > 0 else _FAR
-    nx, ny, nz = turned(m, column[3, i], column[4, i], column[5, i])
-    plane = gap * (nx * x + ny * y + nz) / (_COARSE * z / fx + noise)
-    cost = min(plane * plane, _SEEN_THROUGH if gap > 0 else _HIDDEN)
-    return cost if inside else _OUTSIDE

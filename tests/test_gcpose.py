@@ -11,9 +11,9 @@ from gcbench.gcpose.chain import part_motions, twists_of
 from gcbench.gcpose.crew import together
 from gcbench.gcpose.denoise import smoothed
 from gcbench.gcpose.flow import dis_flow
+from gcbench.gcpose.kernels import columns
 from gcbench.gcpose.knowledge import knowledge
 from gcbench.gcpose.method import GCPose
-from gcbench.gcpose.sight import columns
 from gcbench.gcpose.surface import measure, surface_normals
 from gcbench.gcpose.sweep import judged, spread, swept
 from gcbench.gcpose.tracker import Tracker

@@ -11,6 +11,7 @@ from gcbench.gcpose.chain import (
     axis_derivatives,
     displace_axis,
     exponential,
+    logarithm,
     part_motions,
     screws_of,
     twists_of,
@@ -48,6 +49,15 @@ def test_exponential_of_a_revolute_twist_is_its_motion() -> None:
     twist, _ = chain(np.random.default_rng(1))
     assert np.allclose(exponential(twist[0] * 0.7), revolute_motion(twist[0], 0.7))
     assert np.allclose(exponential(np.zeros(6)), np.eye(4))
+
+
+def test_the_logarithm_undoes_the_exponential() -> None:
+    rng = np.random.default_rng(3)
+    twist = rng.normal(size=(200, 6)) * rng.choice([1e-7, 1e-3, 0.7], size=(200, 1))
+    turn = np.linalg.norm(twist[:, :3], axis=1, keepdims=True)
+    twist[:, :3] *= np.minimum(1.0, 3.1 / turn)  # turns below pi
+    assert np.allclose(logarithm(exponential(twist)), twist, rtol=1e-6, atol=1e-9)
+    assert not logarithm(np.eye(4)).any()
 
 
 def test_adjoint_moves_twists_as_motions_conjugate() -> None:
