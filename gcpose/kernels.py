@@ -1,4 +1,4 @@
-"""Inner loops as machine code: compiled when first called, kept on disk, free of the lock.
+"""Inner loops of the search with depth, as machine code (see compiled.py).
 
 Loops over points are written without branches, on plain numbers in single precision and one array
 for each coordinate, so that the compiler does sixteen points at once. That is what makes them some
@@ -10,17 +10,15 @@ changes, not when a file changes that it takes something from.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
+from .compiled import compiled
 from .surface import Image
 
-F = TypeVar("F", bound=Callable[..., Any])
 Number = float | np.floating[Any]
 """In compiled code always single precision."""
 Matrix = tuple[Number, ...]
@@ -39,16 +37,6 @@ NOTHING = np.float32(1e6)  # m, to what is behind a pixel that shows nothing
 COARSE = np.float32(6.0)  # px, of what a grid leaves
 FAR = np.float32(10.0)  # m, to what is behind a pixel that shows nothing, there
 NIL = np.float32(0)
-
-
-def compiled(function: F) -> F:
-    """The same function, of arrays and numbers, as machine code."""
-    compile_: Any = numba.njit
-    options = {"nogil": True, "error_model": "numpy", "fastmath": {"reassoc", "nsz", "contract"}}
-    try:
-        return cast(F, compile_(cache=True, **options)(function))
-    except RuntimeError:  # nowhere to keep it: compiled again by every process
-        return cast(F, compile_(**options)(function))
 
 
 def camera_of(intrinsics: Array, depth: Image) -> Camera:

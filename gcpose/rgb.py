@@ -21,7 +21,7 @@ from .knowledge import Known
 from .ray_bundle import Rays, places
 from .ray_search import Guess, search_rays
 
-_CALIBRATION, _FLOOR = 8.0, np.radians(0.4)  # of standard deviations, on training sequences
+_CALIBRATION, _FLOOR = 8.0, np.radians(0.4)  # of standard deviations: guessed, not yet measured
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
 _STRIDE = 2  # px between those whose part is looked up
 
