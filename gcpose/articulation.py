@@ -20,9 +20,6 @@ from .chain import (
     part_motions,
 )
 
-FREE, ACROSS, ALONG = 0, 1, 2
-"""Two neighbouring axes: anyhow, at right angles, parallel (as machines are built)."""
-
 
 @dataclass(frozen=True)
 class Articulation:
@@ -34,8 +31,6 @@ class Articulation:
     """[T J] displacement, rad or m; row 0 is 0."""
     prismatic: NDArray[np.bool_]
     """[J]"""
-    relation: tuple[int, ...] = ()
-    """[J-1] how joint i's axis lies to the next: FREE, ACROSS or ALONG; empty: all free."""
 
     def motions(self, frames: int) -> Array:
         """[frames J+1 4 4] of the first frames."""
@@ -109,11 +104,7 @@ def distinct(found: list[Hypothesis], most: int) -> list[Hypothesis]:
     """The best few whose labels differ."""
     out: list[Hypothesis] = []
     for h in sorted(found, key=lambda h: h.cost):
-        if all(
-            np.mean(h.clouds[0].label != other.clouds[0].label) > 0.02
-            or h.state.relation != other.state.relation
-            for other in out
-        ):
+        if all(np.mean(h.clouds[0].label != other.clouds[0].label) > 0.02 for other in out):
             out.append(h)
         if len(out) == most:
             break

@@ -23,7 +23,7 @@ from .alignment import (
 )
 from .articulation import Articulation, Cloud, axis_bases, derivatives, displaced
 from .chain import adjoint
-from .prior import Hinges, Normal, closeness, smoothness, squareness
+from .prior import Hinges, Normal, closeness, smoothness
 from .surface import Surfaces
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
@@ -107,10 +107,10 @@ def adjust(
         scatter[:held, :held] += prior.matrix
         n.matrix[:held, :held] += prior.matrix
         n.vector[:held] += prior.vector
-        for belief in (closeness(state, basis, hinges), squareness(state, basis)):
-            n.matrix[held:, held:] += belief.matrix
-            scatter[held:, held:] += belief.matrix
-            n.vector[held:] += belief.vector
+        belief = closeness(state, basis, hinges)
+        n.matrix[held:, held:] += belief.matrix
+        scatter[held:, held:] += belief.matrix
+        n.vector[held:] += belief.vector
         hessian = n.matrix
         damping = _DAMPING * np.diag(n.matrix) + 1.0
         if newest:

@@ -1,11 +1,8 @@
 """Inner loops of the search with depth, as machine code (see compiled.py).
 
 Loops over points are written without branches, on plain numbers in single precision and one array
-for each coordinate, so that the compiler does sixteen points at once. That is what makes them some
-twenty times as fast as the same in NumPy; a `continue`, or a look-up beside a store, undoes it.
-
-They are all in this file because what is kept on disk is made again when the file of a loop
-changes, not when a file changes that it takes something from.
+for each coordinate, so that the compiler does many points at once. That is most of what they gain
+over NumPy; a `continue`, or a look-up beside a store, undoes it.
 """
 
 from __future__ import annotations
@@ -109,39 +106,33 @@ def sight_of(n: int) -> Sight:
 
 
 @compiled
+def pixel_of(u: Number, v: Number, camera: Camera) -> tuple[np.uint32, bool]:
+    """Where a pixel is in a flat image, and whether the image has it; else of the first."""
+    right, bottom = camera[4] - np.float32(1), camera[5] - np.float32(1)
+    inside = (u >= 0) & (u <= right) & (v >= 0) & (v <= bottom)  # not if it is no number
+    line, column = np.int32(v if inside else NIL), np.int32(u if inside else NIL)
+    return np.uint32(line * np.int32(camera[4]) + column), inside
+
+
+@compiled
 def look(
     sight: Sight, m: Matrix, camera: Camera, point: Image, depth: Image, normal: Image
 ) -> None:
     """Fill in the sight of points [3.. N] in a depth image and its normals, both flat."""
     px, py, pz = point[0], point[1], point[2]
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
-    right, bottom = camera[4] - np.float32(1), camera[5] - np.float32(1)
-    wide, nil = np.int32(camera[4]), np.float32(0)
     for i in range(len(px)):
         x, y, z = moved(m, px[i], py[i], pz[i])
         z = max(z, NEAR)
         u, v = fx * x / z + cx, fy * y / z + cy
         sight.x[i], sight.y[i], sight.z[i] = x, y, z
         sight.u[i], sight.v[i] = u, v
-        u, v = np.rint(u), np.rint(v)
-        inside = (u >= 0) & (u <= right) & (v >= 0) & (v <= bottom)  # not if it is no number
-        line, column = np.int32(v if inside else nil), np.int32(u if inside else nil)
-        sight.inside[i], sight.pixel[i] = inside, np.uint32(line * wide + column)
+        sight.pixel[i], sight.inside[i] = pixel_of(np.rint(u), np.rint(v), camera)
     for i in range(len(px)):
         at = sight.pixel[i]
         sight.depth[i] = depth[at]
         sight.normal_x[i], sight.normal_y[i] = normal[3 * at], normal[3 * at + 1]
         sight.normal_z[i] = normal[3 * at + 2]
-
-
-@compiled
-def pixel_of(u: Number, v: Number, camera: Camera) -> tuple[np.uint32, bool]:
-    """Where a pixel is in a flat image, and whether the image has it; else of the first."""
-    right, bottom = camera[4] - np.float32(1), camera[5] - np.float32(1)
-    inside = (u >= 0) & (u <= right) & (v >= 0) & (v <= bottom)  # not if it is no number
-    nil = np.float32(0)
-    line, column = np.int32(v if inside else nil), np.int32(u if inside else nil)
-    return np.uint32(line * np.int32(camera[4]) + column), inside
 
 
 class Rows(NamedTuple):

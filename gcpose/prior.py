@@ -8,12 +8,10 @@ from functools import cache
 import numpy as np
 
 from ..robots.geometry import Array
-from .articulation import ACROSS, FREE, Articulation
-from .chain import cross_matrix
+from .articulation import Articulation
 
 _ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m
 _STEP = np.radians(5.0)  # of a joint from frame to frame, rad or m
-_SQUARE = np.radians(0.5)  # how exactly machines are built at right angles
 
 
 @dataclass(frozen=True)
@@ -69,29 +67,4 @@ def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> 
             matrix[here, here] += moved.T @ moved / hinges.slack**2
             vector[here] += moved.T @ offset / hinges.slack**2
         at += b.shape[1]
-    return Normal(matrix, vector)
-
-
-def squareness(state: Articulation, basis: tuple[Array, ...]) -> Normal:
-    """Prior on the axes' unknowns: neighbouring axes lie as the hypothesis' relations say."""
-    start = np.concatenate([[0], np.cumsum([b.shape[1] for b in basis])])
-    matrix, vector = np.zeros((start[-1], start[-1])), np.zeros(start[-1])
-    direction = np.where(state.prismatic[:, None], state.twist[:, 3:], state.twist[:, :3])
-    for i, relation in enumerate(state.relation):
-        a, b = direction[i], direction[i + 1]
-        if relation == FREE:
-            continue
-        jacobian = np.zeros((3, start[-1]))
-        one, two = slice(start[i], start[i + 1]), slice(start[i + 1], start[i + 2])
-        if relation == ACROSS:
-            residual = np.array([a @ b, 0.0, 0.0])
-            jacobian[0, one] = np.cross(a, b) @ basis[i][:3]
-            jacobian[0, two] = np.cross(b, a) @ basis[i + 1][:3]
-        else:
-            same = 1.0 if a @ b > 0 else -1.0
-            residual = a - same * b
-            jacobian[:, one] = -cross_matrix(a) @ basis[i][:3]
-            jacobian[:, two] = same * cross_matrix(b) @ basis[i + 1][:3]
-        matrix += jacobian.T @ jacobian / _SQUARE**2
-        vector -= jacobian.T @ residual / _SQUARE**2
     return Normal(matrix, vector)

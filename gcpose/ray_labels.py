@@ -127,9 +127,9 @@ def label_costs(
                         bu, bv = du - du0, dv - dv0
                         g += robust * (au * bu + av * bv)
                         h += robust * (wuu * bu * bu + 2 * wuv * bu * bv + wvv * bv * bv)
-                    iu, iv = int(np.rint(u)), int(np.rint(v))
-                    ok0 = 0 <= iu < width and 0 <= iv < height
+                    ok0 = -0.5 < u < width - 0.5 and -0.5 < v < height - 0.5
                     if ok0:
+                        iu, iv = int(np.rint(u)), int(np.rint(v))
                         count += 1
                         if not moving[t, iv, iu]:
                             total += _SEEN_THROUGH * limit

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from .. import GcbenchError
 from ..renderer.observation import Estimate, Observation
 from ..robots.geometry import Array
 from .chain import screws_of
@@ -29,12 +30,18 @@ _STRIDE = 2  # px between those whose part is looked up
 def estimate_rgb(
     observation: Observation, known: Known, flow: Flow, depth: Depth | None
 ) -> Estimate | None:
-    """Sec. 3.2 to 3.4 on one sequence; None where nothing is seen to move."""
-    rgb = observation.rgb
+    """Sec. 3.2 to 3.4 on one sequence; None where nothing is seen to move.
+
+    Raises GcbenchError if pixels are not square.
+    """
+    rgb, k = observation.rgb, observation.intrinsics
     if rgb is None or len(rgb) < 2:
         return None
+    if not np.isclose(k[0, 0], k[1, 1], rtol=1e-3):
+        raise GcbenchError(f"gcpose on rgb needs square pixels, not focal lengths {k[0, 0]:g} and "
+                           f"{k[1, 1]:g} px; resize the images first")
     given = flow if observation.flow is None else observation.flow
-    seen = footage(rgb, observation.intrinsics, given, depth, observation.part)
+    seen = footage(rgb, k, given, depth, observation.part)
     if seen is None:
         return None
     far = distance(known, seen)

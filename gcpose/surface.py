@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,6 @@ from ..robots.geometry import Array
 from .crew import together
 
 Image = NDArray[np.float32]
-Floats = NDArray[np.floating[Any]]
 _STEEPEST = 0.12  # cosine between normal and ray under which a pixel's normal is not trusted
 
 

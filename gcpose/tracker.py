@@ -93,7 +93,7 @@ class Tracker:
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
         return Cloud(frame, grid.point, grid.normal, volume.argmin(axis=1)), cost
 
-    def unexplained(self, guess: Hypothesis, width: float = 1.0) -> float:
+    def unexplained(self, guess: Hypothesis, width: float) -> float:
         """Share of the candidates that no part brings to where the frames show something."""
         state, bad = guess.state, []
         for cloud in guess.clouds:

@@ -204,6 +204,13 @@ def test_nothing_moves_and_nothing_breaks() -> None:
     assert (estimate.sigma[1:] > 0.5).all()
 
 
+def test_pixels_that_are_not_square_are_refused() -> None:
+    observation = door(0.5)
+    oblong = observation.intrinsics * np.array([[1.0], [1.2], [1.0]])
+    with pytest.raises(GcbenchError, match="square pixels"):
+        GCPose("dis").estimate(replace(observation, intrinsics=oblong))
+
+
 def test_spots_stay_on_what_moves() -> None:
     observation = door(0.5)
     assert observation.rgb is not None
