@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from .kernels import add_flow, add_surface, camera_of, columns
+from .kernels import add_flow, add_surface, camera_of, columns, fill_views
 from .surface import Image, Surfaces
 
 Equations = tuple[Array, Array]
@@ -59,6 +59,37 @@ def surface_equations(
     add_surface(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
              frame, motion.astype(np.float32), these.column, these.start, *out)
     return out
+
+
+def accumulated_equations(
+    surfaces: Surfaces, motion: Array, these: Elements
+) -> tuple[Array, Array, Array]:
+    """Distance of the measured surfaces from points that are where all frames together put them.
+
+    A noisy point errs in every frame alike, and where it is looked for depends on its error: with
+    both, joints seem to move less than they do. So each point may be displaced along its normal,
+    which is eliminated by a Schur complement. That couples the frames: from matrix [T J+1 6 6]
+    `coupling` [J+1 6T 6T] is to be taken. The points' own frame is one of them.
+    """
+    frames, parts = motion.shape[:2]
+    n = these.column.shape[1]
+    row, residual = np.zeros((frames, 6, n), np.float32), np.zeros((frames, n), np.float32)
+    weight = np.zeros((frames, n), np.float32)
+    fill_views(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
+               motion.astype(np.float32), these.column, these.start, row, residual, weight)
+    many = np.maximum(weight.sum(axis=0), np.float32(1e-12))
+    residual -= (weight * residual).sum(axis=0) / many
+    matrix, vector = empty(motion.shape)
+    coupling = np.zeros((parts, 6 * frames, 6 * frames))
+    for j in range(1, parts):
+        mine = slice(these.start[j], these.start[j + 1])
+        a = row[:, :, mine]
+        weighed = a * weight[:, None, mine]
+        matrix[:, j] = weighed @ a.transpose(0, 2, 1)
+        vector[:, j] = np.einsum("tan,tn->ta", weighed, residual[:, mine])
+        pull = weighed.reshape(6 * frames, -1)
+        coupling[j] = (pull / many[mine]) @ pull.T
+    return matrix, vector, coupling
 
 
 def flow_equations(

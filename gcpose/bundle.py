@@ -16,6 +16,7 @@ import numpy as np
 from ..robots.geometry import Array, inverse
 from .alignment import (
     Equations,
+    accumulated_equations,
     elements,
     flow_equations,
     sparse,
@@ -71,7 +72,14 @@ def assemble(
         sigma = scale * (surfaces.footprint(cloud.point[:, 2]) + surfaces.noise)
         parts = len(state.twist) + 1
         these = elements(cloud.point, cloud.normal, sigma, label, parts)
-        add(surface_equations(surfaces, cloud.frame, here_from_there, these), g)
+        if surfaces.noise:
+            *equations, coupling = accumulated_equations(surfaces, here_from_there, these)
+            add((equations[0], equations[1]), g)
+            for part, c in zip(g.swapaxes(0, 1), coupling, strict=True):
+                along = part.reshape(-1, size)
+                matrix -= along.T @ c @ along
+        else:
+            add(surface_equations(surfaces, cloud.frame, here_from_there, these), g)
         if surfaces.flow is not None:
             some = sparse(these, _FLOW_STRIDE)
             step = motion[1:] @ inverse(motion[:-1])

@@ -14,7 +14,7 @@ ROUNDS = 10  # of EM, at most
 MIDDLING = (4.0, 4.0, 2.0, 2.0)
 SHARPEST = 0.12  # footprints, of labels and costs where depth is exact
 _SHARP = 0.5, 0.25, 0.12, 0.12
-_REFINED = 2.0, 1.0, 0.6, 0.4
+_REFINED = 1.0, 1.0, 1.0, 1.0
 _CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
 _LOOSE = 6.0  # times as much with noise
 

@@ -225,6 +225,34 @@ def add_surface(
 
 
 @compiled
+def fill_views(
+    depth: Image, normal: Image, camera: Camera, motion: Image, column: Image,
+    start: NDArray[np.int64], row: Image, residual: Image, weight: Image,
+) -> None:
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    sight = sight_of(column.shape[1])
+    for t in range(len(motion)):
+        for j in range(1, motion.shape[1]):
+            mine = slice(start[j], start[j + 1])
+            m, here = matrix_of(motion[t, j]), column[:, mine]
+            look(sight, m, camera, here, depth[t].ravel(), normal[t].ravel())
+            qx, qy, qz, sigma = here[3], here[4], here[5], here[6]
+            a, r, w = row[t, :, mine], residual[t, mine], weight[t, mine]
+            for i in range(len(qx)):
+                x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]
+                gx = (np.rint(sight.u[i]) - cx) / fx * d - x
+                gy = (np.rint(sight.v[i]) - cy) / fy * d - y
+                mx, my, mz = turned(m, qx[i], qy[i], qz[i])
+                agree = (mx * sight.normal_x[i] + my * sight.normal_y[i] + mz * sight.normal_z[i]
+                         > AGREE)
+                gap = mx * gx + my * gy + mz * (d - z)
+                root = root_weight(gap, sigma[i]) if sight.inside[i] & (d > 0) & agree else NIL
+                r[i], w[i] = gap, root * root
+                a[0, i], a[1, i], a[2, i] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+                a[3, i], a[4, i], a[5, i] = mx, my, mz
+
+
+@compiled
 def add_flow(
     depth: Image, normal: Image, flow: Image, camera: Camera, motion: Image, column: Image,
     start: NDArray[np.int64], reach: Number, sigma: Number, share: Number, matrix: Array,

@@ -20,6 +20,7 @@ from ..robots.geometry import Array, inverse
 from .kernels import add_label_costs, camera_of, columns
 from .surface import Surfaces
 
+_NEAR, _NOISY = (5, 5), 5.0  # window of a label's costs; standard deviation of a noisy one's
 _SAME = 1.5e-4  # m, between two measurements of one still point
 
 
@@ -104,17 +105,23 @@ def label_costs(
     return out.T.astype(np.float64)
 
 
-def smooth(cost: Array, grid: Candidates, radius: int = 2) -> Array:
-    """Mean of the costs [N L] over the candidates around each, on the grid."""
+def smooth(cost: Array, grid: Candidates, noisy: bool = False) -> Array:
+    """Mean of the costs [N L] over the candidates around each, on the grid.
+
+    Noise needs far more of them, and blurs the parts' borders less than it helps.
+    """
     at = grid.pixel // grid.stride
     shape = (int(at[:, 1].max()) + 1, int(at[:, 0].max()) + 1)
     image = np.zeros((*shape, cost.shape[1] + 1), np.float32)
     image[at[:, 1], at[:, 0], :-1] = cost
     image[at[:, 1], at[:, 0], -1] = 1.0
-    size = 2 * radius + 1
-    total = np.stack(
-        [cv2.blur(np.ascontiguousarray(image[..., c]), (size, size), borderType=cv2.BORDER_CONSTANT)
-         for c in range(image.shape[2])], axis=2)
+
+    around = cv2.BORDER_CONSTANT
+    total = np.stack([
+        cv2.GaussianBlur(c, (0, 0), _NOISY, borderType=around) if noisy
+        else cv2.blur(c, _NEAR, borderType=around)
+        for c in np.ascontiguousarray(image.transpose(2, 0, 1))
+    ], axis=2)
     mean = total[..., :-1] / np.maximum(total[..., -1:], 1e-6)
     return mean[at[:, 1], at[:, 0]].astype(np.float64)
 

@@ -89,7 +89,7 @@ class Tracker:
         """The same for any motion [T J+1 4 4] of the parts."""
         grid = self.grid(frame)
         volume = label_costs(self.surfaces, grid, motion, width)
-        volume = smooth(volume, grid, 3 if self.surfaces.noise else 2)
+        volume = smooth(volume, grid, self.surfaces.noise > 0)
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
         return Cloud(frame, grid.point, grid.normal, volume.argmin(axis=1)), cost
 

@@ -6,7 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gcbench.gcpose.alignment import elements, flow_equations, sparse, surface_equations
+from gcbench.gcpose.alignment import (
+    accumulated_equations,
+    elements,
+    flow_equations,
+    sparse,
+    surface_equations,
+)
 from gcbench.gcpose.articulation import Articulation, Cloud
 from gcbench.gcpose.chain import exponential, part_motions
 from gcbench.gcpose.factor import Motions, fit_chain, follow_held, misfit
@@ -41,17 +47,20 @@ def motions(frames: int) -> np.ndarray:
 
 
 def surface_cost(
-    surfaces: Surfaces, t: int, motion: np.ndarray, points: np.ndarray, normals: np.ndarray
+    surfaces: Surfaces, t: int, motion: np.ndarray, points: np.ndarray, normals: np.ndarray,
+    own: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residual [N], its row [N 6] and whether it counts, as `surface_equations` says."""
+    """Residual [N], its row [N 6] and whether it counts, as `surface_equations` says; along the
+    points' own normals as `accumulated_equations` says."""
     p = points @ motion[:3, :3].T + motion[:3, 3]
     n = normals @ motion[:3, :3].T
     u = np.rint(200 * p[:, 0] / p[:, 2] + 79.5).astype(int)
     v = np.rint(200 * p[:, 1] / p[:, 2] + 59.5).astype(int)
     d, m = surfaces.depth[t, v, u], surfaces.normal[t, v, u].astype(float)
     seen = np.stack([(u - 79.5) / 200 * d, (v - 59.5) / 200 * d, d], axis=1)
-    residual = (m * (seen - p)).sum(axis=1)
-    return residual, np.concatenate([np.cross(p, m), m], axis=1), (n * m).sum(axis=1) > 0.6
+    hit = (n * m).sum(axis=1) > 0.6
+    m = n if own else m
+    return (m * (seen - p)).sum(axis=1), np.concatenate([np.cross(p, m), m], axis=1), hit
 
 
 def test_surface_equations_are_the_sums_of_their_rows() -> None:
@@ -67,6 +76,34 @@ def test_surface_equations_are_the_sums_of_their_rows() -> None:
             w = hit * (label == j) / ((1 + (r / sigma) ** 2) * sigma) ** 2
             assert np.allclose(matrix[t, j], (row * w[:, None]).T @ row, rtol=1e-3)
             assert np.allclose(vector[t, j], (row * w[:, None]).T @ r, rtol=1e-2, atol=1.0)
+
+
+def test_accumulated_equations_are_those_of_points_that_may_be_displaced() -> None:
+    surfaces, motion = bumpy(4), motions(4)
+    motion[1] = np.eye(4)
+    points, normals, label = cloud(surfaces, 1)
+    sigma = np.full(300, 0.03)
+    matrix, vector, coupling = accumulated_equations(
+        surfaces, motion, elements(points, normals, sigma, label, 3))
+    for j in (1, 2):
+        mine = label == j
+        n = int(mine.sum())
+        full, right = np.zeros((24 + n, 24 + n)), np.zeros(24 + n)
+        for t in range(4):
+            r, row, hit = surface_cost(surfaces, t, motion[t, j], points[mine], normals[mine], True)
+            rows = np.zeros((n, 24 + n))
+            rows[:, 6 * t : 6 * t + 6], rows[:, 24:] = row, np.eye(n)
+            w = hit / ((1 + (r / 0.03) ** 2) * 0.03) ** 2
+            full += (rows * w[:, None]).T @ rows
+            right += (rows * w[:, None]).T @ r
+        gain = full[:24, 24:] @ np.linalg.inv(full[24:, 24:])
+        expected = full[:24, :24] - gain @ full[24:, :24]
+        found = -coupling[j]
+        for t in range(4):
+            found[6 * t : 6 * t + 6, 6 * t : 6 * t + 6] += matrix[t, j]
+        assert np.allclose(found, expected, rtol=2e-3, atol=1e-3 * np.abs(expected).max())
+        along = right[:24] - gain @ right[24:]
+        assert np.allclose(vector[:, j].ravel(), along, atol=2e-3 * np.abs(right).max())
 
 
 def test_what_falls_outside_the_image_says_nothing() -> None:
