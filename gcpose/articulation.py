@@ -79,14 +79,19 @@ def axis_bases(
     state: Articulation, clouds: tuple[Cloud, ...], freedom: int
 ) -> tuple[Array, ...]:
     """A basis of displacements for each joint's axis."""
-    points, label = clouds[0].point, clouds[0].label
+    return tuple(
+        axis_basis(twist, bool(prismatic), near, freedom)
+        for twist, prismatic, near in zip(
+            state.twist, state.prismatic, middles(clouds[0], len(state.twist)), strict=True)
+    )
+
+
+def middles(cloud: Cloud, joints: int) -> Array:
+    """[J 3] of what each joint is the last to move; of all that moves where that is hidden."""
+    points, label = cloud.point, cloud.label
     middle = points[label > 0].mean(axis=0) if (label > 0).any() else np.zeros(3)
-    out: list[Array] = []
-    for j, (twist, prismatic) in enumerate(zip(state.twist, state.prismatic, strict=True)):
-        mine = points[label == j + 1]
-        near = mine.mean(axis=0) if len(mine) else middle
-        out.append(axis_basis(twist, bool(prismatic), near, freedom))
-    return tuple(out)
+    mine = [points[label == j + 1] for j in range(joints)]
+    return np.stack([m.mean(axis=0) if len(m) else middle for m in mine])
 
 
 def displaced(state: Articulation, basis: tuple[Array, ...], step: Array) -> Array:

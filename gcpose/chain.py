@@ -124,35 +124,38 @@ def axis_derivatives(motion: Array, basis: tuple[Array, ...]) -> Array:
 
 
 def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Array:
-    """[6 d] twists that displace an axis: 0 none, 2 across itself, 4 across and turning.
+    """[... 6 d] twists that displace axes [... 6]: 0 none, 2 across itself, 4 across and turning.
 
     `near` [3] is a point by the part: the turning is about the foot of its perpendicular, so that
     direction and position stay apart in the normal equations. A prismatic axis has only a
     direction (d = 2 where freedom is 4).
     """
-    direction = twist[3:] if prismatic else twist[:3]
-    least = np.eye(3)[np.argmin(np.abs(direction))]
+    direction = twist[..., 3:] if prismatic else twist[..., :3]
+    least = np.eye(3)[np.argmin(np.abs(direction), axis=-1)]
     turn = cross_matrix(direction)
-    first = turn @ least
-    first = first / float(np.linalg.norm(first))
-    across = np.stack([first, turn @ first], axis=1)
-    zero = np.zeros((3, 2))
+    first = turn @ least[..., None]
+    first = first / np.linalg.norm(first, axis=-2, keepdims=True)
+    across = np.concatenate([first, turn @ first], axis=-1)
+    zero = np.zeros_like(across)
     if prismatic:
-        return np.concatenate([across, zero])[:, : 2 if freedom == 4 else 0]
-    foot = turn @ twist[3:]
-    centre = foot + direction * (direction @ (near - foot))
-    slide = np.concatenate([zero, across])
-    bend = np.concatenate([across, cross_matrix(centre) @ across])
-    return np.concatenate([slide, bend], axis=1)[:, :freedom]
+        return np.concatenate([across, zero], axis=-2)[..., : 2 if freedom == 4 else 0]
+    foot = (turn @ twist[..., 3:, None])[..., 0]
+    along = (direction * (near - foot)).sum(axis=-1, keepdims=True)
+    centre = foot + direction * along
+    slide = np.concatenate([zero, across], axis=-2)
+    bend = np.concatenate([across, cross_matrix(centre) @ across], axis=-2)
+    return np.concatenate([slide, bend], axis=-1)[..., :freedom]
 
 
 def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:
-    """The twist [6] of an axis after exp(by): again a unit direction, again without pitch."""
-    moved: Array = adjoint(exponential(by)) @ twist
+    """The twists [... 6] of axes after exp(by): again unit directions, again without pitch."""
+    moved: Array = (adjoint(exponential(by)) @ twist[..., None])[..., 0]
+    direction = moved[..., 3:] if prismatic else moved[..., :3]
+    l = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     if prismatic:
-        return np.concatenate([np.zeros(3), moved[3:] / float(np.linalg.norm(moved[3:]))])
-    l = moved[:3] / float(np.linalg.norm(moved[:3]))
-    return np.concatenate([l, moved[3:] - l * (l @ moved[3:])])
+        return np.concatenate([np.zeros_like(l), l], axis=-1)
+    v = moved[..., 3:]
+    return np.concatenate([l, v - l * (l * v).sum(axis=-1, keepdims=True)], axis=-1)
 
 
 def move(motion: Array, points: Array) -> Array:

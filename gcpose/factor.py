@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..robots.geometry import Array, inverse
 from .alignment import elements, surface_equations
-from .articulation import Articulation, Cloud, Hypothesis, axis_bases, derivatives, displaced
-from .chain import adjoint, exponential, joint_motion, logarithm
-from .crew import together
+from .articulation import Articulation, Cloud, Hypothesis, middles
+from .chain import adjoint, axis_basis, displace_axis, exponential, joint_motion, logarithm
 from .surface import Surfaces
 from .sweep import directions, spread
 from .tracker import Tracker, thinned
@@ -26,25 +26,26 @@ _DAMPING = 1e-4
 _STEP = 0.2  # largest change of an unknown in an iteration, rad or m
 _HELD, _FREED = 8, 20  # iterations with axes held, then free
 _STARTS, _PLACES = 1000, 24
-_FITTED = 120  # of the starts, whose axes are freed
+_FITTED = 300  # of the starts, whose axes are freed
 _FITS = 1e-3  # rad and m, of the surest part's motions, weighted
 _KEPT = 0.3  # of the directions are as they are
 
 
 @dataclass(frozen=True)
-class Motions:
-    """What the parts do, whatever makes them do it."""
+class PartMotion:
+    """What a part does, whatever makes it do it."""
 
+    part: int
     motion: Array
-    """[T J+1 4 4]"""
+    """[T 4 4]"""
     information: Array
-    """[T J+1 6 6] of the twists on its left"""
+    """[T 6 6] of the twists on its left"""
 
 
-def loosened(tracker: Tracker, guess: Hypothesis) -> Motions:
+def loosened(tracker: Tracker, guess: Hypothesis) -> PartMotion:
     """EM over all frames without the chain, from a hypothesis.
 
-    Only of the part that most is seen of: the others are soon lost, or were never found.
+    Only the part that most is seen of is kept: the others are soon lost, or were never found.
     """
     motion, clouds = guess.state.motions(len(guess.state.angle)), guess.clouds
     information = np.zeros((*motion.shape[:2], 6, 6))
@@ -52,8 +53,13 @@ def loosened(tracker: Tracker, guess: Hypothesis) -> Motions:
         motion, information = align_parts(tracker.surfaces, clouds, motion, scale)
         clouds = tuple(tracker.label_motion(motion, c.frame, scale)[0] for c in clouds)
     surest = int(np.argmax(np.trace(information.sum(axis=0), axis1=1, axis2=2)))
-    information[:, np.arange(motion.shape[1]) != surest] = 0.0
-    return Motions(motion, information)
+    return PartMotion(surest, motion[:, surest], balanced(information[:, surest]))
+
+
+def balanced(information: Array) -> Array:
+    """[T 6 6], with every frame counting alike where it is sure."""
+    trace = np.trace(information, axis1=1, axis2=2)[:, None, None]
+    return information / np.sqrt(np.maximum(trace, 1e-12) * max(1e-12, float(trace.max())))
 
 
 def align_parts(
@@ -91,15 +97,18 @@ def align_parts(
 
 
 def factored(tracker: Tracker, guess: Hypothesis) -> list[Articulation]:
-    """Chains that make what the surest part of a hypothesis does."""
+    """Chains that make what the surest part of a hypothesis does; joints farther out stay."""
     goal = loosened(tracker, guess)
     starts = axes_at_random(tracker, guess.state, np.random.default_rng(0))
+    starts[:, goal.part :] = guess.state.twist[goal.part :]
     held = follow_held(goal, starts)
+    held[..., goal.part :] = guess.state.angle[:, goal.part :]
     best = np.argsort(misfit(goal, starts, held), kind="stable")[:_FITTED]
-    found = together(lambda s: fit_chain(
-        goal, replace(guess.state, twist=starts[s], angle=held[s]), guess.clouds,
-        tracker.known.freedom), best)
-    return [state for state, cost in found if cost < _FITS]
+    near = middles(guess.clouds[0], starts.shape[1])
+    twist, angle, cost = fit_chains(goal, starts[best], held[best], guess.state.prismatic, near,
+                                    tracker.known.freedom)
+    return [replace(guess.state, twist=twist[s], angle=angle[s])
+            for s in np.flatnonzero(cost < _FITS)]
 
 
 def axes_at_random(tracker: Tracker, state: Articulation, rng: np.random.Generator) -> Array:
@@ -119,72 +128,87 @@ def axes_at_random(tracker: Tracker, state: Articulation, rng: np.random.Generat
     return out
 
 
-def follow_held(goal: Motions, twist: Array) -> Array:
-    """Displacements [S T J] of chains [S J 6] whose axes are held, nearest to those motions."""
-    frames, joints = len(goal.motion), twist.shape[1]
-    angle = np.zeros((len(twist), frames, joints))
-    weight = balanced(goal)
+def follow_held(goal: PartMotion, twist: Array) -> Array:
+    """Displacements [S T J] of chains [S J 6] whose axes are held, nearest to the motion."""
+    joints = twist.shape[1]
+    angle = np.zeros((len(twist), len(goal.motion), joints))
     for _ in range(_HELD):
         motion, error = errors(goal, twist, angle)
-        row = np.zeros((*motion.shape[:3], 6, joints))  # [S T J+1 6 J]
-        for j in range(joints):
-            row[:, :, j + 1 :, :, j] = (adjoint(motion[:, :, j]) @ twist[:, None, j, :, None]
-                                        )[:, :, None, :, 0]
-        weighted = np.einsum("stpij,tpik->stpkj", row, weight)
-        matrix = np.einsum("stpkj,stpkl->stjl", weighted, row)
-        vector = np.einsum("stpkj,stpk->stj", weighted, error)
+        row = by_displacement(goal, twist, motion)
+        weighted = goal.information @ row
+        matrix = row.swapaxes(-1, -2) @ weighted
         size = np.trace(matrix, axis1=2, axis2=3)[..., None, None] / joints
         matrix += (1e-3 * size + 1e-6) * np.eye(joints)
-        step = np.linalg.solve(matrix, vector[..., None])[..., 0]
+        step = np.linalg.solve(matrix, weighted.swapaxes(-1, -2) @ error[..., None])[..., 0]
         angle += np.clip(step, -_STEP, _STEP)
         angle[:, 0] = 0.0
     return angle
 
 
-def errors(goal: Motions, twist: Array, angle: Array) -> tuple[Array, Array]:
-    """Motions [S T J+1 4 4] of chains, and the twists [S T J+1 6] that they lack."""
+def fit_chains(
+    goal: PartMotion, twist: Array, angle: Array, prismatic: NDArray[np.bool_], near: Array,
+    freedom: int,
+) -> tuple[Array, Array, Array]:
+    """Gauss-Newton on displacements [S T J] and axes [S J 6]; and the misfit [S].
+
+    `near` [J 3] and freedom as in `axis_basis`.
+    """
+    chains, frames, joints = angle.shape
+    held = (frames - 1) * joints
+    for _ in range(_FREED):
+        motion, error = errors(goal, twist, angle)
+        ad = adjoint(motion)
+        bases = [axis_basis(twist[:, j], bool(prismatic[j]), near[j], freedom)
+                 for j in range(joints)]
+        row = np.zeros((chains, frames, 6, held + sum(b.shape[2] for b in bases)))
+        each, at = by_displacement(goal, twist, motion), held
+        for t in range(1, frames):
+            row[:, t, :, (t - 1) * joints : t * joints] = each[:, t]
+        for j, b in enumerate(bases):
+            if j < goal.part:
+                row[..., at : at + b.shape[2]] = (ad[:, :, j] - ad[:, :, j + 1]) @ b[:, None]
+            at += b.shape[2]
+        square = np.einsum("sti,tij,stj->st", error, goal.information, error)
+        typical = np.maximum(1e-12, 4.0 * np.median(square[:, 1:], axis=1, keepdims=True))
+        trust = 1.0 / (1.0 + square / typical)
+        weighted = (goal.information * trust[..., None, None]) @ row
+        flat = weighted.reshape(chains, frames * 6, -1).swapaxes(1, 2)
+        matrix = flat @ row.reshape(chains, frames * 6, -1)
+        diagonal = np.arange(matrix.shape[1])
+        matrix[:, diagonal, diagonal] *= 1 + 1e-4
+        matrix[:, diagonal, diagonal] += 1e-9
+        step = np.linalg.solve(matrix, flat @ error.reshape(chains, -1, 1))[..., 0]
+        step = np.clip(step, -_STEP, _STEP)
+        angle = angle.copy()
+        angle[:, 1:] += step[:, :held].reshape(chains, frames - 1, joints)
+        twist, at = twist.copy(), held
+        for j, b in enumerate(bases):
+            if b.shape[2]:
+                by = (b @ step[:, at : at + b.shape[2], None])[..., 0]
+                twist[:, j] = displace_axis(twist[:, j], by, bool(prismatic[j]))
+            at += b.shape[2]
+    return twist, angle, misfit(goal, twist, angle)
+
+
+def by_displacement(goal: PartMotion, twist: Array, motion: Array) -> Array:
+    """[S T 6 J] the part's twist per displacement, for chains [S J 6] and motion [S T J+1 4 4]."""
+    row = np.zeros((*motion.shape[:2], 6, twist.shape[1]))
+    for j in range(goal.part):
+        row[..., j] = (adjoint(motion[:, :, j]) @ twist[:, None, j, :, None])[..., 0]
+    return row
+
+
+def errors(goal: PartMotion, twist: Array, angle: Array) -> tuple[Array, Array]:
+    """Motions [S T J+1 4 4] of chains, and the twists [S T 6] that the part's lacks."""
     each = joint_motion(twist[:, None], angle)
     motion = np.tile(np.eye(4), (*angle.shape[:2], twist.shape[1] + 1, 1, 1))
     for j in range(twist.shape[1]):
         motion[:, :, j + 1] = motion[:, :, j] @ each[:, :, j]
-    return motion, logarithm(goal.motion @ inverse(motion))
+    return motion, logarithm(goal.motion @ inverse(motion[:, :, goal.part]))
 
 
-def balanced(goal: Motions) -> Array:
-    """The information, with every part and frame counting alike where it is sure."""
-    trace = np.trace(goal.information, axis1=2, axis2=3)[..., None, None]
-    return goal.information / np.sqrt(np.maximum(trace, 1e-12) * max(1e-12, float(trace.max())))
-
-
-def misfit(goal: Motions, twist: Array, angle: Array) -> Array:
-    """[S] how badly chains make the motions."""
+def misfit(goal: PartMotion, twist: Array, angle: Array) -> Array:
+    """[S] how badly chains make the motion."""
     _, error = errors(goal, twist, angle)
-    square = np.einsum("stpi,tpij,stpj->stp", error, balanced(goal), error)
-    return np.sqrt(np.maximum(square, 0.0)).mean(axis=(1, 2))
-
-
-def fit_chain(
-    goal: Motions, state: Articulation, clouds: tuple[Cloud, ...], freedom: int
-) -> tuple[Articulation, float]:
-    """Gauss-Newton on displacements and axes; and the misfit."""
-    last, joints = len(state.angle) - 1, len(state.twist)
-    held, weight = last * joints, balanced(goal)
-    for _ in range(_FREED):
-        basis = axis_bases(state, clouds, freedom)
-        motion = state.motions(last + 1)
-        error = logarithm(goal.motion @ inverse(motion))
-        row = derivatives(state, motion, basis)
-        square = np.einsum("tpi,tpij,tpj->tp", error, weight, error)
-        trust = 1.0 / (1.0 + square / max(1e-12, 4.0 * float(np.median(square[1:, 1:]))))
-        weighted = (weight * trust[..., None, None]) @ row
-        size = row.shape[-1]
-        matrix = row.reshape(-1, size).T @ weighted.reshape(-1, size)
-        vector = np.einsum("tpiu,tpi->u", weighted, error)
-        matrix += np.diag(1e-4 * np.diag(matrix) + 1e-9)
-        step = np.clip(np.linalg.solve(matrix, vector), -_STEP, _STEP)
-        angle = state.angle.copy()
-        angle[1:] += step[:held].reshape(last, joints)
-        state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
-        if np.abs(step).max() < 1e-5:
-            break
-    return state, float(misfit(goal, state.twist[None], state.angle[None])[0])
+    square = np.einsum("sti,tij,stj->st", error, goal.information, error)
+    return np.sqrt(np.maximum(square, 0.0)).mean(axis=1)

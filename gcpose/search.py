@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from .articulation import Articulation, Hypothesis, distinct
 from .crew import together
 from .descent import MIDDLING, ROUNDS, SHARPEST, descended, refined, sharpened
@@ -14,7 +16,11 @@ from .ways import by_flow, by_lines, by_more_lines, by_more_sweeps, by_sweeps
 _COARSE = 500  # candidates that hard starts are judged on
 _DOUBTFUL = 0.045, 0.03  # of the candidates not explained: another way is tried; with noise
 _LOST = 0.11, 0.09  # the same, for an estimate not to be trusted
-_JUMPED = 2, 1  # of the solutions that were tried; with noise
+_OTHERS, _UNLIKE = 10, np.radians(12.0)  # chains that are tried, and how far they are apart
+_PROMISING = 1.3  # times the cost of what is there before it is sharpened
+_ALIKE = np.radians(1.0)  # of solutions that are one
+_ARM = 0.2  # m
+_JUMPED = 2  # of the solutions that were tried
 _JUMPS, _CHEAPER = 2, 0.99  # to other chains, and what is worth one
 
 
@@ -25,20 +31,24 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     """
     freedom = tracker.known.freedom
     coarse = tracker.thinned(_COARSE) if freedom else tracker
-    ways = (by_sweeps, by_more_sweeps, by_flow) if freedom else (by_lines, by_more_lines)
+    ways = (by_sweeps, by_flow, by_more_sweeps) if freedom else (by_lines, by_more_lines)
     tried: list[Hypothesis] = []
     for way in ways:
         found = way(coarse, flow)
         if freedom:
             found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds), h.order)
                      for h in distinct(found, 4)]
-        tried.append(sharpened(tracker, polished(tracker, distinct(found, 3))))
-        if not doubtful(tracker, min(tried, key=lambda h: h.cost)):
+        best = sharpened(tracker, polished(tracker, distinct(found, 3)))
+        again = bool(tried) and apart(best, min(tried, key=lambda h: h.cost)) < _ALIKE
+        if freedom == 4 and (not again or lost(tracker, best)):
+            best = bettered(tracker, coarse, best)
+        tried.append(best)
+        best = min(tried, key=lambda h: h.cost)
+        if not doubtful(tracker, best) or (again and not lost(tracker, best)):
             break
     else:
-        if freedom:
-            most = _JUMPED[tracker.surfaces.noise > 0]
-            tried += [bettered(tracker, coarse, h) for h in distinct(tried, most)]
+        if freedom == 2:
+            tried += [bettered(tracker, coarse, h) for h in distinct(tried, _JUMPED)]
     return refined(tracker, min(tried, key=lambda h: h.cost))
 
 
@@ -61,13 +71,33 @@ def jumped(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
 
     found = together(lambda h: coarse.settle(h, 2, (8.0, 6.0, 4.0, 4.0)),
                      traded(coarse, seen(best.state), 8))
-    some = distinct(together(seen, factored(tracker, best)), 24)
-    found += together(lambda h: coarse.settle(h, 2, MIDDLING), some)
-    found = together(lambda h: descended(coarse, h, 2, MIDDLING), distinct(found, 8))
-    found = [tracker.relabel(h.state, frames, h.order) for h in distinct(found, 3)]
+    found = together(lambda h: coarse.settle(h, 2, MIDDLING), unlike(found, 4))
+    found += unlike(together(seen, factored(tracker, best)), _OTHERS)
+    found = [tracker.relabel(h.state, frames, h.order) for h in found]
     found = together(lambda h: descended(tracker, h, ROUNDS // 2), found)
-    found = together(lambda h: sharpened(tracker, h), found)
+    most = np.inf
+    if not lost(tracker, best):
+        most = _PROMISING * tracker.relabel(best.state, frames, best.order).cost
+    found = together(lambda h: sharpened(tracker, h),
+                     [h for h in unlike(found, 3) if h.cost < most])
     return min([best, *found], key=lambda h: h.cost)
+
+
+def unlike(found: list[Hypothesis], most: int) -> list[Hypothesis]:
+    """The best few whose displacements differ at the end."""
+    out: list[Hypothesis] = []
+    for h in sorted(found, key=lambda h: h.cost):
+        if all(apart(h, other) > _UNLIKE for other in out):
+            out.append(h)
+        if len(out) == most:
+            break
+    return out
+
+
+def apart(one: Hypothesis, two: Hypothesis) -> float:
+    """Largest difference of a displacement at the end, rad; a slide counts as a turn on an arm."""
+    arm = np.where(one.state.prismatic, _ARM, 1.0)
+    return float((np.abs(one.state.angle[-1] - two.state.angle[-1]) / arm).max())
 
 
 def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:
