@@ -26,9 +26,9 @@ from .tracker import Tracker
 _CANDIDATES = 1500, 900  # and with noise, where what is near errs alike
 _FEWEST = 30  # candidates that are worth a search
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
-_CALIBRATION = {0: 2.7, 2: 3.2, 4: 4.0}  # of standard deviations, by the axes' freedom
+_CALIBRATION = {0: 2.7, 2: 2.9, 4: 2.5}  # of standard deviations, by the axes' freedom
 _LOST = np.radians(10.0)  # and where much stays unexplained
-_NOISY = (15.0, np.radians(0.5))  # where depth is noisy: factor, and the least
+_NOISY = (6.0, np.radians(0.1))  # where depth is noisy: factor, and the least
 
 
 class GCPose:
