@@ -57,7 +57,7 @@ def surface_equations(
     """
     out = empty(motion.shape)
     add_surface(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
-             frame, motion.astype(np.float32), these.column, these.start, *out)
+                frame, motion.astype(np.float32), these.column, these.start, *out)
     return out
 
 
@@ -102,9 +102,9 @@ def flow_equations(
     assert surfaces.flow is not None
     out = empty(motion[1:].shape)
     add_flow(surfaces.depth, surfaces.normal, surfaces.flow,
-          camera_of(surfaces.intrinsics, surfaces.depth), motion.astype(np.float32),
-          these.column, these.start,
-          np.float32(15 * surfaces.noise), np.float32(sigma), np.float32(share), *out)
+             camera_of(surfaces.intrinsics, surfaces.depth), motion.astype(np.float32),
+             these.column, these.start, np.float32(15 * surfaces.noise), np.float32(sigma),
+             np.float32(share), *out)
     return out
 
 

@@ -100,8 +100,8 @@ def label_costs(
     here_from_there = motion @ inverse(motion[grid.frame])
     out = np.zeros((motion.shape[1], len(grid.point)), np.float32)
     add_label_costs(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
-                 grid.frame, here_from_there.astype(np.float32),
-                 columns(grid.point, grid.normal, scale), out)
+                    grid.frame, here_from_there.astype(np.float32),
+                    columns(grid.point, grid.normal, scale), out)
     return out.T.astype(np.float64)
 
 

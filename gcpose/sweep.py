@@ -163,7 +163,7 @@ def judged(surfaces: Surfaces, frame: int, motion: Array, column: Image) -> Imag
     """
     out = np.empty((len(motion), column.shape[1]), np.float32)
     judge(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
-           motion.astype(np.float32), column, np.float32(2 * surfaces.noise), out)
+          motion.astype(np.float32), column, np.float32(2 * surfaces.noise), out)
     return out
 
 
@@ -173,5 +173,5 @@ def grown_costs(
     """[M P] mean cost of M chains with each of P more motions [P 4 4]."""
     out = np.empty((len(beam.motion), len(turn)), np.float32)
     grow(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
-          beam.motion, turn, beam.cost, column, np.float32(2 * surfaces.noise), out)
+         beam.motion, turn, beam.cost, column, np.float32(2 * surfaces.noise), out)
     return out
