@@ -64,6 +64,7 @@ class Icp:
             Frame(smoothed(z, p, joints, smooth), p, k) for z, p in zip(depth, part, strict=True)
         ]
         flows = observation.flow
+        parent = np.array(observation.joint_parent or range(-1, joints - 1))
         prismatic = np.array([kind == "prismatic" for kind in observation.joint_types])
         surfaces = [frame.surface(1 + max(1, smooth // 2), joints) for frame in frames]
         origin = np.stack([_middle(frames[0].points(j + 1)) for j in range(joints)])
@@ -87,11 +88,11 @@ class Icp:
                 motion[t, j] = pose if self.to_first else pose @ motion[t - 1, j]
                 rotation[j - 1] = pose[:3, :3]
             since = np.zeros(joints) if self.to_first else angle[t - 1]
-            angle[t] = chain_angles(rotation, trust, axes, prismatic, since, angle[t - 1])
-            turned = chain_rotations(axes, prismatic, angle[t])
+            angle[t] = chain_angles(rotation, trust, axes, prismatic, parent, since, angle[t - 1])
+            turned = chain_rotations(axes, prismatic, parent, angle[t])
             for j in range(joints):  # the next frame starts where the chain says
                 motion[t, j + 1] = with_rotation(motion[t, j + 1], turned[j], origin[j])
-        shifts = displacements(motion, axes, origin)
+        shifts = displacements(motion, axes, parent, origin)
         return Estimate(np.where(prismatic, shifts, angle), part=part)
 
 
@@ -280,27 +281,30 @@ def chain_angles(
     trust: Array,
     axes: Array,
     prismatic: NDArray[np.bool_],
+    parent: NDArray[np.int64],
     since: Array,
     start: Array,
 ) -> Array:
     """[J] rad: the angles for which the chain's rotations are nearest to the measured ones.
 
     rotation [J 3 3] of each part in the camera frame since the chain had the angles `since` [J],
-    trust [J 3 3] its information, axes [J 3] unit directions at frame 0; from the angles `start`.
+    trust [J 3 3] its information, axes [J 3] unit directions at frame 0, parent [J] the joint that
+    carries each, -1 for none; from the angles `start`.
     """
     joints = len(axes)
-    before = chain_rotations(axes, prismatic, since)
+    before = chain_rotations(axes, prismatic, parent, since)
     angle = start.copy()
     for _ in range(10):
-        now = chain_rotations(axes, prismatic, angle)
+        now = chain_rotations(axes, prismatic, parent, angle)
         hessian, gradient = 1e-9 * np.eye(joints), np.zeros(joints)
         for j in range(joints):
             error = logarithm(rotation[j] @ before[j] @ now[j].T)
             jacobian = np.zeros((3, joints))
-            parent = np.eye(3)
-            for i in range(j + 1):
-                jacobian[:, i] = 0.0 if prismatic[i] else parent @ axes[i]
-                parent = now[i]
+            i = j
+            while i >= 0:
+                before_it = now[parent[i]] if parent[i] >= 0 else np.eye(3)
+                jacobian[:, i] = 0.0 if prismatic[i] else before_it @ axes[i]
+                i = parent[i]
             hessian += jacobian.T @ trust[j] @ jacobian
             gradient += jacobian.T @ trust[j] @ error
         step = np.linalg.solve(hessian, gradient)
@@ -310,12 +314,14 @@ def chain_angles(
     return angle
 
 
-def chain_rotations(axes: Array, prismatic: NDArray[np.bool_], angle: Array) -> Array:
+def chain_rotations(
+    axes: Array, prismatic: NDArray[np.bool_], parent: NDArray[np.int64], angle: Array
+) -> Array:
     """[J 3 3] rotation of each part since frame 0, in the camera frame."""
-    out, rotation = np.empty((len(axes), 3, 3)), np.eye(3)
+    out = np.empty((len(axes), 3, 3))
     for j, axis in enumerate(axes):
-        rotation = rotation if prismatic[j] else rotation @ rotation_about(axis, angle[j])
-        out[j] = rotation
+        rotation = out[parent[j]] if parent[j] >= 0 else np.eye(3)
+        out[j] = rotation if prismatic[j] else rotation @ rotation_about(axis, angle[j])
     return out
 
 
@@ -324,13 +330,15 @@ def with_rotation(motion: Array, rotation: Array, point: Array) -> Array:
     return transform(rotation, apply(motion, point[None])[0] - rotation @ point)
 
 
-def displacements(motion: Array, axes: Array, origin: Array) -> Array:
-    """[T J] m: shift of each part along its axis, relative to the part before it.
+def displacements(
+    motion: Array, axes: Array, parent: NDArray[np.int64], origin: Array
+) -> Array:
+    """[T J] m: shift of each part along its axis, relative to the part that carries it.
 
     motion [T J+1 4 4] in the camera frame, frame t from frame 0, of each part (0 is still); axes
     [J 3] unit directions and origin [J 3] m a point of each part, at frame 0.
     """
-    relative = inverse(motion[:, :-1]) @ motion[:, 1:]
+    relative = inverse(motion[:, parent + 1]) @ motion[:, 1:]
     moved = np.einsum("tjab,jb->tja", relative[..., :3, :3], origin) + relative[..., :3, 3]
     return ((moved - origin) * axes).sum(-1)
 

@@ -61,6 +61,7 @@ def observe(
         times=state.times.copy(),
         n_joints=len(truth.joint_names),
         joint_types=truth.joint_types,
+        joint_parent=truth.parent,
         depth_noise=noise,
         cam_from_world=state.cam_from_world[0].copy() if axes else None,
         axis_direction=truth.screw[:, :3].copy() if axes else None,

@@ -28,6 +28,8 @@ class Truth:
     """[J 3] m, origin of the part that each joint moves, in the camera frame at frame 0."""
     label: NDArray[np.uint8]
     """[P + 1] by part number of the masks: 0 still, j what scored joint j is the last to move."""
+    parent: tuple[int, ...]
+    """[J] which scored joint carries each, -1 for none."""
 
 
 def truth_of(sequence: Sequence) -> Truth:
@@ -37,6 +39,7 @@ def truth_of(sequence: Sequence) -> Truth:
     scored.sort(key=lambda j: int(state.joint_child_part[j]))  # parents stand before children
     child = state.joint_child_part[scored]
     q = state.joint_positions[:, scored]
+    label = part_labels(state, child)
     cam_from_part = state.cam_from_world[0] @ state.world_from_part[0]
     return Truth(
         joint_names=tuple(meta.joint_names[j] for j in scored),
@@ -45,7 +48,8 @@ def truth_of(sequence: Sequence) -> Truth:
         displacement=q - q[:1],
         screw=state.joint_screw[0, scored],
         origin=cam_from_part[child - 1, :3, 3].reshape(-1, 3),
-        label=part_labels(state, child),
+        label=label,
+        parent=tuple(int(label[p]) - 1 for p in state.joint_parent_part[scored]),
     )
 
 

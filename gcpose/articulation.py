@@ -31,10 +31,12 @@ class Articulation:
     """[T J] displacement, rad or m; row 0 is 0."""
     prismatic: NDArray[np.bool_]
     """[J]"""
+    parent: NDArray[np.int64]
+    """[J] (see chain.py)"""
 
     def motions(self, frames: int) -> Array:
         """[frames J+1 4 4] of the first frames."""
-        return part_motions(self.twist, self.angle[:frames])
+        return part_motions(self.twist, self.angle[:frames], self.parent)
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,8 @@ class Hypothesis:
 def derivatives(state: Articulation, motion: Array, basis: tuple[Array, ...]) -> Array:
     """[T J+1 6 U] twists of the parts per unknown: displacements of frames 1.., then axes."""
     frames, joints = len(motion), len(state.twist)
-    by_angle = angle_derivatives(state.twist, motion)
-    by_axis = axis_derivatives(motion, basis)
+    by_angle = angle_derivatives(state.twist, motion, state.parent)
+    by_axis = axis_derivatives(motion, basis, state.parent)
     held = (frames - 1) * joints
     out = np.zeros((frames, joints + 1, 6, held + by_axis.shape[-1]))
     for t in range(1, frames):

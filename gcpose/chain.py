@@ -1,4 +1,7 @@
-"""A serial chain as the estimator sees it: screws, the motions they make, and their derivatives.
+"""Joints as the estimator sees them: screws, the motions they make, and their derivatives.
+
+Each joint is carried by another or by the base: parent [J] is which, -1 for the base, and a joint
+stands behind what carries it. Part j + 1 is what joint j is the last to move, part 0 the base.
 
 A twist is six numbers (w, v): a point x moves with w x x + v. A revolute joint's twist is its
 screw (l, m = p x l); a prismatic joint's is (0, l), so that one formula serves both. Everything is
@@ -87,39 +90,49 @@ def joint_motion(twist: Array, displacement: Array) -> Array:
     return out
 
 
-def part_motions(twist: Array, angle: Array) -> Array:
-    """[T J+1 4 4]: where part j's points of frame 0 are at frame t; part 0 stands still.
+def carriers(parent: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """[J+1 J] which joints move each part."""
+    out = np.zeros((len(parent) + 1, len(parent)), bool)
+    for j, p in enumerate(parent):
+        out[j + 1] = out[p + 1]
+        out[j + 1, j] = True
+    return out
 
-    twist [J 6], angle [T J]: T_j = exp(S_1 a_1) ... exp(S_j a_j).
+
+def part_motions(twist: Array, angle: Array, parent: NDArray[np.int64]) -> Array:
+    """[... T J+1 4 4]: where part j's points of frame 0 are at frame t; part 0 stands still.
+
+    twist [... J 6], angle [... T J]: T_j = exp(S_i a_i) ... exp(S_j a_j), of what carries it.
     """
-    out = np.tile(np.eye(4), (len(angle), len(twist) + 1, 1, 1))
-    each = joint_motion(twist, angle)
-    for j in range(len(twist)):
-        out[:, j + 1] = out[:, j] @ each[:, j]
+    out = np.tile(np.eye(4), (*angle.shape[:-1], twist.shape[-2] + 1, 1, 1))
+    each = joint_motion(twist[..., None, :, :], angle)
+    for j, p in enumerate(parent):
+        out[..., j + 1, :, :] = out[..., p + 1, :, :] @ each[..., j, :, :]
     return out
 
 
-def angle_derivatives(twist: Array, motion: Array) -> Array:
+def angle_derivatives(twist: Array, motion: Array, parent: NDArray[np.int64]) -> Array:
     """[T J+1 6 J]: the twist of part j (left side: T_j <- exp(twist) T_j) per displacement of i."""
-    frames, parts = motion.shape[:2]
-    out = np.zeros((frames, parts, 6, parts - 1))
-    for i in range(parts - 1):
-        moved = adjoint(motion[:, i]) @ twist[i]
-        out[:, i + 1 :, :, i] = moved[:, None]
+    out = np.zeros((*motion.shape[:2], 6, len(twist)))
+    for i, mine in enumerate(carriers(parent).T):
+        moved = adjoint(motion[:, parent[i] + 1]) @ twist[i]
+        out[..., i] = mine[:, None] * moved[:, None]
     return out
 
 
-def axis_derivatives(motion: Array, basis: tuple[Array, ...]) -> Array:
+def axis_derivatives(
+    motion: Array, basis: tuple[Array, ...], parent: NDArray[np.int64]
+) -> Array:
     """[T J+1 6 D]: the twist of part j per displacement of axis i by the twists basis[i] [6 d_i].
 
     Moving the axis by exp(z) turns exp(S a) into exp(z) exp(S a) exp(-z): hence
-    (Ad T_{i-1} - Ad T_i) z on every part from i outward. D is the sum of the d_i.
+    (Ad T_p - Ad T_i) z on every part that i moves, p what carries it. D is the sum of the d_i.
     """
     frames, parts = motion.shape[:2]
     ad = adjoint(motion)
     blocks = [np.zeros((frames, parts, 6, b.shape[1])) for b in basis]
-    for i, b in enumerate(basis):
-        blocks[i][:, i + 1 :] = ((ad[:, i] - ad[:, i + 1]) @ b)[:, None]
+    for i, (b, mine) in enumerate(zip(basis, carriers(parent).T, strict=True)):
+        blocks[i][:, mine] = ((ad[:, parent[i] + 1] - ad[:, i + 1]) @ b)[:, None]
     return np.concatenate(blocks, axis=-1) if blocks else np.zeros((frames, parts, 6, 0))
 
 

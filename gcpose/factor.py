@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from ..robots.geometry import Array, inverse
 from .alignment import elements, surface_equations
 from .articulation import Articulation, Cloud, Hypothesis, middles
-from .chain import adjoint, axis_basis, displace_axis, exponential, joint_motion, logarithm
+from .chain import (
+    adjoint,
+    axis_basis,
+    carriers,
+    displace_axis,
+    exponential,
+    logarithm,
+    part_motions,
+)
 from .surface import Surfaces
 from .sweep import directions, spread
 from .tracker import Tracker, thinned
@@ -35,7 +43,8 @@ _KEPT = 0.3  # of the directions are as they are
 class PartMotion:
     """What a part does, whatever makes it do it."""
 
-    part: int
+    path: NDArray[np.int64]
+    """[I] joints that move it, from the base outward"""
     motion: Array
     """[T 4 4]"""
     information: Array
@@ -53,7 +62,8 @@ def loosened(tracker: Tracker, guess: Hypothesis) -> PartMotion:
         motion, information = align_parts(tracker.surfaces, clouds, motion, scale)
         clouds = tuple(tracker.label_motion(motion, c.frame, scale)[0] for c in clouds)
     surest = int(np.argmax(np.trace(information.sum(axis=0), axis1=1, axis2=2)))
-    return PartMotion(surest, motion[:, surest], balanced(information[:, surest]))
+    path = np.flatnonzero(carriers(guess.state.parent)[surest])
+    return PartMotion(path, motion[:, surest], balanced(information[:, surest]))
 
 
 def balanced(information: Array) -> Array:
@@ -97,18 +107,20 @@ def align_parts(
 
 
 def factored(tracker: Tracker, guess: Hypothesis) -> list[Articulation]:
-    """Chains that make what the surest part of a hypothesis does; joints farther out stay."""
-    goal = loosened(tracker, guess)
-    starts = axes_at_random(tracker, guess.state, np.random.default_rng(0))
-    starts[:, goal.part :] = guess.state.twist[goal.part :]
+    """Chains that make what the surest part of a hypothesis does; the other joints stay."""
+    goal, state = loosened(tracker, guess), guess.state
+    starts = axes_at_random(tracker, state, np.random.default_rng(0))[:, goal.path]
     held = follow_held(goal, starts)
-    held[..., goal.part :] = guess.state.angle[:, goal.part :]
     best = np.argsort(misfit(goal, starts, held), kind="stable")[:_FITTED]
-    near = middles(guess.clouds[0], starts.shape[1])
-    twist, angle, cost = fit_chains(goal, starts[best], held[best], guess.state.prismatic, near,
-                                    tracker.known.freedom)
-    return [replace(guess.state, twist=twist[s], angle=angle[s])
-            for s in np.flatnonzero(cost < _FITS)]
+    near = middles(guess.clouds[0], len(state.twist))[goal.path]
+    found: list[Articulation] = []
+    for t, a, cost in zip(*fit_chains(goal, starts[best], held[best], state.prismatic[goal.path],
+                                      near, tracker.known.freedom), strict=True):
+        if cost < _FITS:
+            twist, angle = state.twist.copy(), state.angle.copy()
+            twist[goal.path], angle[:, goal.path] = t, a
+            found.append(replace(state, twist=twist, angle=angle))
+    return found
 
 
 def axes_at_random(tracker: Tracker, state: Articulation, rng: np.random.Generator) -> Array:
@@ -129,12 +141,12 @@ def axes_at_random(tracker: Tracker, state: Articulation, rng: np.random.Generat
 
 
 def follow_held(goal: PartMotion, twist: Array) -> Array:
-    """Displacements [S T J] of chains [S J 6] whose axes are held, nearest to the motion."""
+    """Displacements [S T I] of chains [S I 6] whose axes are held, nearest to the motion."""
     joints = twist.shape[1]
     angle = np.zeros((len(twist), len(goal.motion), joints))
     for _ in range(_HELD):
         motion, error = errors(goal, twist, angle)
-        row = by_displacement(goal, twist, motion)
+        row = by_displacement(twist, motion)
         weighted = goal.information @ row
         matrix = row.swapaxes(-1, -2) @ weighted
         size = np.trace(matrix, axis1=2, axis2=3)[..., None, None] / joints
@@ -149,9 +161,9 @@ def fit_chains(
     goal: PartMotion, twist: Array, angle: Array, prismatic: NDArray[np.bool_], near: Array,
     freedom: int,
 ) -> tuple[Array, Array, Array]:
-    """Gauss-Newton on displacements [S T J] and axes [S J 6]; and the misfit [S].
+    """Gauss-Newton on displacements [S T I] and axes [S I 6]; and the misfit [S].
 
-    `near` [J 3] and freedom as in `axis_basis`.
+    `near` [I 3] and freedom as in `axis_basis`.
     """
     chains, frames, joints = angle.shape
     held = (frames - 1) * joints
@@ -161,12 +173,11 @@ def fit_chains(
         bases = [axis_basis(twist[:, j], bool(prismatic[j]), near[j], freedom)
                  for j in range(joints)]
         row = np.zeros((chains, frames, 6, held + sum(b.shape[2] for b in bases)))
-        each, at = by_displacement(goal, twist, motion), held
+        each, at = by_displacement(twist, motion), held
         for t in range(1, frames):
             row[:, t, :, (t - 1) * joints : t * joints] = each[:, t]
         for j, b in enumerate(bases):
-            if j < goal.part:
-                row[..., at : at + b.shape[2]] = (ad[:, :, j] - ad[:, :, j + 1]) @ b[:, None]
+            row[..., at : at + b.shape[2]] = (ad[:, :, j] - ad[:, :, j + 1]) @ b[:, None]
             at += b.shape[2]
         square = np.einsum("sti,tij,stj->st", error, goal.information, error)
         typical = np.maximum(1e-12, 4.0 * np.median(square[:, 1:], axis=1, keepdims=True))
@@ -190,21 +201,16 @@ def fit_chains(
     return twist, angle, misfit(goal, twist, angle)
 
 
-def by_displacement(goal: PartMotion, twist: Array, motion: Array) -> Array:
-    """[S T 6 J] the part's twist per displacement, for chains [S J 6] and motion [S T J+1 4 4]."""
-    row = np.zeros((*motion.shape[:2], 6, twist.shape[1]))
-    for j in range(goal.part):
-        row[..., j] = (adjoint(motion[:, :, j]) @ twist[:, None, j, :, None])[..., 0]
-    return row
+def by_displacement(twist: Array, motion: Array) -> Array:
+    """[S T 6 I] the last part's twist per displacement, for chains [S I 6] and their motion."""
+    before = adjoint(motion[:, :, :-1])
+    return (before @ twist[:, None, :, :, None])[..., 0].swapaxes(-1, -2)
 
 
 def errors(goal: PartMotion, twist: Array, angle: Array) -> tuple[Array, Array]:
-    """Motions [S T J+1 4 4] of chains, and the twists [S T 6] that the part's lacks."""
-    each = joint_motion(twist[:, None], angle)
-    motion = np.tile(np.eye(4), (*angle.shape[:2], twist.shape[1] + 1, 1, 1))
-    for j in range(twist.shape[1]):
-        motion[:, :, j + 1] = motion[:, :, j] @ each[:, :, j]
-    return motion, logarithm(goal.motion @ inverse(motion[:, :, goal.part]))
+    """Motions [S T I+1 4 4] of chains, and the twists [S T 6] that the last part's lacks."""
+    motion = part_motions(twist, angle, np.arange(-1, twist.shape[1] - 1))
+    return motion, logarithm(goal.motion @ inverse(motion[:, :, -1]))
 
 
 def misfit(goal: PartMotion, twist: Array, angle: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..renderer.observation import Observation
 from ..robots.geometry import Array
 from .chain import adjoint, twists_of
 
@@ -17,6 +18,8 @@ class Known:
 
     prismatic: NDArray[np.bool_]
     """[J]"""
+    parent: NDArray[np.int64]
+    """[J] (see chain.py)"""
     direction: Array | None
     """[J 3]"""
     line: Array | None
@@ -28,11 +31,14 @@ class Known:
         return 0 if self.line is not None else 2 if self.direction is not None else 4
 
 
-def knowledge(prismatic: NDArray[np.bool_], direction: Array | None, line: Array | None) -> Known:
-    """Known axes as twists."""
+def knowledge(observation: Observation) -> Known:
+    """What an observation grants, known axes as twists."""
+    joints, line = observation.n_joints, observation.axis_line
+    prismatic = np.array([kind == "prismatic" for kind in observation.joint_types], bool)
+    parent = np.array(observation.joint_parent or range(-1, joints - 1), np.int64)
     if line is not None:
-        return Known(prismatic, line[:, :3], twists_of(line, prismatic))
-    return Known(prismatic, direction, None)
+        return Known(prismatic, parent, line[:, :3], twists_of(line, prismatic))
+    return Known(prismatic, parent, observation.axis_direction, None)
 
 
 def spaces(known: Known) -> tuple[Array, ...]:

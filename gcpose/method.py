@@ -55,11 +55,7 @@ class GCPose:
 
     def estimate(self, observation: Observation) -> Estimate:
         """Sec. 3.2 to 3.4 on one sequence; where nothing can be seen to move, no motion."""
-        known = knowledge(
-            np.array([t == "prismatic" for t in observation.joint_types], bool),
-            observation.axis_direction,
-            observation.axis_line,
-        )
+        known = knowledge(observation)
         rgb = observation.rgb
         if observation.depth is None:
             found = estimate_rgb(observation, known, self.fine_flow, self.depth)

@@ -1,9 +1,10 @@
 """Motion of the parts between two frames from optical flow and depth (Sec. 3.3).
 
 The paper takes R and t of each part from its correspondences and then the angle about the axis.
-Here all parts are solved together, in twists: part j moves with z_1 + ... + z_j, where z_i is what
-joint i adds. What is known of an axis confines z_i to a linear space: its screw's multiples if the
-line is known, its direction and any position if the direction is, anything if nothing is.
+Here all parts are solved together, in twists: part j moves with the sum of the z_i of the joints
+that carry it, where z_i is what joint i adds. What is known of an axis confines z_i to a linear
+space: its screw's multiples if the line is known, its direction and any position if the direction
+is, anything if nothing is.
 """
 
 from __future__ import annotations
@@ -66,13 +67,17 @@ def correspond(
 
 
 def fit(
-    data: Correspondence, label: NDArray[np.int64], space: tuple[Array, ...], prior: Array
+    data: Correspondence,
+    label: NDArray[np.int64],
+    space: tuple[Array, ...],
+    prior: Array,
+    moves: NDArray[np.bool_],
 ) -> list[Array]:
     """z_i [6] of each joint by reweighted least squares; label [N]; space[i] [6 d_i].
 
-    prior [J 6 6] is added to the information of each z_i.
+    prior [J 6 6] is added to the information of each z_i; moves [J+1 J] are the joints that move
+    each part.
     """
-    joints = len(space)
     size = [s.shape[1] for s in space]
     start = np.concatenate([[0], np.cumsum(size)])
     joined = np.concatenate(space, axis=1)
@@ -82,25 +87,26 @@ def fit(
     y = np.zeros(start[-1])
     for scale in (20.0, 6.0, 3.0, 3.0):
         matrix, vector = held.copy(), np.zeros(start[-1])
-        for j in range(1, joints + 1):
+        for j in range(1, len(moves)):
             mine = label == j
             if not mine.any():
                 continue
-            basis = joined[:, : start[j]]
-            row = (data.row[mine] @ basis).reshape(-1, start[j])
+            some = np.flatnonzero(np.repeat(moves[j], size))
+            basis = joined[:, some]
+            row = (data.row[mine] @ basis).reshape(-1, len(some))
             value = data.value[mine].reshape(-1)
-            residual = value - row @ y[: start[j]]
+            residual = value - row @ y[some]
             weight = data.valid[mine].reshape(-1) / (1 + (residual / scale) ** 2) ** 2
             weighted = row * weight[:, None]
-            matrix[: start[j], : start[j]] += weighted.T @ row
-            vector[: start[j]] += weighted.T @ value
+            matrix[np.ix_(some, some)] += weighted.T @ row
+            vector[some] += weighted.T @ value
         y = np.linalg.solve(matrix, vector)
     return [s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)]
 
 
-def costs(data: Correspondence, added: list[Array]) -> Array:
+def costs(data: Correspondence, added: list[Array], moves: NDArray[np.bool_]) -> Array:
     """[N J+1] cost of each part's motion for each point."""
-    twist = np.concatenate([np.zeros((1, 6)), np.cumsum(added, axis=0)])
+    twist = moves @ np.stack(added)
     residual = data.value[:, None] - np.einsum("nrc,jc->njr", data.row, twist)
     square = residual**2
     plane = np.where(data.valid[:, None, 0], np.minimum(square[..., 0], 16.0), 8.0)

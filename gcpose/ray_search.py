@@ -166,7 +166,7 @@ class Searcher:
         motion = guess.state.motions(len(guess.state.angle))
         m = inverse(motion[rays.frame.min(), rays.label[first]])
         point = np.einsum("nab,nb->na", m[:, :3, :3], point) + m[:, :3, 3]
-        return Hinges(hinges(point, rays.label[first], guess.base, self.joints), _SLACK)
+        return Hinges(hinges(point, rays.label[first], guess.base, self.known.parent), _SLACK)
 
     def fitted(
         self, guess: Guess, rays: Rays, scales: tuple[float, ...], belief: float = 1.0,
@@ -315,10 +315,11 @@ def tracked(
     axes: tuple[Array, ...],
 ) -> Guess:
     """The motion of parts [N] of a key frame that are held."""
-    at = hinges(points.ray, label, base, s.joints)
+    at = hinges(points.ray, label, base, s.known.parent)
     twist = np.stack([first_axis(s.known, j, at[j], axes[j]) for j in range(s.joints)])
     end = last if key else min(4, last)
-    state = Articulation(twist, np.zeros((end + 1, s.joints)), s.known.prismatic)
+    state = Articulation(twist, np.zeros((end + 1, s.joints)), s.known.prismatic,
+                         s.known.parent)
     none = (np.zeros(0),) * 4
     rays = Rays(points.frame, points.ray, label, points.expected, points.expected, *none)
     guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))

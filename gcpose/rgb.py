@@ -7,6 +7,8 @@ Scale cannot be seen, and nothing here depends on it.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -78,7 +80,7 @@ def scaled(known: Known, by: float) -> Known:
         return known
     line = known.line.copy()
     line[~known.prismatic, 3:] *= by
-    return Known(known.prismatic, known.direction, line)
+    return replace(known, line=line)
 
 
 def deviations(guess: Guess) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis, distinct
+from .chain import carriers
 from .flow import Flow
 from .knowledge import Known, about, axis_from, spaces
 from .motion import Correspondence, correspond, costs, fit
@@ -59,14 +60,15 @@ def first_motion(
     joints = len(known.prismatic)
     space = tuple(about(origin, s.T).T for s in spaces(known))
     added = [np.zeros(6)] * joints
+    moves = carriers(known.parent)
     scale = extent(grid.point[label > 0]) if (label > 0).any() else 1.0
     cost = np.inf
-    at = hinges(grid.point, label, base, joints)
+    at = hinges(grid.point, label, base, known.parent)
     for _ in range(5):
-        at = hinges(grid.point, label, base, joints)
+        at = hinges(grid.point, label, base, known.parent)
         prior = np.stack([hinge_prior(p - origin, slip * scale) for p in at])
-        added = fit(data, label, space, prior)
-        volume = smooth(costs(data, added), grid)
+        added = fit(data, label, space, prior, moves)
+        volume = smooth(costs(data, added, moves), grid)
         label = volume.argmin(axis=1)
         cost = float(volume.min(axis=1).mean())
     twist, angle = np.zeros((joints, 6)), np.zeros((to + 1, joints))
@@ -75,7 +77,7 @@ def first_motion(
         twist[j], end = axis_from(z, known, j, at[j], np.radians(0.3))
         angle[:, j] = np.linspace(0, end, to + 1)
     cloud = Cloud(0, grid.point, grid.normal, label)
-    return Hypothesis(Articulation(twist, angle, known.prismatic), (cloud,), cost)
+    return Hypothesis(Articulation(twist, angle, known.prismatic, known.parent), (cloud,), cost)
 
 
 def hinge_prior(hinge: Array, slip: float) -> Array:

@@ -46,7 +46,7 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
     places = spread(thinned(inside, 400), _PLACES)
     reach = min(to, _REACH)
     still = np.eye(4)[None]
-    beam = Beam(still, judged(surfaces, to, still, column),
+    beam = Beam(still[None], judged(surfaces, to, still, column),
                 np.zeros((1, 0, 6)), np.zeros((1, 0)))
     for j, prismatic in enumerate(known.prismatic):
         grown: list[Beam] = []
@@ -56,14 +56,15 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
             if len(lines) == 1:
                 step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
             turn = joint_motion(lines.repeat(len(step), axis=0), np.tile(step, len(lines)))
-            mean = grown_costs(surfaces, to, group, turn, column).reshape(-1)
+            carrier = group.motion[:, known.parent[j] + 1]
+            mean = grown_costs(surfaces, to, carrier, turn, group.cost, column).reshape(-1)
             best = np.argsort(mean, kind="stable")[:_BEAM]
             old, new = np.divmod(best, len(turn))
             line, value = np.divmod(new, len(step))
-            motion = group.motion[old] @ turn[new]
+            motion = carrier[old] @ turn[new]
             cost = np.minimum(group.cost[old], judged(surfaces, to, motion, column))
             grown.append(Beam(
-                motion, cost,
+                np.concatenate([group.motion[old], motion[:, None]], axis=1), cost,
                 np.concatenate([group.twist[old], lines[line][:, None]], axis=1),
                 np.concatenate([group.angle[old], step[value][:, None]], axis=1),
             ))
@@ -78,7 +79,8 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
                              strict=True):
         at = np.cross(twist[0, :3], twist[0, 3:])
         order = int(np.argmin([np.linalg.norm(b - at) for b in tracker.bases]))
-        state = Articulation(twist, np.linspace(0 * end, end, to + 1), known.prismatic)
+        state = Articulation(twist, np.linspace(0 * end, end, to + 1), known.prismatic,
+                             known.parent)
         found.append(Hypothesis(state, (), float(c), order))
     return [replace(h, clouds=(coarse_cloud(tracker, h.state),)) for h in found]
 
@@ -87,7 +89,7 @@ class Beam(NamedTuple):
     """M chains of j joints."""
 
     motion: Array
-    """[M 4 4] of the last part"""
+    """[M j+1 4 4] of the parts"""
     cost: Image
     """[M N] of each point under the best part so far"""
     twist: Array
@@ -168,10 +170,11 @@ def judged(surfaces: Surfaces, frame: int, motion: Array, column: Image) -> Imag
 
 
 def grown_costs(
-    surfaces: Surfaces, frame: int, beam: Beam, turn: Array, column: Image
+    surfaces: Surfaces, frame: int, motion: Array, turn: Array, before: Image, column: Image
 ) -> Image:
-    """[M P] mean cost of M chains with each of P more motions [P 4 4]."""
-    out = np.empty((len(beam.motion), len(turn)), np.float32)
+    """[M P] mean cost of M chains that cost `before` [M N], with one more part that moves as each
+    of motion [M 4 4] and of turn [P 4 4] behind it."""
+    out = np.empty((len(motion), len(turn)), np.float32)
     grow(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
-         beam.motion, turn, beam.cost, column, np.float32(2 * surfaces.noise), out)
+         motion, turn, before, column, np.float32(2 * surfaces.noise), out)
     return out

@@ -12,6 +12,7 @@ from scipy.spatial.distance import cdist
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis
 from .bundle import adjust
+from .chain import carriers
 from .knowledge import Known
 from .prior import Hinges
 from .segment import Candidates, candidates, changed, label_costs, order_from_base, smooth
@@ -147,7 +148,7 @@ class Tracker:
     def hinges(self, guess: Hypothesis) -> Hinges:
         """Where frame 0's labels put the joints."""
         cloud = guess.clouds[0]
-        at = hinges(cloud.point, cloud.label, self.bases[guess.order], len(self.known.prismatic))
+        at = hinges(cloud.point, cloud.label, self.bases[guess.order], self.known.parent)
         return Hinges(at, _SLACK * extent(cloud.point[self.moving]))
 
     def fit(
@@ -164,16 +165,21 @@ class Tracker:
         return adjust(self.surfaces, guess.clouds, state, freedom, scales, hinges, newest)[0]
 
 
-def hinges(points: Array, label: NDArray[np.int64], base: Array, joints: int) -> Array:
-    """[J 3] about where part j meets what carries it; the first meets the base [3]."""
-    out = np.tile(base, (joints, 1))
-    for j in range(1, joints):
-        inner, outer = (thinned(points[m]) for m in ((label > 0) & (label <= j), label > j))
+def hinges(
+    points: Array, label: NDArray[np.int64], base: Array, parent: NDArray[np.int64]
+) -> Array:
+    """[J 3] about where part j meets what carries it; what nothing carries meets the base [3]."""
+    out, moves = np.tile(base, (len(parent), 1)), carriers(parent)
+    for j, p in enumerate(parent):
+        if p < 0:
+            continue
+        before, behind = np.flatnonzero(moves[p + 1]) + 1, np.flatnonzero(moves[:, j])
+        inner, outer = (thinned(points[np.isin(label, m)]) for m in (before, behind))
         if len(inner) and len(outer):
             apart = cdist(outer, inner).min(axis=1)
             out[j] = outer[np.argsort(apart)[: 1 + len(outer) // 12]].mean(axis=0)
         else:
-            out[j] = out[j - 1]
+            out[j] = out[p]
     return out
 
 

@@ -30,7 +30,7 @@ def traded(tracker: Tracker, guess: Hypothesis, most: int) -> list[Hypothesis]:
     others: list[Articulation | None] = []
     for j in range(len(state.twist) - 1):
         along = float(state.twist[j, :3] @ state.twist[j + 1, :3])
-        if abs(along) > _PARALLEL:
+        if abs(along) > _PARALLEL and state.parent[j + 1] == j:
             first = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *places])
             others += [shared(state, j, along, p, f) for p in places
                        for f in feet(state, j, p, first)]
@@ -55,7 +55,8 @@ def feet(state: Articulation, joint: int, hinge: Array, places: Array) -> Array:
 def path(state: Articulation, joint: int, hinge: Array) -> Array:
     """[T 3] where the part behind the next joint takes `hinge` [3], seen from before the joint."""
     motion = state.motions(len(state.angle))
-    return apply(inverse(motion[:, joint]) @ motion[:, joint + 2], hinge[None])[:, 0]
+    before = inverse(motion[:, state.parent[joint] + 1])
+    return apply(before @ motion[:, joint + 2], hinge[None])[:, 0]
 
 
 def shared(

@@ -34,6 +34,9 @@ class Observation:
     """Number of scored joints."""
     joint_types: tuple[str, ...]
     """[J] "revolute", "continuous" or "prismatic", from the base outward."""
+    joint_parent: tuple[int, ...] = ()
+    """[J] which scored joint carries each, -1 for none; empty: each is carried by the one before.
+    """
     depth_noise: float = 0.0
     """Standard deviation of the depth's noise, m (the track says it)."""
     cam_from_world: Array | None = None

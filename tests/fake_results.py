@@ -47,6 +47,7 @@ def truth(rng: np.random.Generator, frames: int, joints: Sequence[str], prismati
         screw=screw,
         origin=np.zeros((n, 3)),
         label=np.arange(n + 1, dtype=np.uint8),
+        parent=tuple(range(-1, n - 1)),
     )
 
 

@@ -214,7 +214,8 @@ def test_knowledge_is_exactly_what_is_handed_over(data: Path) -> None:
                      ("rgbd-noise", "kinematics")]
         for o in [observe(sequence, i, k)]  # type: ignore[arg-type]
     }
-    always = {"intrinsics", "times", "n_joints", "joint_types", "depth_noise"}
+    always = {"intrinsics", "times", "n_joints", "joint_types", "joint_parent", "depth_noise"}
+    assert observe(sequence, "rgb", "free").joint_parent == (-1, 0)
     axes = {"cam_from_world", "axis_direction"}
     assert given["none", "none"] == always
     assert given["rgb", "free"] == always | {"rgb"}

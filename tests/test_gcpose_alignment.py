@@ -167,7 +167,9 @@ def test_a_chain_is_found_from_the_motion_of_its_last_part(freedom: int) -> None
     twist = np.concatenate([l, np.cross(p, l)], axis=1)
     time = np.linspace(0, 1, 12)
     angle = np.stack([0.7 * time, -0.5 * time**2, 0.4 * np.sin(2 * time)], axis=1)
-    goal = PartMotion(3, part_motions(twist, angle)[:, 3], np.tile(np.eye(6), (12, 1, 1)))
+    path = np.arange(3)
+    motion = part_motions(twist, angle, path - 1)[:, 3]
+    goal = PartMotion(path, motion, np.tile(np.eye(6), (12, 1, 1)))
     assert misfit(goal, twist[None], angle[None])[0] < 1e-9
     assert np.allclose(follow_held(goal, twist[None])[0], angle, atol=1e-3)
     off = np.concatenate([l, np.cross(p + rng.normal(0, 0.05, (3, 3)), l)], axis=1)

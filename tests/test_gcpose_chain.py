@@ -9,6 +9,7 @@ from gcbench.gcpose.chain import (
     angle_derivatives,
     axis_basis,
     axis_derivatives,
+    carriers,
     displace_axis,
     exponential,
     logarithm,
@@ -19,6 +20,8 @@ from gcbench.gcpose.chain import (
 from gcbench.robots.geometry import inverse, revolute_motion
 
 PRISMATIC = np.array([False, True, False])
+CHAIN = np.array([-1, 0, 1])
+TREES = [CHAIN, np.array([-1, 0, 0]), np.array([-1, -1, 1])]
 
 
 def chain(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -62,39 +65,51 @@ def test_the_logarithm_undoes_the_exponential() -> None:
 
 def test_adjoint_moves_twists_as_motions_conjugate() -> None:
     twist, angle = chain(np.random.default_rng(2))
-    m = part_motions(twist, angle)[2, 3]
+    m = part_motions(twist, angle, CHAIN)[2, 3]
     moved = exponential(adjoint(m) @ (0.4 * twist[2]))
     assert np.allclose(moved, m @ exponential(0.4 * twist[2]) @ inverse(m))
 
 
-def test_angle_derivatives_are_finite_differences() -> None:
+def test_a_part_moves_with_all_that_carries_it() -> None:
+    twist, angle = chain(np.random.default_rng(5))
+    one, two, three = (exponential(t * a[:, None]) for t, a in zip(twist, angle.T, strict=True))
+    for parent, expected in zip(TREES, (one @ two @ three, one @ three, two @ three), strict=True):
+        assert np.allclose(part_motions(twist, angle, parent)[:, 3], expected)
+        moves = carriers(parent)
+        assert not moves[0].any() and np.diagonal(moves[1:]).all()
+    assert carriers(TREES[2])[3].tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("parent", TREES)
+def test_angle_derivatives_are_finite_differences(parent: np.ndarray) -> None:
     twist, angle = chain(np.random.default_rng(3))
-    motion, step = part_motions(twist, angle), 1e-6
-    derivative = angle_derivatives(twist, motion)
+    motion, step = part_motions(twist, angle, parent), 1e-6
+    derivative = angle_derivatives(twist, motion, parent)
     for i in range(3):
         more = angle.copy()
         more[:, i] += step
-        moved = part_motions(twist, more)
+        moved = part_motions(twist, more, parent)
         for t in range(4):
             for j in range(4):
                 seen = twist_of(motion[t, j], moved[t, j]) / step
                 assert np.allclose(seen, derivative[t, j, :, i], atol=1e-4)
 
 
+@pytest.mark.parametrize("parent", TREES)
 @pytest.mark.parametrize("freedom", [0, 2, 4])
-def test_axis_derivatives_are_finite_differences(freedom: int) -> None:
+def test_axis_derivatives_are_finite_differences(freedom: int, parent: np.ndarray) -> None:
     twist, angle = chain(np.random.default_rng(4))
-    motion, step = part_motions(twist, angle), 1e-6
+    motion, step = part_motions(twist, angle, parent), 1e-6
     near = np.array([0.3, -0.2, 1.5])
     pairs = zip(twist, PRISMATIC, strict=True)
     basis = tuple(axis_basis(s, bool(p), near, freedom) for s, p in pairs)
-    derivative = axis_derivatives(motion, basis)
+    derivative = axis_derivatives(motion, basis, parent)
     at = 0
     for i, b in enumerate(basis):
         for c in range(b.shape[1]):
             other = twist.copy()
             other[i] = displace_axis(twist[i], b[:, c] * step, bool(PRISMATIC[i]))
-            moved = part_motions(other, angle)
+            moved = part_motions(other, angle, parent)
             for t in range(4):
                 for j in range(4):
                     seen = twist_of(motion[t, j], moved[t, j]) / step

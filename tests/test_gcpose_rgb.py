@@ -33,7 +33,7 @@ def chain(scale: float = 1.0) -> tuple[Articulation, np.ndarray]:
     twist = np.concatenate([direction, np.cross(at, direction)], axis=1)
     time = np.linspace(0, 1, FRAMES)[:, None]
     angle = np.array([0.5, -0.6, 0.8]) * (3 * time**2 - 2 * time**3)
-    return Articulation(twist, angle, np.zeros(3, bool)), at
+    return Articulation(twist, angle, np.zeros(3, bool), np.arange(-1, 2)), at
 
 
 def measured(state: Articulation, scale: float, noise: float, steps: bool) -> Rays:
@@ -91,7 +91,7 @@ def test_places_are_those_of_the_chain() -> None:
     rays = measured(state, 1.0, 0.0, False)
     at, warp = places(state, rays, INTRINSICS)
     i = int(np.flatnonzero(rays.frame == 4)[0])
-    motion = part_motions(state.twist, state.angle)[:, rays.label[i]]
+    motion = state.motions(len(state.angle))[:, rays.label[i]]
     moved = (motion @ inverse(motion[4]))[7] @ np.append(rays.ray[i], 1.0)
     assert np.allclose(at[i, 7], INTRINSICS[:2] @ moved[:3] / moved[2])
     assert np.allclose(at[i, 4], INTRINSICS[:2] @ rays.ray[i])
@@ -158,7 +158,7 @@ def door(total: float) -> Observation:
     axis /= np.linalg.norm(axis)
     line = np.concatenate([axis, np.cross([-0.15, 0.0, 1.2], axis)])
     time = np.linspace(0, 1, 8)
-    motion = part_motions(line[None], total * time[:, None])[:, 1]
+    motion = part_motions(line[None], total * time[:, None], np.array([-1]))[:, 1]
     corner = np.array([[-0.15, -0.16, 1.2], [0.2, -0.16, 1.1],
                        [0.2, 0.16, 1.1], [-0.15, 0.16, 1.2]])
     frames: list[np.ndarray] = []

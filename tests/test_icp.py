@@ -95,27 +95,44 @@ def test_icp_leaves_what_the_shape_does_not_tell() -> None:
 def test_the_chain_explains_all_rotations() -> None:
     """A part that tells nothing is read off what hangs on it; a wrong one has no say."""
     axes = np.array([[0, 0, 1.0], [0, 1, 0], [0, 1, 0]])
-    still, prismatic = np.zeros(3), np.zeros(3, bool)
+    still, prismatic, chain = np.zeros(3), np.zeros(3, bool), np.array([-1, 0, 1])
     angle = np.array([0.4, -0.3, 0.7])
-    rotation = icp.chain_rotations(axes, prismatic, angle)
+    rotation = icp.chain_rotations(axes, prismatic, chain, angle)
     trust = np.tile(np.eye(3), (3, 1, 1))
-    got = icp.chain_angles(rotation, trust, axes, prismatic, still, still)
+    got = icp.chain_angles(rotation, trust, axes, prismatic, chain, still, still)
     np.testing.assert_allclose(got, angle, atol=1e-9)
     rotation[0], trust[0] = rotation_about([0, 0, 1], 2.0), np.diag([1, 1, 0.0])
-    got = icp.chain_angles(rotation, trust, axes, prismatic, still, angle - 0.1)
+    got = icp.chain_angles(rotation, trust, axes, prismatic, chain, still, angle - 0.1)
     np.testing.assert_allclose(got, angle, atol=1e-6)
     slides = np.array([False, True, False])
-    assert icp.chain_angles(rotation, trust, axes, slides, still, still)[1] == 0
+    assert icp.chain_angles(rotation, trust, axes, slides, chain, still, still)[1] == 0
+
+
+def test_joints_side_by_side_do_not_carry_each_other() -> None:
+    axes, parent = np.array([[0, 0, 1.0], [0, 1, 0], [0, 1, 0]]), np.array([-1, 0, 0])
+    still, prismatic, angle = np.zeros(3), np.zeros(3, bool), np.array([0.4, -0.3, 0.7])
+    rotation = icp.chain_rotations(axes, prismatic, parent, angle)
+    np.testing.assert_allclose(
+        rotation[2], rotation[0] @ rotation_about([0, 1, 0], 0.7), atol=1e-12)
+    trust = np.tile(np.eye(3), (3, 1, 1))
+    got = icp.chain_angles(rotation, trust, axes, prismatic, parent, still, still)
+    np.testing.assert_allclose(got, angle, atol=1e-9)
+    slid = np.stack([np.eye(4)[None].repeat(3, axis=0),
+                     [np.eye(4), transform(None, [0.1, 0, 0]), transform(None, [0.2, 0, 0])]])
+    along, beside = np.array([[1.0, 0, 0]] * 2), np.array([-1, -1])
+    np.testing.assert_allclose(
+        icp.displacements(slid, along, beside, np.zeros((2, 3)))[1], [0.1, 0.2])
 
 
 def test_steps_add_up() -> None:
     axes = np.array([[0, 0, 1.0], [0.6, 0.8, 0]])
-    prismatic, a, b = np.zeros(2, bool), np.array([0.3, 0.2]), np.array([0.5, -0.1])
-    before, after = (icp.chain_rotations(axes, prismatic, x) for x in (a, b))
+    prismatic, chain = np.zeros(2, bool), np.array([-1, 0])
+    a, b = np.array([0.3, 0.2]), np.array([0.5, -0.1])
+    before, after = (icp.chain_rotations(axes, prismatic, chain, x) for x in (a, b))
     step = after @ np.swapaxes(before, 1, 2)
     trust = np.tile(np.eye(3), (2, 1, 1))
     np.testing.assert_allclose(
-        icp.chain_angles(step, trust, axes, prismatic, a, a), b, atol=1e-9)
+        icp.chain_angles(step, trust, axes, prismatic, chain, a, a), b, atol=1e-9)
 
 
 def test_a_slide_is_relative_to_the_part_before_it() -> None:
@@ -123,7 +140,8 @@ def test_a_slide_is_relative_to_the_part_before_it() -> None:
     turn = revolute_motion([0, 0, 1, 0.5, -0.2, 0], 0.4)
     motion = np.stack([[np.eye(4)] * 3, [np.eye(4), turn, turn @ transform(None, [0.07, 0, 0])]])
     origin = np.array([[0, 0, 0.0], [0.3, 0.2, 1]])
-    np.testing.assert_allclose(icp.displacements(motion, axes, origin)[1, 1], 0.07)
+    moved = icp.displacements(motion, axes, np.array([-1, 0]), origin)
+    np.testing.assert_allclose(moved[1, 1], 0.07)
 
 
 @pytest.mark.parametrize("method", [Icp(), IcpFirst()])

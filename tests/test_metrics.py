@@ -36,7 +36,7 @@ def truth() -> Truth:
         joint_names=("pan", "lift", "slide"),
         joint_types=("revolute", "continuous", "prismatic"),
         prismatic=PRISMATIC, displacement=q - q[0], screw=np.hstack([l, moment]),
-        origin=point, label=np.zeros(1, np.uint8))
+        origin=point, label=np.zeros(1, np.uint8), parent=(-1, 0, 1))
 
 
 def values(truth: Truth, estimate: Estimate | None, axes_known: bool = False) -> dict[str, list]:
