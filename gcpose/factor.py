@@ -35,7 +35,7 @@ _STEP = 0.2  # largest change of an unknown in an iteration, rad or m
 _HELD, _FREED = 8, 20  # iterations with axes held, then free
 _STARTS, _PLACES = 1000, 24
 _FITTED = 300  # of the starts, whose axes are freed
-_FITS = 1e-3  # rad and m, of the surest part's motions, weighted
+_FITS, _WORSE = 1e-3, 2.0  # rad and m, of the motion, weighted; or times the best, with noise
 _KEPT = 0.3  # of the directions are as they are
 
 
@@ -113,10 +113,12 @@ def factored(tracker: Tracker, guess: Hypothesis) -> list[Articulation]:
     held = follow_held(goal, starts)
     best = np.argsort(misfit(goal, starts, held), kind="stable")[:_FITTED]
     near = middles(guess.clouds[0], len(state.twist))[goal.path]
+    fitted = fit_chains(goal, starts[best], held[best], state.prismatic[goal.path], near,
+                        tracker.known.freedom)
+    enough = max(_FITS, _WORSE * float(fitted[2].min()))
     found: list[Articulation] = []
-    for t, a, cost in zip(*fit_chains(goal, starts[best], held[best], state.prismatic[goal.path],
-                                      near, tracker.known.freedom), strict=True):
-        if cost < _FITS:
+    for t, a, cost in zip(*fitted, strict=True):
+        if cost < enough:
             twist, angle = state.twist.copy(), state.angle.copy()
             twist[goal.path], angle[:, goal.path] = t, a
             found.append(replace(state, twist=twist, angle=angle))

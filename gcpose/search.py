@@ -20,6 +20,7 @@ _OTHERS, _UNLIKE = 10, np.radians(12.0)  # chains that are tried, and how far th
 _PROMISING = 1.3  # times the cost of what is there before it is sharpened
 _ALIKE = np.radians(1.0)  # of solutions that are one
 _ARM = 0.2  # m
+_IDLE, _STILL = 0.05, np.radians(5.0)  # of the cost; of a displacement
 _JUMPED = 2  # of the solutions that were tried
 _JUMPS, _CHEAPER = 2, 0.99  # to other chains, and what is worth one
 
@@ -33,30 +34,33 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     coarse = tracker.thinned(_COARSE) if freedom else tracker
     ways = (by_sweeps, by_flow, by_more_sweeps) if freedom else (by_lines, by_more_lines)
     tried: list[Hypothesis] = []
+    noisy = tracker.surfaces.noise > 0 and freedom > 0
     for way in ways:
         found = way(coarse, flow)
         if freedom:
             found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds), h.order)
                      for h in distinct(found, 4)]
         best = sharpened(tracker, polished(tracker, distinct(found, 3)))
-        again = bool(tried) and apart(best, min(tried, key=lambda h: h.cost)) < _ALIKE
-        if freedom == 4 and (not again or lost(tracker, best)):
+        again = bool(tried) and apart(best, min(tried, key=badness)) < _ALIKE
+        if (freedom == 4 or noisy) and (not again or lost(tracker, best)):
             best = bettered(tracker, coarse, best)
         tried.append(best)
-        best = min(tried, key=lambda h: h.cost)
+        best = min(tried, key=badness)
+        if idle(best):
+            continue
         if not doubtful(tracker, best) or (again and not lost(tracker, best)):
             break
     else:
         if freedom == 2:
             tried += [bettered(tracker, coarse, h) for h in distinct(tried, _JUMPED)]
-    return refined(tracker, min(tried, key=lambda h: h.cost))
+    return refined(tracker, min(tried, key=badness))
 
 
 def bettered(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
     """The best of a hypothesis and of other chains that move the surest part as it does."""
     for _ in range(_JUMPS):
         other = jumped(tracker, coarse, best)
-        if other.cost >= _CHEAPER * best.cost:
+        if badness(other) >= _CHEAPER * badness(best):
             break
         best = other
     return best
@@ -80,7 +84,7 @@ def jumped(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
         most = _PROMISING * tracker.relabel(best.state, frames, best.order).cost
     found = together(lambda h: sharpened(tracker, h),
                      [h for h in unlike(found, 3) if h.cost < most])
-    return min([best, *found], key=lambda h: h.cost)
+    return min([best, *found], key=badness)
 
 
 def unlike(found: list[Hypothesis], most: int) -> list[Hypothesis]:
@@ -98,6 +102,18 @@ def apart(one: Hypothesis, two: Hypothesis) -> float:
     """Largest difference of a displacement at the end, rad; a slide counts as a turn on an arm."""
     arm = np.where(one.state.prismatic, _ARM, 1.0)
     return float((np.abs(one.state.angle[-1] - two.state.angle[-1]) / arm).max())
+
+
+def badness(guess: Hypothesis) -> float:
+    """Its cost, and a little more where a joint stands still: all were said to move, and what one
+    part does can often be shared among joints in other ways that cost the same."""
+    return guess.cost * (1 + _IDLE * idle(guess))
+
+
+def idle(guess: Hypothesis) -> bool:
+    """Whether a joint hardly moves."""
+    arm = np.where(guess.state.prismatic, _ARM, 1.0)
+    return bool((np.abs(guess.state.angle).max(axis=0) / arm).min() < _STILL)
 
 
 def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:
