@@ -28,7 +28,7 @@ _FEWEST = 30  # candidates that are worth a search
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
 _CALIBRATION = {0: 2.7, 2: 2.9, 4: 2.5}  # of standard deviations, by the axes' freedom
 _LOST = np.radians(10.0)  # and where much stays unexplained
-_NOISY = (7.1, np.radians(0.1))  # where depth is noisy: factor, and the least
+_NOISY = (8.2, np.radians(0.1))  # where depth is noisy: factor, and the least
 
 
 class GCPose:
