@@ -58,13 +58,12 @@ class Icp:
             part = load(locate(self.segmenter)).estimate(observation).part
             if part is None:
                 raise GcbenchError(f"{self.segmenter} found no parts")
-        joints, k = len(axes), observation.intrinsics
+        joints, k, parent = len(axes), observation.intrinsics, observation.parents
         smooth = _SMOOTH if observation.depth_noise > 0 else 0
         frames = [
             Frame(smoothed(z, p, joints, smooth), p, k) for z, p in zip(depth, part, strict=True)
         ]
         flows = observation.flow
-        parent = np.array(observation.joint_parent or range(-1, joints - 1))
         prismatic = np.array([kind == "prismatic" for kind in observation.joint_types])
         surfaces = [frame.surface(1 + max(1, smooth // 2), joints) for frame in frames]
         origin = np.stack([_middle(frames[0].points(j + 1)) for j in range(joints)])

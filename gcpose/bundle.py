@@ -73,8 +73,8 @@ def assemble(
         parts = len(state.twist) + 1
         these = elements(cloud.point, cloud.normal, sigma, label, parts)
         if surfaces.noise:
-            *equations, coupling = accumulated_equations(surfaces, here_from_there, these)
-            add((equations[0], equations[1]), g)
+            six, right, coupling = accumulated_equations(surfaces, here_from_there, these)
+            add((six, right), g)
             for part, c in zip(g.swapaxes(0, 1), coupling, strict=True):
                 along = part.reshape(-1, size)
                 matrix -= along.T @ c @ along

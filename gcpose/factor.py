@@ -1,9 +1,9 @@
-"""Chains that make given rigid motions (Sec. 3.3): jumps between solutions of one video.
+"""Chains that make a given rigid motion (Sec. 3.3): jumps between solutions of one video.
 
 What each part does is often found long before what the joints do: where inner parts are hidden or
 axes are parallel, many chains lead through the same first frames. So the parts are let loose from
-the chain, aligned freely over all frames, and many chains are fitted to their motions at once,
-which takes no image.
+the chain, aligned freely over all frames, and many chains are fitted at once to what the surest of
+them does, which takes no image.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def loosened(tracker: Tracker, guess: Hypothesis) -> PartMotion:
     for scale in _LOOSENED:
         motion, information = align_parts(tracker.surfaces, clouds, motion, scale)
         clouds = tuple(tracker.label_motion(motion, c.frame, scale)[0] for c in clouds)
-    surest = int(np.argmax(np.trace(information.sum(axis=0), axis1=1, axis2=2)))
+    surest = 1 + int(np.argmax(np.trace(information[:, 1:].sum(axis=0), axis1=1, axis2=2)))
     path = np.flatnonzero(carriers(guess.state.parent)[surest])
     return PartMotion(path, motion[:, surest], balanced(information[:, surest]))
 

@@ -33,9 +33,8 @@ class Known:
 
 def knowledge(observation: Observation) -> Known:
     """What an observation grants, known axes as twists."""
-    joints, line = observation.n_joints, observation.axis_line
+    line, parent = observation.axis_line, observation.parents
     prismatic = np.array([kind == "prismatic" for kind in observation.joint_types], bool)
-    parent = np.array(observation.joint_parent or range(-1, joints - 1), np.int64)
     if line is not None:
         return Known(prismatic, parent, line[:, :3], twists_of(line, prismatic))
     return Known(prismatic, parent, observation.axis_direction, None)

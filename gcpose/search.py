@@ -122,7 +122,7 @@ def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:
 
 
 def lost(tracker: Tracker, guess: Hypothesis) -> bool:
-    """Whether more is unexplained than the truth ever left."""
+    """Whether more is unexplained than the truth hardly ever leaves."""
     return unexplained(tracker, guess) > _LOST[tracker.surfaces.noise > 0]
 
 

@@ -53,6 +53,11 @@ class Observation:
     flow: NDArray[np.float32] | None = None
     """[T-1 H W 2] true flow, px; only for an oracle row."""
 
+    @property
+    def parents(self) -> NDArray[np.int64]:
+        """[J] `joint_parent`, also where it was left empty."""
+        return np.array(self.joint_parent or range(-1, self.n_joints - 1), np.int64)
+
 
 @dataclass(frozen=True)
 class Estimate:
