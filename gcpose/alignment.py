@@ -32,6 +32,12 @@ class Elements:
     start: NDArray[np.int64]
     """[J+2] where each part begins."""
 
+    def scaled(self, scale: float) -> Elements:
+        """The same with sigma times `scale`."""
+        column = self.column.copy()
+        column[6] *= np.float32(scale)
+        return Elements(column, self.start)
+
 
 def elements(
     point: Array, normal: Array, sigma: Array, label: NDArray[np.int64], parts: int

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from ..robots.geometry import Array
 from .chain import (
-    angle_derivatives,
     axis_basis,
-    axis_derivatives,
+    derivatives,
     displace_axis,
     part_motions,
 )
+
+ARM = 0.2  # m, on which a slide counts as a turn
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,10 @@ class Articulation:
     def motions(self, frames: int) -> Array:
         """[frames J+1 4 4] of the first frames."""
         return part_motions(self.twist, self.angle[:frames], self.parent)
+
+    def derivatives(self, motion: Array, basis: tuple[Array, ...]) -> Array:
+        """[T J+1 U 6] of those motions per displacement of frames 1.., and per axis by a basis."""
+        return derivatives(self.twist, motion, self.parent, basis)
 
 
 @dataclass(frozen=True)
@@ -62,19 +67,6 @@ class Hypothesis:
     cost: float
     order: int = 0
     """Which way from the base outward it takes (see Tracker)."""
-
-
-def derivatives(state: Articulation, motion: Array, basis: tuple[Array, ...]) -> Array:
-    """[T J+1 6 U] twists of the parts per unknown: displacements of frames 1.., then axes."""
-    frames, joints = len(motion), len(state.twist)
-    by_angle = angle_derivatives(state.twist, motion, state.parent)
-    by_axis = axis_derivatives(motion, basis, state.parent)
-    held = (frames - 1) * joints
-    out = np.zeros((frames, joints + 1, 6, held + by_axis.shape[-1]))
-    for t in range(1, frames):
-        out[t, ..., (t - 1) * joints : t * joints] = by_angle[t]
-    out[..., held:] = by_axis
-    return out
 
 
 def axis_bases(

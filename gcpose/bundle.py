@@ -9,12 +9,13 @@ the displacements theta_{1:n} of all joints and, where the knowledge leaves them
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..robots.geometry import Array, inverse
 from .alignment import (
+    Elements,
     Equations,
     accumulated_equations,
     elements,
@@ -22,8 +23,9 @@ from .alignment import (
     sparse,
     surface_equations,
 )
-from .articulation import Articulation, Cloud, axis_bases, derivatives, displaced
-from .chain import adjoint
+from .articulation import Articulation, Cloud, axis_bases, displaced
+from .chain import relative
+from .chain_kernels import add_normal
 from .prior import Hinges, Normal, closeness, smoothness
 from .surface import Surfaces
 
@@ -35,58 +37,80 @@ _FLOW_SHARE = 0.05  # of its pixels that err independently
 _FLOW_STRIDE = 2  # of the points whose flow is looked at: neighbours' errors are alike
 
 
+@dataclass(frozen=True)
+class Sums:
+    """Normal equations of U unknowns: displacements of frames 1.., then the axes'."""
+
+    matrix: Array
+    """[U U]"""
+    vector: Array
+    """[U]"""
+    scatter: Array
+    """[U U] sum of the outer products of each cloud's, part's and frame's vector: the covariance
+    of `vector` if what errs errs together there."""
+
+    @staticmethod
+    def nothing(size: int) -> Sums:
+        """Of as many unknowns."""
+        return Sums(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
+
+    def add(self, equations: Equations, g: Array) -> None:
+        """Of parts and frames, whose twists are g [T J+1 U 6] per unknown."""
+        add_normal(*equations, g, self.matrix, self.vector, self.scatter)
+
+    def believe(self, belief: Normal, these: slice) -> None:
+        """What is believed of some of the unknowns."""
+        self.matrix[these, these] += belief.matrix
+        self.scatter[these, these] += belief.matrix
+        self.vector[these] += belief.vector
+
+
 def assemble(
     surfaces: Surfaces,
-    clouds: tuple[Cloud, ...],
+    seen: list[tuple[int, Elements]],
     state: Articulation,
     basis: tuple[Array, ...],
-    last: int,
     scale: float,
-) -> Normal:
-    """Clouds against all frames up to `last`; `scale` is in footprints of a pixel.
+) -> Sums:
+    """Elements of key frames against all frames; `scale` is in footprints of a pixel.
 
     A point of frame s is at T_t T_s^-1 X in frame t: both frames' unknowns move it.
     """
-    motion = state.motions(last + 1)
-    derivative = derivatives(state, motion, basis)
-    size = derivative.shape[-1]
-    matrix, vector, scatter = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
-
-    def add(equations: Equations, g: Array) -> None:
-        """Sums over parts and frames, of twists that are g [T J+1 6 U] per unknown."""
-        six, right = equations
-        each = np.einsum("tji,tjiu->tju", right, g).reshape(-1, size)
-        g = g.reshape(-1, 6, size)
-        along = (six.reshape(-1, 6, 6) @ g).reshape(-1, size)
-        np.add(matrix, g.reshape(-1, size).T @ along, out=matrix)
-        np.add(vector, each.sum(axis=0), out=vector)
-        np.add(scatter, each.T @ each, out=scatter)
-
-    for cloud in clouds:
-        many = np.bincount(cloud.label, minlength=len(state.twist) + 1) >= _FEWEST
-        label = np.where(many[cloud.label], cloud.label, 0)
-        here_from_there = motion @ inverse(motion[cloud.frame])
+    motion = state.motions(len(state.angle))
+    derivative = state.derivatives(motion, basis)
+    size = derivative.shape[2]
+    sums, by_step = Sums.nothing(size), derivative
+    if surfaces.flow is not None:
+        step = motion[1:] @ inverse(motion[:-1])
+        by_step = relative(derivative[1:], step, derivative[:-1])
+    for frame, elements_ in seen:
+        these = elements_.scaled(scale)
+        here_from_there = motion @ inverse(motion[frame])
         g = derivative
-        if cloud.frame:
-            g = g - adjoint(here_from_there) @ derivative[cloud.frame]
-        sigma = scale * (surfaces.footprint(cloud.point[:, 2]) + surfaces.noise)
-        parts = len(state.twist) + 1
-        these = elements(cloud.point, cloud.normal, sigma, label, parts)
+        if frame:
+            g = relative(derivative, here_from_there, derivative[frame : frame + 1])
         if surfaces.noise:
             six, right, coupling = accumulated_equations(surfaces, here_from_there, these)
-            add((six, right), g)
+            sums.add((six, right), g)
             for part, c in zip(g.swapaxes(0, 1), coupling, strict=True):
-                along = part.reshape(-1, size)
-                matrix -= along.T @ c @ along
+                along = part.swapaxes(1, 2).reshape(-1, size)
+                np.subtract(sums.matrix, along.T @ c @ along, out=sums.matrix)
         else:
-            add(surface_equations(surfaces, cloud.frame, here_from_there, these), g)
+            sums.add(surface_equations(surfaces, frame, here_from_there, these), g)
         if surfaces.flow is not None:
             some = sparse(these, _FLOW_STRIDE)
-            step = motion[1:] @ inverse(motion[:-1])
-            add(flow_equations(surfaces, here_from_there, some, _FLOW_SCALE,
-                               _FLOW_SHARE * _FLOW_STRIDE),
-                derivative[1:] - adjoint(step) @ derivative[:-1])
-    return Normal(matrix, vector, scatter)
+            sums.add(flow_equations(surfaces, here_from_there, some, _FLOW_SCALE,
+                                    _FLOW_SHARE * _FLOW_STRIDE), by_step)
+    return sums
+
+
+def elements_of(surfaces: Surfaces, cloud: Cloud, parts: int) -> Elements:
+    """A cloud's, with what a pixel's footprint and noise leave uncertain; parts of a few points
+    do not count."""
+    many = np.bincount(cloud.label, minlength=parts) >= _FEWEST
+    sigma = surfaces.footprint(cloud.point[:, 2]) + surfaces.noise
+    label = np.where(many[cloud.label], cloud.label, 0)
+    return elements(cloud.point, cloud.normal, sigma, label, parts)
 
 
 def adjust(
@@ -97,46 +121,39 @@ def adjust(
     scales: tuple[float, ...],
     hinges: Hinges,
     newest: bool = False,
-) -> tuple[Articulation, Array]:
+) -> tuple[Articulation, Sums]:
     """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
 
     With `newest` only the last frame's displacements move. Returns the articulation and the
-    standard deviation of its displacements [T J].
+    equations of the last iteration.
     """
     joints, last = len(state.twist), len(state.angle) - 1
     held = last * joints
-    hessian, scatter = np.zeros((0, 0)), np.zeros((0, 0))
+    seen = [(c.frame, elements_of(surfaces, c, joints + 1)) for c in clouds]
+    sums = Sums.nothing(0)
     for scale in scales:
         basis = axis_bases(state, clouds, 0 if newest else freedom)
-        n = assemble(surfaces, clouds, state, basis, last, scale)
-        prior = smoothness(state.angle, last)
-        assert n.scatter is not None
-        scatter = n.scatter.copy()
-        scatter[:held, :held] += prior.matrix
-        n.matrix[:held, :held] += prior.matrix
-        n.vector[:held] += prior.vector
-        belief = closeness(state, basis, hinges)
-        n.matrix[held:, held:] += belief.matrix
-        scatter[held:, held:] += belief.matrix
-        n.vector[held:] += belief.vector
-        hessian = n.matrix
-        damping = _DAMPING * np.diag(n.matrix) + 1.0
+        sums = assemble(surfaces, seen, state, basis, scale)
+        sums.believe(smoothness(state.angle, last), slice(0, held))
+        sums.believe(closeness(state, basis, hinges), slice(held, None))
+        damping = _DAMPING * np.diag(sums.matrix) + 1.0
         if newest:
             damping[: held - joints] += 1e15
-        step = np.linalg.solve(n.matrix + np.diag(damping), n.vector)
+        step = np.linalg.solve(sums.matrix + np.diag(damping), sums.vector)
         step = np.asarray(np.clip(step, -_STEP, _STEP), np.float64)
         angle = state.angle.copy()
         angle[1:] += step[:held].reshape(last, joints)
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
         if np.abs(step).max() < 1e-6:
             break
-    return state, deviation(hessian, scatter, last, joints)
+    return state, sums
 
 
-def deviation(hessian: Array, scatter: Array, last: int, joints: int) -> Array:
-    """[T J] of the displacements: H^-1 S H^-1, S the scatter of what pulls at them."""
-    out = np.zeros((last + 1, joints))
-    inverse_hessian = np.linalg.inv(hessian + 1e-6 * np.eye(len(hessian)))
-    variance = np.diag(inverse_hessian @ scatter @ inverse_hessian)[: last * joints]
-    out[1:] = np.sqrt(np.maximum(variance, 0.0)).reshape(last, joints)
+def deviation(sums: Sums, frames: int, joints: int) -> Array:
+    """[T J] standard deviation of displacements: H^-1 S H^-1, S the scatter of what pulls at
+    them."""
+    out, held = np.zeros((frames, joints)), (frames - 1) * joints
+    inverse_hessian = np.linalg.inv(sums.matrix + 1e-6 * np.eye(len(sums.matrix)))
+    variance = np.diag(inverse_hessian @ sums.scatter @ inverse_hessian)[:held]
+    out[1:] = np.sqrt(np.maximum(variance, 0.0)).reshape(frames - 1, joints)
     return out

@@ -14,6 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array, apply, transform
+from .chain_kernels import (
+    fill_bases,
+    fill_derivatives,
+    fill_displaced,
+    fill_motions,
+    take_moved,
+)
 
 
 def cross_matrix(v: Array) -> Array:
@@ -76,20 +83,6 @@ def screws_of(twist: Array, prismatic: NDArray[np.bool_]) -> Array:
     return np.where(prismatic[:, None], slide, twist)
 
 
-def joint_motion(twist: Array, displacement: Array) -> Array:
-    """[... 4 4] of joints: twists [... 6] of unit speed and without pitch, displacements [...]."""
-    k, v = cross_matrix(twist[..., :3]), twist[..., 3:, None]
-    kv = k @ v
-    a = displacement[..., None, None]
-    s, c = np.sin(a), 1 - np.cos(a)
-    shift = a * v + c * kv + (a - s) * (k @ kv)  # a prismatic joint's k is 0
-    out = np.zeros((*shift.shape[:-2], 4, 4))
-    out[..., :3, :3] = np.eye(3) + s * k + c * (k @ k)
-    out[..., :3, 3:] = shift
-    out[..., 3, 3] = 1.0
-    return out
-
-
 def carriers(parent: NDArray[np.int64]) -> NDArray[np.bool_]:
     """[J+1 J] which joints move each part."""
     out = np.zeros((len(parent) + 1, len(parent)), bool)
@@ -104,36 +97,38 @@ def part_motions(twist: Array, angle: Array, parent: NDArray[np.int64]) -> Array
 
     twist [... J 6], angle [... T J]: T_j = exp(S_i a_i) ... exp(S_j a_j), of what carries it.
     """
-    out = np.tile(np.eye(4), (*angle.shape[:-1], twist.shape[-2] + 1, 1, 1))
-    each = joint_motion(twist[..., None, :, :], angle)
-    for j, p in enumerate(parent):
-        out[..., j + 1, :, :] = out[..., p + 1, :, :] @ each[..., j, :, :]
-    return out
+    shape = (*angle.shape[:-1], twist.shape[-2] + 1, 4, 4)
+    chains = np.ascontiguousarray(twist).reshape(-1, *twist.shape[-2:])
+    out = np.zeros((len(chains), *shape[-4:]))
+    fill_motions(chains, np.ascontiguousarray(angle).reshape(len(chains), *angle.shape[-2:]),
+                 parent, out)
+    return out.reshape(shape)
 
 
-def angle_derivatives(twist: Array, motion: Array, parent: NDArray[np.int64]) -> Array:
-    """[T J+1 6 J]: the twist of part j (left side: T_j <- exp(twist) T_j) per displacement of i."""
-    out = np.zeros((*motion.shape[:2], 6, len(twist)))
-    for i, mine in enumerate(carriers(parent).T):
-        moved = adjoint(motion[:, parent[i] + 1]) @ twist[i]
-        out[..., i] = mine[:, None] * moved[:, None]
-    return out
-
-
-def axis_derivatives(
-    motion: Array, basis: tuple[Array, ...], parent: NDArray[np.int64]
+def derivatives(
+    twist: Array, motion: Array, parent: NDArray[np.int64], basis: tuple[Array, ...]
 ) -> Array:
-    """[T J+1 6 D]: the twist of part j per displacement of axis i by the twists basis[i] [6 d_i].
+    """[T J+1 U 6]: twists of the parts (T_j <- exp(twist) T_j) per unknown: displacements of
+    frames 1.., then axes by the twists basis[i] [6 d_i].
 
-    Moving the axis by exp(z) turns exp(S a) into exp(z) exp(S a) exp(-z): hence
-    (Ad T_p - Ad T_i) z on every part that i moves, p what carries it. D is the sum of the d_i.
+    Moving axis i by exp(z) turns exp(S a) into exp(z) exp(S a) exp(-z): hence
+    (Ad T_p - Ad T_i) z on every part that i moves, p what carries it.
     """
-    frames, parts = motion.shape[:2]
-    ad = adjoint(motion)
-    blocks = [np.zeros((frames, parts, 6, b.shape[1])) for b in basis]
-    for i, (b, mine) in enumerate(zip(basis, carriers(parent).T, strict=True)):
-        blocks[i][:, mine] = ((ad[:, parent[i] + 1] - ad[:, i + 1]) @ b)[:, None]
-    return np.concatenate(blocks, axis=-1) if blocks else np.zeros((frames, parts, 6, 0))
+    owner = np.repeat(np.arange(len(basis)), [b.shape[1] for b in basis])
+    rows = np.ascontiguousarray(np.concatenate(basis, axis=1).T)
+    unknowns = (len(motion) - 1) * len(twist) + len(owner)
+    out = np.zeros((*motion.shape[:2], unknowns, 6))
+    moves = carriers(parent)
+    fill_derivatives(np.ascontiguousarray(twist), motion, parent, moves, rows, owner, out)
+    return out
+
+
+def relative(derivative: Array, motion: Array, other: Array) -> Array:
+    """Derivatives [T J+1 U 6] of what moves parts from where others [T or 1, J+1 U 6] have them,
+    motion [T J+1 4 4] apart."""
+    out = derivative.copy()
+    take_moved(motion, other, out)
+    return out
 
 
 def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Array:
@@ -143,32 +138,20 @@ def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Arra
     direction and position stay apart in the normal equations. A prismatic axis has only a
     direction (d = 2 where freedom is 4).
     """
-    direction = twist[..., 3:] if prismatic else twist[..., :3]
-    least = np.eye(3)[np.argmin(np.abs(direction), axis=-1)]
-    turn = cross_matrix(direction)
-    first = turn @ least[..., None]
-    first = first / np.linalg.norm(first, axis=-2, keepdims=True)
-    across = np.concatenate([first, turn @ first], axis=-1)
-    zero = np.zeros_like(across)
-    if prismatic:
-        return np.concatenate([across, zero], axis=-2)[..., : 2 if freedom == 4 else 0]
-    foot = (turn @ twist[..., 3:, None])[..., 0]
-    along = (direction * (near - foot)).sum(axis=-1, keepdims=True)
-    centre = foot + direction * along
-    slide = np.concatenate([zero, across], axis=-2)
-    bend = np.concatenate([across, cross_matrix(centre) @ across], axis=-2)
-    return np.concatenate([slide, bend], axis=-1)[..., :freedom]
+    if freedom == 0 or (prismatic and freedom < 4):
+        return np.zeros((*twist.shape, 0))
+    flat = np.ascontiguousarray(twist).reshape(-1, 6)
+    out = np.zeros((*flat.shape, 2 if prismatic else 4))
+    fill_bases(flat, prismatic, np.broadcast_to(near, (len(flat), 3)).copy(), out)
+    return out[..., :freedom].reshape(*twist.shape, -1)
 
 
 def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:
     """The twists [... 6] of axes after exp(by): again unit directions, again without pitch."""
-    moved: Array = (adjoint(exponential(by)) @ twist[..., None])[..., 0]
-    direction = moved[..., 3:] if prismatic else moved[..., :3]
-    l = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-    if prismatic:
-        return np.concatenate([np.zeros_like(l), l], axis=-1)
-    v = moved[..., 3:]
-    return np.concatenate([l, v - l * (l * v).sum(axis=-1, keepdims=True)], axis=-1)
+    flat = np.ascontiguousarray(twist).reshape(-1, 6)
+    out = np.zeros_like(flat)
+    fill_displaced(flat, exponential(by).reshape(-1, 4, 4), prismatic, out)
+    return out.reshape(twist.shape)
 
 
 def move(motion: Array, points: Array) -> Array:

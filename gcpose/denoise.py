@@ -7,6 +7,9 @@ pixels says which layer a pixel is in, and the moments of each layer are box-fil
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +43,8 @@ def smoothed(
         v, u = np.nonzero(lively)
         box = (slice(max(0, v.min() - 16), v.max() + 17), slice(max(0, u.min() - 16), u.max() + 17))
         crops = [np.ascontiguousarray(image[box]) for image in rgb]
-        for t in range(len(flows)):
-            flows[t][box] = flow(crops[t], crops[t + 1])
+        steps = together(lambda pair: flow(*pair), pairwise(crops))
+        flows[(slice(None), *box)] = np.stack(steps)
     left = noise / (2 * _CENTRE + 1)
     return Surfaces(
         np.stack([z for z, _ in fitted]),
@@ -76,26 +79,32 @@ def fit_planes(
         box = (slice(max(0, v.min() - pad), v.max() + pad + 1),
                slice(max(0, u.min() - pad), u.max() + pad + 1))
         near = valid[box] & (np.abs(rough[box] - (low + k * spacing)) < 1.5 * spacing)
-        zz, nn = window_planes(depth[box], near, x[box], y[box], low + float(k) * spacing)
         take = mine[box]
-        z[box][take], n[box][take] = zz[take], nn[take]
+        z[box][take], n[box][take] = window_planes(
+            depth[box], near, x[box], y[box], low + float(k) * spacing, take)
     return z, n
 
 
 def window_planes(
-    depth: Image, mask: NDArray[np.bool_], x: Image, y: Image, around: float
+    depth: Image, mask: NDArray[np.bool_], x: Image, y: Image, around: float,
+    take: NDArray[np.bool_],
 ) -> tuple[Image, Image]:
-    """Least squares of z = a + b x + c y over each window's masked pixels; normals from it.
+    """Least squares of z = a + b x + c y over the masked pixels of windows [H W]; depth [N] and
+    normals [N 3] in the middle of those to take.
 
     Depth is taken relative to `around`, which keeps single precision good enough.
     """
-    size = (2 * _RADIUS + 1, 2 * _RADIUS + 1)
     m = mask.astype(np.float32)
     x0, y0 = float(x.mean()), float(y.mean())
+    at_x, at_y, at_z = x[take] - x0, y[take] - y0, depth[take]
     x, y, z = (x - x0) * m, (y - y0) * m, (depth - around) * m
-    channels = [m, x, y, x * x, x * y, y * y, z, x * z, y * z]
-    s = [cv2.boxFilter(c, -1, size, normalize=True, borderType=cv2.BORDER_CONSTANT)
-         for c in channels]
+
+    def means(radius: int, *channels: NDArray[np.floating[Any]]) -> list[Image]:
+        size, edge = (2 * radius + 1, 2 * radius + 1), cv2.BORDER_CONSTANT
+        blurred = [cv2.boxFilter(c, -1, size, normalize=True, borderType=edge) for c in channels]
+        return [np.asarray(c[take], np.float32) for c in blurred]
+
+    s = means(_RADIUS, m, x, y, x * x, x * y, y * y, z, x * z, y * z)
     w = np.maximum(s[0], 1e-9)
     mx, my, mz = s[1] / w, s[2] / w, s[6] / w
     xx, xy, yy = s[3] / w - mx * mx, s[4] / w - mx * my, s[5] / w - my * my
@@ -104,15 +113,11 @@ def window_planes(
     xx, yy = xx + ridge, yy + ridge
     det = xx * yy - xy * xy
     b, c = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
-    small = (2 * _CENTRE + 1, 2 * _CENTRE + 1)
-    t = [cv2.boxFilter(q, -1, small, normalize=True, borderType=cv2.BORDER_CONSTANT)
-         for q in (m, x, y, z)]
+    t = means(_CENTRE, m, x, y, z)
     v = np.maximum(t[0], 1e-9)
-    fitted = around + t[3] / v + b * (x - t[1] / v) + c * (y - t[2] / v)
+    fitted = around + t[3] / v + b * (at_x - t[1] / v) + c * (at_y - t[2] / v)
     # the surface z(x, y) in rays: n ~ (-b, -c, z + b x + c y) / ..., away from the camera
-    n = np.stack([-b, -c, fitted + b * (x + x0) + c * (y + y0)], axis=2)
-    n /= np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-12)
-    rim = cv2.boxFilter(m, -1, (_RIM, _RIM), normalize=True, borderType=cv2.BORDER_CONSTANT)
-    enough = (rim > 0.95) & mask
-    n[~enough] = 0.0
-    return np.where(mask, fitted, depth).astype(np.float32), n.astype(np.float32)
+    n = np.stack([-b, -c, fitted + b * (at_x + x0) + c * (at_y + y0)], axis=1)
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12)
+    n[(means(_RIM // 2, m)[0] <= 0.95) | ~mask[take]] = 0.0
+    return np.where(mask[take], fitted, at_z).astype(np.float32), n.astype(np.float32)

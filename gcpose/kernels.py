@@ -288,8 +288,8 @@ def add_flow(
 
 @compiled
 def add_label_costs(
-    depth: Image, normal: Image, camera: Camera, frame: int, motion: Image, column: Image,
-    out: Image,
+    depth: Image, normal: Image, camera: Camera, frame: int, motion: Image, first: int,
+    column: Image, out: Image,
 ) -> None:
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     qx, qy, qz, scale = column[3], column[4], column[5], column[6]
@@ -300,7 +300,7 @@ def add_label_costs(
         for j in range(motion.shape[1]):
             m, total = matrix_of(motion[t, j]), out[j]
             look(sight, m, camera, column, depth[t].ravel(), normal[t].ravel())
-            hidden = HIDDEN if j else HIDDEN_STILL
+            hidden = HIDDEN if first + j else HIDDEN_STILL
             for i in range(len(scale)):
                 x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]
                 a, b = (np.rint(sight.u[i]) - cx) / fx, (np.rint(sight.v[i]) - cy) / fy

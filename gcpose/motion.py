@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
+from .compiled import compiled
 from .surface import Surfaces, rays
 
 _FLOW_SIGMA = 1.5  # px
@@ -66,6 +67,28 @@ def correspond(
     return Correspondence(row, value, np.stack([hit, inside, inside], axis=1))
 
 
+@compiled
+def reweighted(
+    row: Array, value: Array, valid: NDArray[np.bool_], label: NDArray[np.int64], twist: Array,
+    scale: float, matrix: Array, vector: Array,
+) -> None:
+    """Add up each part's normal equations, matrix [J+1 6 6] and vector [J+1 6], with weights by
+    what its twist [6] leaves."""
+    for i in range(len(label)):
+        j = label[i]
+        if j == 0:
+            continue
+        for k in range(3):
+            here, left = row[i, k], value[i, k]
+            for a in range(6):
+                left -= here[a] * twist[j, a]
+            weight = valid[i, k] / (1 + (left / scale) ** 2) ** 2
+            for a in range(6):
+                vector[j, a] += weight * here[a] * value[i, k]
+                for b in range(6):
+                    matrix[j, a, b] += weight * here[a] * here[b]
+
+
 def fit(
     data: Correspondence,
     label: NDArray[np.int64],
@@ -86,20 +109,15 @@ def fit(
         held[start[i] : start[i + 1], start[i] : start[i + 1]] = s.T @ prior[i] @ s
     y = np.zeros(start[-1])
     for scale in (20.0, 6.0, 3.0, 3.0):
+        six, right = np.zeros((len(moves), 6, 6)), np.zeros((len(moves), 6))
+        z = np.stack([s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)])
+        reweighted(data.row, data.value, data.valid, label, moves @ z, scale, six, right)
         matrix, vector = held.copy(), np.zeros(start[-1])
         for j in range(1, len(moves)):
-            mine = label == j
-            if not mine.any():
-                continue
             some = np.flatnonzero(np.repeat(moves[j], size))
             basis = joined[:, some]
-            row = (data.row[mine] @ basis).reshape(-1, len(some))
-            value = data.value[mine].reshape(-1)
-            residual = value - row @ y[some]
-            weight = data.valid[mine].reshape(-1) / (1 + (residual / scale) ** 2) ** 2
-            weighted = row * weight[:, None]
-            matrix[np.ix_(some, some)] += weighted.T @ row
-            vector[some] += weighted.T @ value
+            matrix[np.ix_(some, some)] += basis.T @ six[j] @ basis
+            vector[some] += basis.T @ right[j]
         y = np.linalg.solve(matrix, vector)
     return [s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)]
 

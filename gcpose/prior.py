@@ -9,6 +9,7 @@ import numpy as np
 
 from ..robots.geometry import Array
 from .articulation import Articulation
+from .chain import cross_matrix
 
 _ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m
 _STEP = np.radians(5.0)  # of a joint from frame to frame, rad or m
@@ -20,9 +21,6 @@ class Normal:
 
     matrix: Array
     vector: Array
-    scatter: Array | None = None
-    """Sum of the outer products of each cloud's, part's and frame's vector: the covariance of
-    `vector` if what errs errs together there."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> 
     ):
         if b.shape[1] and not prismatic:
             l = twist[:3]
-            foot = np.cross(l, twist[3:])
+            foot = cross_matrix(l) @ twist[3:]
             offset = point - foot - l * (l @ (point - foot))  # from the axis to the hinge
             moved = b[3:, :2]  # the axis' slides; its turning hardly changes the distance
             here = slice(at, at + 2)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array, inverse
-from .articulation import Articulation, derivatives, displaced
-from .chain import adjoint, axis_basis
+from .articulation import Articulation, displaced
+from .chain import axis_basis, relative
 from .compiled import compiled
 from .prior import Hinges, closeness, smoothness
 
@@ -234,20 +234,20 @@ def _assemble(
     """Matrix [U U], vector [U], coupling with the depths [N U], their h, g [N] and costs [N]."""
     frames, joints = state.angle.shape
     motion = state.motions(frames)
-    derivative = derivatives(state, motion, basis)
-    size = derivative.shape[-1]
+    derivative = state.derivatives(motion, basis)
+    size = derivative.shape[2]
     keys = np.unique(rays.frame)
     key = np.searchsorted(keys, rays.frame)
-    relative = np.stack([motion @ inverse(motion[k]) for k in keys])
+    from_key = np.stack([motion @ inverse(motion[k]) for k in keys])
     a, b, c, h, g, cost = accumulate(
-        rays.ray, rays.inverse_depth, rays.label, key, relative,
+        rays.ray, rays.inverse_depth, rays.label, key, from_key,
         float(intrinsics[0, 0]), intrinsics[:2, 2].astype(np.float64),
         rays.step, rays.step_information, rays.spot, rays.spot_information, scale,
     )  # fmt: skip
     matrix, vector = np.zeros((size, size)), np.zeros(size)
     coupling = np.zeros((len(rays.ray), size))
     for k, frame in enumerate(keys):
-        each = derivative - adjoint(relative[k]) @ derivative[frame]
+        each = relative(derivative, from_key[k], derivative[frame : frame + 1]).swapaxes(2, 3)
         each[frame] = 0.0
         for p in range(1, joints + 1):
             pair = np.zeros((frames, 12, size))

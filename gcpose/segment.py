@@ -90,9 +90,10 @@ def candidates(
 
 
 def label_costs(
-    surfaces: Surfaces, grid: Candidates, motion: Array, width: float = 1.0
+    surfaces: Surfaces, grid: Candidates, motion: Array, width: float = 1.0, first: int = 0
 ) -> Array:
-    """[N J+1] cost of each label for the candidates under motion [T J+1 4 4], over T - 1 frames.
+    """[N P] cost of each label for the candidates under motion [T P 4 4] of the parts `first` to
+    `first` + P - 1, over T - 1 frames.
 
     `width` is what the motion may err by, in footprints of a pixel.
     """
@@ -100,7 +101,7 @@ def label_costs(
     here_from_there = motion @ inverse(motion[grid.frame])
     out = np.zeros((motion.shape[1], len(grid.point)), np.float32)
     add_label_costs(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
-                    grid.frame, here_from_there.astype(np.float32),
+                    grid.frame, here_from_there.astype(np.float32), first,
                     columns(grid.point, grid.normal, scale), out)
     return out.T.astype(np.float64)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis, distinct
 from .chain import carriers
+from .crew import together
 from .flow import Flow
 from .knowledge import Known, about, axis_from, spaces
 from .motion import Correspondence, correspond, costs, fit
@@ -32,9 +34,8 @@ def beginnings(tracker: Tracker, flow: Flow, spans: tuple[int, ...], most: int) 
         field = field[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
         data = correspond(tracker.surfaces, grid.point, grid.pixel, field, to, origin)
         for slip in _SLIPS if known.freedom else _SLIPS[:1]:
-            some = [first_motion(data, label, grid, tracker.bases[0], known, origin, to, slip)
-                    for label in first]
-            found += distinct(some, most)
+            moved = partial(first_motion, data, grid, tracker.bases[0], known, origin, to, slip)
+            found += distinct(together(moved, first), most)
     return found
 
 
@@ -48,13 +49,13 @@ def starts(rank: Array, moving: NDArray[np.bool_], joints: int) -> list[NDArray[
 
 def first_motion(
     data: Correspondence,
-    label: NDArray[np.int64],
     grid: Candidates,
     base: Array,
     known: Known,
     origin: Array,
     to: int,
     slip: float,
+    label: NDArray[np.int64],
 ) -> Hypothesis:
     """EM over frames 0 and `to` from initial labels [N]; the displacement goes on evenly."""
     joints = len(known.prismatic)

@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis
-from .chain import joint_motion
+from .chain import part_motions
 from .kernels import camera_of, columns, grow, judge
 from .knowledge import Known
 from .segment import smooth
@@ -31,6 +31,7 @@ _PLACES = 14  # where a hinge may be
 _BEAM = 2500  # chains that are carried on to the next joint
 _POINTS = 120
 _TURNS = 8  # directions across another
+_ALONE = np.array([-1])  # what carries a joint, where no other is looked at
 
 
 def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
@@ -55,7 +56,8 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
             lines = axes(known, j, directions(known, j, before), places)
             if len(lines) == 1:
                 step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
-            turn = joint_motion(lines.repeat(len(step), axis=0), np.tile(step, len(lines)))
+            each = lines.repeat(len(step), axis=0), np.tile(step, len(lines))
+            turn = part_motions(each[0][:, None], each[1][:, None, None], _ALONE)[:, 0, 1]
             carrier = group.motion[:, known.parent[j] + 1]
             mean = grown_costs(surfaces, to, carrier, turn, group.cost, column).reshape(-1)
             best = np.argsort(mean, kind="stable")[:_BEAM]

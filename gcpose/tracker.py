@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis
 from .bundle import adjust
 from .chain import carriers
+from .chain_kernels import fill_hinges
 from .knowledge import Known
 from .prior import Hinges
 from .segment import Candidates, candidates, changed, label_costs, order_from_base, smooth
@@ -21,6 +21,7 @@ from .surface import Surfaces
 _KEY = 3  # frames from one key frame to the next
 _UNEXPLAINED = 2.0  # cost a frame
 _SEEN = 20  # sampled pixels of what stands still, for it to be taken for the base
+_NEIGHBOURS = 120  # points of each part that are looked at, for a hinge
 _SLACK = 0.08  # how far an axis may pass from its hinge, of the object's size
 
 
@@ -32,6 +33,7 @@ class Tracker:
     ) -> None:
         self.surfaces, self.rgb, self.known, self.most = surfaces, rgb, known, most
         self.grids: dict[int, Candidates] = {}
+        self.stays: dict[tuple[int, int, float], Array] = {}
         grid = self.grid(0)
         stays = label_costs(surfaces, grid, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)))
         moving = stays[:, 0] > 0.9 * (surfaces.frames - 1)
@@ -89,17 +91,23 @@ class Tracker:
     def label_motion(self, motion: Array, frame: int, width: float) -> tuple[Cloud, float]:
         """The same for any motion [T J+1 4 4] of the parts."""
         grid = self.grid(frame)
-        volume = label_costs(self.surfaces, grid, motion, width)
-        volume = smooth(volume, grid, self.surfaces.noise > 0)
+        volume = smooth(self.label_costs(motion, frame, width), grid, self.surfaces.noise > 0)
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
         return Cloud(frame, grid.point, grid.normal, volume.argmin(axis=1)), cost
+
+    def label_costs(self, motion: Array, frame: int, width: float) -> Array:
+        """[N J+1] of a frame's candidates; what part 0 costs them is always the same."""
+        grid, key = self.grid(frame), (frame, len(motion), width)
+        if key not in self.stays:
+            self.stays[key] = label_costs(self.surfaces, grid, motion[:, :1], width)
+        moves = label_costs(self.surfaces, grid, motion[:, 1:], width, 1)
+        return np.concatenate([self.stays[key], moves], axis=1)
 
     def unexplained(self, guess: Hypothesis, width: float) -> float:
         """Share of the candidates that no part brings to where the frames show something."""
         state, bad = guess.state, []
         for cloud in guess.clouds:
-            volume = label_costs(self.surfaces, self.grid(cloud.frame),
-                                 state.motions(len(state.angle)), width)
+            volume = self.label_costs(state.motions(len(state.angle)), cloud.frame, width)
             bad.append(volume.min(axis=1) > _UNEXPLAINED * (len(state.angle) - 1))
         return float(np.concatenate(bad).mean())
 
@@ -169,21 +177,12 @@ def hinges(
     points: Array, label: NDArray[np.int64], base: Array, parent: NDArray[np.int64]
 ) -> Array:
     """[J 3] about where part j meets what carries it; what nothing carries meets the base [3]."""
-    out, moves = np.tile(base, (len(parent), 1)), carriers(parent)
-    for j, p in enumerate(parent):
-        if p < 0:
-            continue
-        before, behind = np.flatnonzero(moves[p + 1]) + 1, np.flatnonzero(moves[:, j])
-        inner, outer = (thinned(points[np.isin(label, m)]) for m in (before, behind))
-        if len(inner) and len(outer):
-            apart = cdist(outer, inner).min(axis=1)
-            out[j] = outer[np.argsort(apart)[: 1 + len(outer) // 12]].mean(axis=0)
-        else:
-            out[j] = out[p]
+    out = np.empty((len(parent), 3))
+    fill_hinges(points, label, base, parent, carriers(parent), _NEIGHBOURS, out)
     return out
 
 
-def thinned(points: Array, most: int = 120) -> Array:
+def thinned(points: Array, most: int) -> Array:
     """At most `most` of the points [N 3]."""
     return points[np.linspace(0, len(points) - 1, min(len(points), most)).astype(int)]
 

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from gcbench.gcpose.chain import (
     adjoint,
-    angle_derivatives,
     axis_basis,
-    axis_derivatives,
     carriers,
+    derivatives,
     displace_axis,
     exponential,
     logarithm,
     part_motions,
+    relative,
     screws_of,
     twists_of,
 )
+from gcbench.gcpose.chain_kernels import add_normal
 from gcbench.robots.geometry import inverse, revolute_motion
 
 PRISMATIC = np.array([False, True, False])
@@ -81,30 +82,31 @@ def test_a_part_moves_with_all_that_carries_it() -> None:
 
 
 @pytest.mark.parametrize("parent", TREES)
-def test_angle_derivatives_are_finite_differences(parent: np.ndarray) -> None:
+def test_derivatives_by_displacements_are_finite_differences(parent: np.ndarray) -> None:
     twist, angle = chain(np.random.default_rng(3))
     motion, step = part_motions(twist, angle, parent), 1e-6
-    derivative = angle_derivatives(twist, motion, parent)
-    for i in range(3):
-        more = angle.copy()
-        more[:, i] += step
-        moved = part_motions(twist, more, parent)
-        for t in range(4):
-            for j in range(4):
-                seen = twist_of(motion[t, j], moved[t, j]) / step
-                assert np.allclose(seen, derivative[t, j, :, i], atol=1e-4)
+    derivative = derivatives(twist, motion, parent, (np.zeros((6, 0)),) * 3)
+    for t in range(1, 4):
+        for i in range(3):
+            more = angle.copy()
+            more[t, i] += step
+            moved, u = part_motions(twist, more, parent), 3 * (t - 1) + i
+            for other in range(4):
+                for j in range(4):
+                    seen = twist_of(motion[other, j], moved[other, j]) / step
+                    assert np.allclose(seen, derivative[other, j, u], atol=1e-4)
 
 
 @pytest.mark.parametrize("parent", TREES)
 @pytest.mark.parametrize("freedom", [0, 2, 4])
-def test_axis_derivatives_are_finite_differences(freedom: int, parent: np.ndarray) -> None:
+def test_derivatives_by_axes_are_finite_differences(freedom: int, parent: np.ndarray) -> None:
     twist, angle = chain(np.random.default_rng(4))
     motion, step = part_motions(twist, angle, parent), 1e-6
     near = np.array([0.3, -0.2, 1.5])
     pairs = zip(twist, PRISMATIC, strict=True)
     basis = tuple(axis_basis(s, bool(p), near, freedom) for s, p in pairs)
-    derivative = axis_derivatives(motion, basis, parent)
-    at = 0
+    derivative = derivatives(twist, motion, parent, basis)
+    at = 9
     for i, b in enumerate(basis):
         for c in range(b.shape[1]):
             other = twist.copy()
@@ -113,6 +115,40 @@ def test_axis_derivatives_are_finite_differences(freedom: int, parent: np.ndarra
             for t in range(4):
                 for j in range(4):
                     seen = twist_of(motion[t, j], moved[t, j]) / step
-                    assert np.allclose(seen, derivative[t, j, :, at + c], atol=1e-4)
+                    assert np.allclose(seen, derivative[t, j, at + c], atol=1e-4)
         at += b.shape[1]
-    assert at == derivative.shape[-1] == {0: 0, 2: 4, 4: 10}[freedom]
+    assert derivative[:, :, 9:].any(axis=(0, 1, 3)).all()  # every one of them does something
+    assert at == derivative.shape[2] == {0: 9, 2: 13, 4: 19}[freedom]
+
+
+def test_relative_derivatives_are_finite_differences() -> None:
+    twist, angle = chain(np.random.default_rng(6))
+    motion, step, u = part_motions(twist, angle, CHAIN), 1e-6, 3 + 1
+    derivative = derivatives(twist, motion, CHAIN, (np.zeros((6, 0)),) * 3)
+    more = angle.copy()
+    more[2, 1] += step
+    moved = part_motions(twist, more, CHAIN)
+    apart, after = motion @ inverse(motion[2]), moved @ inverse(moved[2])
+    found = relative(derivative, apart, derivative[2:3])
+    for t in range(4):
+        for j in range(1, 4):
+            assert np.allclose(twist_of(apart[t, j], after[t, j]) / step, found[t, j, u], atol=1e-4)
+    apart, after = motion[1:] @ inverse(motion[:-1]), moved[1:] @ inverse(moved[:-1])
+    found = relative(derivative[1:], apart, derivative[:-1])
+    for t in range(3):
+        for j in range(1, 4):
+            assert np.allclose(twist_of(apart[t, j], after[t, j]) / step, found[t, j, u], atol=1e-4)
+
+
+def test_normal_equations_are_those_of_dense_sums() -> None:
+    rng = np.random.default_rng(7)
+    root, right = rng.normal(size=(4, 3, 6, 6)), rng.normal(size=(4, 3, 6))
+    six = root @ root.swapaxes(2, 3)
+    g = rng.normal(size=(4, 3, 10, 6)) * (rng.random((4, 3, 10, 1)) < 0.4)
+    matrix, vector, scatter = np.zeros((10, 10)), np.zeros(10), np.zeros((10, 10))
+    add_normal(six, right, g, matrix, vector, scatter)
+    six, right, g = six[:, 1:], right[:, 1:], g[:, 1:]  # part 0 says nothing
+    each = np.einsum("tjua,tja->tju", g, right)
+    assert np.allclose(matrix, np.einsum("tjua,tjab,tjvb->uv", g, six, g))
+    assert np.allclose(vector, each.sum(axis=(0, 1)))
+    assert np.allclose(scatter, np.einsum("tju,tjv->uv", each, each))
