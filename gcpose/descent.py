@@ -56,7 +56,7 @@ def sharpened(tracker: Tracker, best: Hypothesis) -> Hypothesis:
     labels and costs tell parts apart that move almost alike."""
     if tracker.surfaces.noise:
         return best
-    return descended(tracker, best, 2 * ROUNDS, _SHARP, SHARPEST)
+    return descended(tracker, best, 4 * ROUNDS, _SHARP, SHARPEST)
 
 
 def refined(tracker: Tracker, best: Hypothesis) -> Hypothesis:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..robots.geometry import Array, inverse
 from .alignment import elements, surface_equations
-from .articulation import Articulation, Cloud, Hypothesis, middles
+from .articulation import ARM, Articulation, Cloud, Hypothesis, middles
 from .chain import (
     adjoint,
     axis_basis,
@@ -25,6 +25,7 @@ from .chain import (
     logarithm,
     part_motions,
 )
+from .crew import together
 from .surface import Surfaces
 from .sweep import directions, spread
 from .tracker import Tracker, thinned
@@ -36,6 +37,7 @@ _HELD, _FREED = 8, 20  # iterations with axes held, then free
 _STARTS, _PLACES = 1000, 24
 _FITTED = 300  # of the starts, whose axes are freed
 _FITS, _WORSE = 1e-3, 2.0  # rad and m, of the motion, weighted; or times the best, with noise
+_ALIKE = np.radians(2.0)  # of chains that are one, by displacements at the end
 _KEPT = 0.3  # of the directions are as they are
 
 
@@ -110,17 +112,25 @@ def factored(tracker: Tracker, guess: Hypothesis) -> list[Articulation]:
     """Chains that make what the surest part of a hypothesis does; the other joints stay."""
     goal, state = loosened(tracker, guess), guess.state
     starts = axes_at_random(tracker, state, np.random.default_rng(0))[:, goal.path]
-    held = follow_held(goal, starts)
+    held = np.concatenate(together(lambda s: follow_held(goal, s), np.array_split(starts, 2)))
     best = np.argsort(misfit(goal, starts, held), kind="stable")[:_FITTED]
-    near = middles(guess.clouds[0], len(state.twist))[goal.path]
-    fitted = fit_chains(goal, starts[best], held[best], state.prismatic[goal.path], near,
-                        tracker.known.freedom)
-    enough = max(_FITS, _WORSE * float(fitted[2].min()))
+    near, freedom = middles(guess.clouds[0], len(state.twist))[goal.path], tracker.known.freedom
+    prismatic = state.prismatic[goal.path]
+    halves = together(
+        lambda b: fit_chains(goal, starts[b], held[b], prismatic, near, freedom),
+        (best[::2], best[1::2]),
+    )
+    twists, angles, cost = (np.concatenate(x) for x in zip(*halves, strict=True))
+    enough = max(_FITS, _WORSE * float(cost.min()))
+    arm = np.where(prismatic, ARM, 1.0)
     found: list[Articulation] = []
-    for t, a, cost in zip(*fitted, strict=True):
-        if cost < enough:
+    for f in np.argsort(cost, kind="stable"):
+        ends = [other.angle[-1, goal.path] for other in found]
+        if cost[f] >= enough:
+            break
+        if all((np.abs(angles[f, -1] - e) / arm).max() > _ALIKE for e in ends):
             twist, angle = state.twist.copy(), state.angle.copy()
-            twist[goal.path], angle[:, goal.path] = t, a
+            twist[goal.path], angle[:, goal.path] = twists[f], angles[f]
             found.append(replace(state, twist=twist, angle=angle))
     return found
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
 from ..robots.geometry import Array
 from .articulation import Articulation
-from .bundle import adjust
+from .bundle import adjust, deviation
 from .chain import screws_of
 from .crew import together
 from .denoise import smoothed
@@ -38,7 +38,7 @@ class GCPose:
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
     training = "none"
-    version = "4"
+    version = "5"
 
     def __init__(self, flow: Flow | str = "", depth: str = "") -> None:
         """A flow, or the name of one (see flow.py), and of a depth network (see depth.py).
@@ -72,7 +72,7 @@ class GCPose:
             return unmoved(observation, known)
         tracker = Tracker(surfaces, rgb, known, most)
         best = search(tracker, self.flow)
-        state, sigma = adjust(
+        state, sums = adjust(
             replace(surfaces, flow=None),
             best.clouds,
             best.state,
@@ -80,6 +80,7 @@ class GCPose:
             (1.0, 0.6, 0.4, 0.4) if noise else (0.25, 0.12, 0.12),
             tracker.hinges(best),
         )
+        sigma = deviation(sums, *state.angle.shape)
         if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
             return unmoved(observation, known)
         return Estimate(

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from .articulation import Articulation, Hypothesis, distinct
+from .articulation import ARM, Articulation, Hypothesis, distinct
 from .crew import together
-from .descent import MIDDLING, ROUNDS, SHARPEST, descended, refined, sharpened
+from .descent import ROUNDS, SHARPEST, descended, refined, sharpened
 from .factor import factored
 from .flow import Flow
 from .tracker import Tracker
-from .trade import traded
 from .ways import by_flow, by_lines, by_more_lines, by_more_sweeps, by_sweeps
 
 _COARSE = 500  # candidates that hard starts are judged on
-_DOUBTFUL = 0.045, 0.03  # of the candidates not explained: another way is tried; with noise
-_LOST = 0.11, 0.09  # the same, for an estimate not to be trusted
-_OTHERS, _UNLIKE = 10, np.radians(12.0)  # chains that are tried, and how far they are apart
+_DOUBTFUL = 0.045, 0.02  # of the candidates not explained: other chains are tried; with noise
+_POOR = 0.08, 0.05  # the same: another way is tried
+_LOST = 0.11, 0.09  # the same: an estimate is not to be trusted
+_OTHERS, _BETTER = 10, 4  # chains that are tried, and are tried on all candidates
+_UNLIKE = np.radians(12.0)  # how far they are apart
 _PROMISING = 1.3  # times the cost of what is there before it is sharpened
 _ALIKE = np.radians(1.0)  # of solutions that are one
-_ARM = 0.2  # m
 _IDLE, _STILL = 0.05, np.radians(5.0)  # of the cost; of a displacement
 _JUMPED = 2  # of the solutions that were tried
 _JUMPS, _CHEAPER = 2, 0.99  # to other chains, and what is worth one
@@ -33,8 +33,9 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     freedom = tracker.known.freedom
     coarse = tracker.thinned(_COARSE) if freedom else tracker
     ways = (by_sweeps, by_flow, by_more_sweeps) if freedom else (by_lines, by_more_lines)
+    noisy = tracker.surfaces.noise > 0
+    jumps = freedom == 4 or (freedom == 2 and noisy)
     tried: list[Hypothesis] = []
-    noisy = tracker.surfaces.noise > 0 and freedom > 0
     for way in ways:
         found = way(coarse, flow)
         if freedom:
@@ -42,23 +43,24 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
                      for h in distinct(found, 4)]
         best = sharpened(tracker, polished(tracker, distinct(found, 3)))
         again = bool(tried) and apart(best, min(tried, key=badness)) < _ALIKE
-        if (freedom == 4 or noisy) and (not again or lost(tracker, best)):
+        if jumps:
             best = bettered(tracker, coarse, best)
         tried.append(best)
         best = min(tried, key=badness)
-        if idle(best):
-            continue
-        if not doubtful(tracker, best) or (again and not lost(tracker, best)):
+        most = _LOST if again else _POOR if jumps else _DOUBTFUL
+        if unexplained(tracker, best) < most[noisy] and not idle(best):
             break
     else:
-        if freedom == 2:
+        if freedom == 2 and not jumps:
             tried += [bettered(tracker, coarse, h) for h in distinct(tried, _JUMPED)]
     return refined(tracker, min(tried, key=badness))
 
 
 def bettered(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
-    """The best of a hypothesis and of other chains that move the surest part as it does."""
+    """The best of a doubtful hypothesis and of other chains that move the surest part alike."""
     for _ in range(_JUMPS):
+        if not doubtful(tracker, best) and not idle(best):
+            break
         other = jumped(tracker, coarse, best)
         if badness(other) >= _CHEAPER * badness(best):
             break
@@ -73,11 +75,9 @@ def jumped(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
     def seen(state: Articulation) -> Hypothesis:
         return coarse.relabel(state, frames, best.order)
 
-    found = together(lambda h: coarse.settle(h, 2, (8.0, 6.0, 4.0, 4.0)),
-                     traded(coarse, seen(best.state), 8))
-    found = together(lambda h: coarse.settle(h, 2, MIDDLING), unlike(found, 4))
-    found += unlike(together(seen, factored(tracker, best)), _OTHERS)
-    found = [tracker.relabel(h.state, frames, h.order) for h in found]
+    found = unlike(together(seen, factored(tracker, best)), _OTHERS)
+    found = together(lambda h: descended(coarse, h, 2), found)
+    found = [tracker.relabel(h.state, frames, h.order) for h in unlike(found, _BETTER)]
     found = together(lambda h: descended(tracker, h, ROUNDS // 2), found)
     most = np.inf
     if not lost(tracker, best):
@@ -99,9 +99,15 @@ def unlike(found: list[Hypothesis], most: int) -> list[Hypothesis]:
 
 
 def apart(one: Hypothesis, two: Hypothesis) -> float:
-    """Largest difference of a displacement at the end, rad; a slide counts as a turn on an arm."""
-    arm = np.where(one.state.prismatic, _ARM, 1.0)
-    return float((np.abs(one.state.angle[-1] - two.state.angle[-1]) / arm).max())
+    """Largest difference of a displacement at the end, rad; a slide counts as a turn on an arm.
+
+    An axis that points the other way is the same axis.
+    """
+    a, b = one.state, two.state
+    arm = np.where(a.prismatic, ARM, 1.0)
+    directions = [np.where(s.prismatic[:, None], s.twist[:, 3:], s.twist[:, :3]) for s in (a, b)]
+    sign = np.where((directions[0] * directions[1]).sum(axis=1) < 0, -1.0, 1.0)
+    return float((np.abs(a.angle[-1] - sign * b.angle[-1]) / arm).max())
 
 
 def badness(guess: Hypothesis) -> float:
@@ -112,7 +118,7 @@ def badness(guess: Hypothesis) -> float:
 
 def idle(guess: Hypothesis) -> bool:
     """Whether a joint hardly moves."""
-    arm = np.where(guess.state.prismatic, _ARM, 1.0)
+    arm = np.where(guess.state.prismatic, ARM, 1.0)
     return bool((np.abs(guess.state.angle).max(axis=0) / arm).min() < _STILL)
 
 

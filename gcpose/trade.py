@@ -12,32 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..robots.geometry import Array, apply, inverse
-from .articulation import Articulation, Hypothesis, distinct
-from .crew import together
-from .sweep import spread
-from .tracker import Tracker, thinned
+from .articulation import Articulation
 
-_PARALLEL = 0.98  # cosine
-_PLACES = 24  # where the hinge may be
 _FEET = 3  # places of the first axis for each
 _NEAREST = 0.03  # of the distance to the camera: closer to the first axis, a hinge says nothing
-
-
-def traded(tracker: Tracker, guess: Hypothesis, most: int) -> list[Hypothesis]:
-    """The `most` best of the solutions that share a turn of two joints otherwise."""
-    state, frames = guess.state, tuple(c.frame for c in guess.clouds)
-    places = spread(thinned(tracker.grid(0).point[tracker.moving], 400), _PLACES)
-    others: list[Articulation | None] = []
-    for j in range(len(state.twist) - 1):
-        along = float(state.twist[j, :3] @ state.twist[j + 1, :3])
-        if abs(along) > _PARALLEL and state.parent[j + 1] == j:
-            first = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *places])
-            others += [shared(state, j, along, p, f) for p in places
-                       for f in feet(state, j, p, first)]
-    tried = [tracker.relabel(s, frames[:1], guess.order, 8.0) for s in others if s is not None]
-    # labels and axes are far from fitting each other: as they are, costs say little
-    tried = together(lambda h: tracker.settle(h, 2, (8.0, 6.0)), tried)
-    return [tracker.relabel(h.state, frames, guess.order) for h in distinct(tried, most)]
 
 
 def feet(state: Articulation, joint: int, hinge: Array, places: Array) -> Array:

@@ -41,14 +41,16 @@ def by_more_lines(tracker: Tracker, flow: Flow) -> list[Hypothesis]:
 def by_sweeps(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
     """Where the axes' lines are not known."""
     end = coarse.surfaces.frames - 1
-    found = swept(coarse, 1, 20) + swept(coarse, min(3, end), 20)
-    return grown(coarse, found + beginnings(coarse, flow, (2, 4), 6), 4, 1)
+    tasks = (lambda: swept(coarse, 1, 20), lambda: swept(coarse, min(3, end), 20),
+             lambda: beginnings(coarse, flow, (2, 4), 6))
+    return grown(coarse, [h for some in together(lambda t: t(), tasks) for h in some], 4, 1)
 
 
 def by_more_sweeps(coarse: Tracker, flow: Flow) -> list[Hypothesis]:
     """The same from more starts, more of which are kept for longer."""
     end = coarse.surfaces.frames - 1
-    return grown(coarse, [h for t in (1, 2, 3, 4) for h in swept(coarse, min(t, end), 24)], 5, 2)
+    some = together(lambda t: swept(coarse, min(t, end), 24), (1, 2, 3, 4))
+    return grown(coarse, [h for found in some for h in found], 5, 2)
 
 
 def grown(coarse: Tracker, found: list[Hypothesis], hold: int, keep: int) -> list[Hypothesis]:
