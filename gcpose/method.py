@@ -19,12 +19,12 @@ from .flow import Flow, dis_flow, fine_dis_flow, flow_named
 from .knowledge import Known, knowledge
 from .rgb import estimate_rgb
 from .search import lost, search
-from .segment import candidates
+from .segment import lively
 from .surface import measure
 from .tracker import Tracker
 
 _CANDIDATES = 1500, 900  # and with noise, where what is near errs alike
-_FEWEST = 30  # candidates that are worth a search
+_FEWEST = 30  # lively pixels that are worth a search
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
 _CALIBRATION = {0: 2.7, 2: 2.9, 4: 2.5}  # of standard deviations, by the axes' freedom
 _LOST = np.radians(10.0)  # and where much stays unexplained
@@ -67,10 +67,10 @@ class GCPose:
             surfaces = smoothed(observation.depth, rgb, observation.intrinsics, noise, self.flow)
         else:
             surfaces = measure(observation.depth, observation.intrinsics)
-        most = _CANDIDATES[noise > 0]
-        if len(candidates(surfaces, rgb, 0, most).point) < _FEWEST:
+        where = lively(surfaces, rgb)
+        if np.count_nonzero(where[0]) < _FEWEST:
             return unmoved(observation, known)
-        tracker = Tracker(surfaces, rgb, known, most)
+        tracker = Tracker(surfaces, rgb, where, known, _CANDIDATES[noise > 0])
         best = search(tracker, self.flow)
         state, sums = adjust(
             replace(surfaces, flow=None),

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import cdist
 
 from ..robots.geometry import Array, inverse
+from .crew import together
 from .kernels import add_label_costs, camera_of, columns
 from .surface import Surfaces
 
@@ -75,15 +76,23 @@ def alike(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return cv2.max(red, cv2.max(green, blue)) <= 2
 
 
+def lively(surfaces: Surfaces, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """[T H W] in and around the pixels of each frame that change."""
+
+    def of(frame: int) -> NDArray[np.bool_]:
+        moving = changed(surfaces, frame).astype(np.uint8)
+        wide = cv2.dilate(moving, np.ones((9, 9), np.uint8)) > 0
+        return wide & surfaces.normal[frame].any(axis=2) & ~settled(surfaces, rgb, frame)
+
+    return np.stack(together(of, range(surfaces.frames)))
+
+
 def candidates(
-    surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int, most: int
+    surfaces: Surfaces, lively: NDArray[np.bool_], frame: int, most: int
 ) -> Candidates:
-    """At most about `most` points of a frame in and around the pixels that change."""
-    moving = changed(surfaces, frame).astype(np.uint8)
-    wide = cv2.dilate(moving, np.ones((9, 9), np.uint8)) > 0
-    wide &= surfaces.normal[frame].any(axis=2) & ~settled(surfaces, rgb, frame)
-    stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(wide) / most))))
-    v, u = np.nonzero(wide[::stride, ::stride])
+    """At most about `most` of the lively pixels [H W] of a frame."""
+    stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(lively) / most))))
+    v, u = np.nonzero(lively[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride
     normal = surfaces.normal[frame, pixel[:, 1], pixel[:, 0]].astype(np.float64)
     return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, stride)

@@ -29,9 +29,12 @@ class Tracker:
     """The video seen by a hypothesis: clouds of key frames whose labels follow the motion."""
 
     def __init__(
-        self, surfaces: Surfaces, rgb: NDArray[np.uint8], known: Known, most: int
+        self, surfaces: Surfaces, rgb: NDArray[np.uint8], lively: NDArray[np.bool_],
+        known: Known, most: int,
     ) -> None:
-        self.surfaces, self.rgb, self.known, self.most = surfaces, rgb, known, most
+        """Images [T H W 3], what is lively in them [T H W], and how many candidates a frame has."""
+        self.surfaces, self.rgb, self.lively, self.known = surfaces, rgb, lively, known
+        self.most = most
         self.grids: dict[int, Candidates] = {}
         self.stays: dict[tuple[int, int, float], Array] = {}
         grid = self.grid(0)
@@ -68,7 +71,7 @@ class Tracker:
 
     def thinned(self, most: int) -> Tracker:
         """The same with fewer candidates."""
-        out = Tracker(self.surfaces, self.rgb, self.known, most)
+        out = Tracker(self.surfaces, self.rgb, self.lively, self.known, most)
         out.bases = self.bases  # a hypothesis means the same base to both
         return out
 
@@ -81,7 +84,7 @@ class Tracker:
     def grid(self, frame: int) -> Candidates:
         """Candidates of a key frame."""
         if frame not in self.grids:
-            self.grids[frame] = candidates(self.surfaces, self.rgb, frame, self.most)
+            self.grids[frame] = candidates(self.surfaces, self.lively[frame], frame, self.most)
         return self.grids[frame]
 
     def label(self, state: Articulation, frame: int, width: float = 1.0) -> tuple[Cloud, float]:

@@ -14,6 +14,7 @@ from gcbench.gcpose.flow import dis_flow
 from gcbench.gcpose.kernels import columns
 from gcbench.gcpose.knowledge import knowledge
 from gcbench.gcpose.method import GCPose
+from gcbench.gcpose.segment import lively
 from gcbench.gcpose.surface import measure, surface_normals
 from gcbench.gcpose.sweep import judged, spread, swept
 from gcbench.gcpose.tracker import Tracker
@@ -140,13 +141,14 @@ def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
     surfaces = measure(observation.depth, INTRINSICS)
     known = knowledge(told(observation, "axes"))
     blank = np.zeros((*observation.depth.shape, 3), np.uint8)
-    tracker = Tracker(surfaces, blank, known, 500)
+    where = lively(surfaces, blank)
+    tracker = Tracker(surfaces, blank, where, known, 500)
     found = swept(tracker, 3, 12)
     off = [np.abs(h.state.angle[3] - angle[3]).max() for h in found]
     assert len(found) == 12 and min(off) < np.radians(4.0)
     assert all(a.cost <= b.cost for a, b in pairwise(found))
     assert tracker.thinned(100).bases is tracker.bases
-    free = swept(Tracker(surfaces, blank, knowledge(told(observation, "free")), 500), 3, 9)
+    free = swept(Tracker(surfaces, blank, where, knowledge(told(observation, "free")), 500), 3, 9)
     for h in free:  # upright, then along or across
         first, second = h.state.twist[:, :3]
         assert first[0] == 0 and first[1] < 0
