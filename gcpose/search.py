@@ -13,16 +13,15 @@ from .tracker import Tracker
 from .ways import by_flow, by_lines, by_more_lines, by_more_sweeps, by_sweeps
 
 _COARSE = 500  # candidates that hard starts are judged on
-_DOUBTFUL = 0.045, 0.02  # of the candidates not explained: other chains are tried; with noise
-_POOR = 0.08, 0.05  # the same: another way is tried
-_LOST = 0.11, 0.09  # the same: an estimate is not to be trusted
+_DOUBTFUL = 0.025  # of the candidates not explained: other chains are tried
+_POOR = {0: (0.045, 0.03), 2: (0.08, 0.05), 4: (0.08, 0.05)}  # another way is; with noise
+_LOST = 0.11, 0.09  # an estimate is not to be trusted; with noise
 _OTHERS, _BETTER = 10, 4  # chains that are tried, and are tried on all candidates
 _UNLIKE = np.radians(12.0)  # how far they are apart
 _PROMISING = 1.3  # times the cost of what is there before it is sharpened
 _ALIKE = np.radians(1.0)  # of solutions that are one
 _IDLE, _STILL = 0.05, np.radians(5.0)  # of the cost; of a displacement
-_JUMPED = 2  # of the solutions that were tried
-_JUMPS, _CHEAPER = 2, 0.99  # to other chains, and what is worth one
+_JUMPS, _CHEAPER = 3, 0.99  # to other chains, and what is worth one
 
 
 def search(tracker: Tracker, flow: Flow) -> Hypothesis:
@@ -34,7 +33,6 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
     coarse = tracker.thinned(_COARSE) if freedom else tracker
     ways = (by_sweeps, by_flow, by_more_sweeps) if freedom else (by_lines, by_more_lines)
     noisy = tracker.surfaces.noise > 0
-    jumps = freedom == 4 or (freedom == 2 and noisy)
     tried: list[Hypothesis] = []
     for way in ways:
         found = way(coarse, flow)
@@ -43,23 +41,20 @@ def search(tracker: Tracker, flow: Flow) -> Hypothesis:
                      for h in distinct(found, 4)]
         best = sharpened(tracker, polished(tracker, distinct(found, 3)))
         again = bool(tried) and apart(best, min(tried, key=badness)) < _ALIKE
-        if jumps:
+        if freedom:
             best = bettered(tracker, coarse, best)
         tried.append(best)
         best = min(tried, key=badness)
-        most = _LOST if again else _POOR if jumps else _DOUBTFUL
+        most = _LOST if again else _POOR[freedom]
         if unexplained(tracker, best) < most[noisy] and not idle(best):
             break
-    else:
-        if freedom == 2 and not jumps:
-            tried += [bettered(tracker, coarse, h) for h in distinct(tried, _JUMPED)]
     return refined(tracker, min(tried, key=badness))
 
 
 def bettered(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
     """The best of a doubtful hypothesis and of other chains that move the surest part alike."""
     for _ in range(_JUMPS):
-        if not doubtful(tracker, best) and not idle(best):
+        if unexplained(tracker, best) < _DOUBTFUL and not idle(best):
             break
         other = jumped(tracker, coarse, best)
         if badness(other) >= _CHEAPER * badness(best):
@@ -120,11 +115,6 @@ def idle(guess: Hypothesis) -> bool:
     """Whether a joint hardly moves."""
     arm = np.where(guess.state.prismatic, ARM, 1.0)
     return bool((np.abs(guess.state.angle).max(axis=0) / arm).min() < _STILL)
-
-
-def doubtful(tracker: Tracker, guess: Hypothesis) -> bool:
-    """Whether more is unexplained than the truth leaves as a rule."""
-    return unexplained(tracker, guess) > _DOUBTFUL[tracker.surfaces.noise > 0]
 
 
 def lost(tracker: Tracker, guess: Hypothesis) -> bool:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from gcbench.gcpose.articulation import Articulation, Hypothesis
 from gcbench.gcpose.chain import part_motions, twists_of
 from gcbench.gcpose.crew import together
 from gcbench.gcpose.denoise import smoothed
@@ -14,6 +15,7 @@ from gcbench.gcpose.flow import dis_flow
 from gcbench.gcpose.kernels import columns
 from gcbench.gcpose.knowledge import knowledge
 from gcbench.gcpose.method import GCPose
+from gcbench.gcpose.search import apart, unlike
 from gcbench.gcpose.segment import lively
 from gcbench.gcpose.surface import measure, surface_normals
 from gcbench.gcpose.sweep import judged, spread, swept
@@ -176,6 +178,25 @@ def test_places_are_spread_and_threads_keep_the_order() -> None:
     apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(10)
     assert apart.min() > 0.15 and spread(points[:3], 10).shape == (3, 3)
     assert together(lambda i: i * i, range(20)) == [i * i for i in range(20)]
+
+
+def test_one_thread_gives_what_two_give(monkeypatch: pytest.MonkeyPatch) -> None:
+    observation = told(scene("arm")[0], "axes")
+    two = GCPose().estimate(observation)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    one = GCPose().estimate(observation)
+    assert (one.displacement == two.displacement).all()
+
+
+def test_an_axis_that_points_the_other_way_is_the_same_solution() -> None:
+    _, angle, screw, _ = scene("arm")
+    twist, kind = twists_of(screw, np.zeros(2, bool)), np.zeros(2, bool)
+    one = Hypothesis(Articulation(twist, angle, kind, np.array([-1, 0])), (), 1.0)
+    turned = Articulation(twist * [[1], [-1]], angle * [1, -1], kind, np.array([-1, 0]))
+    two = Hypothesis(turned, (), 2.0)
+    other = Hypothesis(replace(turned, twist=twist), (), 3.0)
+    assert apart(one, two) < 1e-9 < 0.5 < apart(one, other)
+    assert unlike([other, two, one], 3) == [one, other]
 
 
 def test_noisy_depth_gives_about_the_motion() -> None:
