@@ -83,8 +83,8 @@ def assemble(
     if surfaces.flow is not None:
         step = motion[1:] @ inverse(motion[:-1])
         by_step = relative(derivative[1:], step, derivative[:-1])
-    for frame, elements_ in seen:
-        these = elements_.scaled(scale)
+    for frame, unscaled in seen:
+        these = unscaled.scaled(scale)
         here_from_there = motion @ inverse(motion[frame])
         g = derivative
         if frame:
@@ -94,7 +94,7 @@ def assemble(
             sums.add((six, right), g)
             for part, c in zip(g.swapaxes(0, 1), coupling, strict=True):
                 along = part.swapaxes(1, 2).reshape(-1, size)
-                np.subtract(sums.matrix, along.T @ c @ along, out=sums.matrix)
+                sums.matrix[:] -= along.T @ c @ along
         else:
             sums.add(surface_equations(surfaces, frame, here_from_there, these), g)
         if surfaces.flow is not None:

@@ -88,11 +88,11 @@ def lively(surfaces: Surfaces, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def candidates(
-    surfaces: Surfaces, lively: NDArray[np.bool_], frame: int, most: int
+    surfaces: Surfaces, where: NDArray[np.bool_], frame: int, most: int
 ) -> Candidates:
-    """At most about `most` of the lively pixels [H W] of a frame."""
-    stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(lively) / most))))
-    v, u = np.nonzero(lively[::stride, ::stride])
+    """At most about `most` of the pixels of a frame that are told [H W]."""
+    stride = max(1, int(np.ceil(np.sqrt(np.count_nonzero(where) / most))))
+    v, u = np.nonzero(where[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride
     normal = surfaces.normal[frame, pixel[:, 1], pixel[:, 0]].astype(np.float64)
     return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, stride)

@@ -56,8 +56,8 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
             lines = axes(known, j, directions(known, j, before), places)
             if len(lines) == 1:
                 step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
-            each = lines.repeat(len(step), axis=0), np.tile(step, len(lines))
-            turn = part_motions(each[0][:, None], each[1][:, None, None], _ALONE)[:, 0, 1]
+            twist, by = lines.repeat(len(step), axis=0), np.tile(step, len(lines))
+            turn = part_motions(twist[:, None], by[:, None, None], _ALONE)[:, 0, 1]
             carrier = group.motion[:, known.parent[j] + 1]
             mean = grown_costs(surfaces, to, carrier, turn, group.cost, column).reshape(-1)
             best = np.argsort(mean, kind="stable")[:_BEAM]

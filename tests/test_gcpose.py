@@ -19,7 +19,7 @@ from gcbench.gcpose.search import apart, unlike
 from gcbench.gcpose.segment import lively
 from gcbench.gcpose.surface import measure, surface_normals
 from gcbench.gcpose.sweep import judged, spread, swept
-from gcbench.gcpose.tracker import Tracker
+from gcbench.gcpose.tracker import Tracker, hinges
 from gcbench.renderer.observation import Estimate, Observation
 from gcbench.robots.geometry import inverse, rotation_from_rpy
 
@@ -197,6 +197,24 @@ def test_an_axis_that_points_the_other_way_is_the_same_solution() -> None:
     other = Hypothesis(replace(turned, twist=twist), (), 3.0)
     assert apart(one, two) < 1e-9 < 0.5 < apart(one, other)
     assert unlike([other, two, one], 3) == [one, other]
+
+
+def test_a_hinge_is_where_a_part_is_nearest_to_what_carries_it() -> None:
+    rng = np.random.default_rng(4)
+    points = rng.random((90, 3)) + np.repeat([[0, 0, 0], [1, 0, 0], [0, 2, 0]], 30, axis=0)
+    label, base = np.repeat([1, 2, 3], 30), np.array([5.0, 5.0, 5.0])
+
+    def nearest(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
+        apart = np.linalg.norm(outer[:, None] - inner, axis=2).min(axis=1)
+        return outer[np.argsort(apart)[: 1 + len(outer) // 12]].mean(axis=0)
+
+    chain, fork = (hinges(points, label, base, np.array(p)) for p in ([-1, 0, 1], [-1, 0, 0]))
+    assert (chain[0] == base).all() and (fork[0] == base).all()
+    assert np.allclose(chain[1], nearest(points[:30], points[30:]))
+    assert np.allclose(chain[2], nearest(points[:60], points[60:]))
+    assert np.allclose(fork[1:], [nearest(points[:30], points[i : i + 30]) for i in (30, 60)])
+    hidden = hinges(points, np.where(label == 3, 0, label), base, np.array([-1, 0, 1]))
+    assert (hidden[2] == hidden[1]).all()  # nothing is seen of it: its carrier's
 
 
 def test_noisy_depth_gives_about_the_motion() -> None:
