@@ -14,7 +14,7 @@ from gcbench.gcpose.alignment import (
     surface_equations,
 )
 from gcbench.gcpose.chain import exponential, part_motions
-from gcbench.gcpose.factor import PartMotion, fit_chains, follow_held, misfit
+from gcbench.gcpose.chain_fit import Goal, fit_chains, follow_held, misfit
 from gcbench.gcpose.segment import Candidates, label_costs
 from gcbench.gcpose.surface import Surfaces, measure
 
@@ -159,7 +159,8 @@ def test_label_costs_are_least_for_what_moved_the_points() -> None:
 
 
 @pytest.mark.parametrize("freedom", [2, 4])
-def test_a_chain_is_found_from_the_motion_of_its_last_part(freedom: int) -> None:
+@pytest.mark.parametrize("place", [[2], [2, 1]])
+def test_a_chain_is_found_from_the_motion_of_its_last_parts(freedom: int, place: list[int]) -> None:
     """The truth makes the motion; so does what is fitted, from axes that are some way off."""
     rng = np.random.default_rng(5)
     l = np.array([[0, -1.0, 0], [1.0, 0, 0], [0, 0, 1.0]])
@@ -167,9 +168,9 @@ def test_a_chain_is_found_from_the_motion_of_its_last_part(freedom: int) -> None
     twist = np.concatenate([l, np.cross(p, l)], axis=1)
     time = np.linspace(0, 1, 12)
     angle = np.stack([0.7 * time, -0.5 * time**2, 0.4 * np.sin(2 * time)], axis=1)
-    path = np.arange(3)
-    motion = part_motions(twist, angle, path - 1)[:, 3]
-    goal = PartMotion(path, motion, np.tile(np.eye(6), (12, 1, 1)))
+    path, which = np.arange(3), np.array(place)
+    motion = part_motions(twist, angle, path - 1)[:, which + 1]
+    goal = Goal(path, path - 1, which, motion, np.tile(np.eye(6), (12, len(place), 1, 1)))
     assert misfit(goal, twist[None], angle[None])[0] < 1e-9
     assert np.allclose(follow_held(goal, twist[None])[0], angle, atol=1e-3)
     off = np.concatenate([l, np.cross(p + rng.normal(0, 0.05, (3, 3)), l)], axis=1)
