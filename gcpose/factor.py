@@ -15,11 +15,11 @@ import numpy as np
 from ..robots.geometry import Array, inverse
 from .alignment import elements, surface_equations
 from .articulation import ARM, Articulation, Cloud, Hypothesis, middles
+from .beam import directions, spread
 from .chain import adjoint, carriers, exponential
 from .chain_fit import Goal, fit_chains, follow_held, misfit
 from .crew import together
 from .surface import Surfaces
-from .sweep import directions, spread
 from .tracker import Tracker, thinned
 
 _LOOSENED = (8.0, 6.0, 4.0, 4.0, 2.0, 2.0, 1.0, 1.0)  # footprints, of an alignment each

@@ -53,12 +53,13 @@ def footage(
     rgb: NDArray[np.uint8],
     intrinsics: Array,
     flow: Flow | NDArray[np.float32],
-    depth: Depth | None = None,
+    depth: Depth | NDArray[np.float32] | None = None,
     part: NDArray[np.uint8] | None = None,
 ) -> Footage | None:
     """What the images [T H W 3] show; None if nothing moves.
 
-    `flow` is an estimator or the flow itself [T-1 H W 2]; part [T H W] are true parts.
+    `flow` is an estimator or the flow itself [T-1 H W 2], `depth` likewise [T H W] (0: none); part
+    [T H W] are true parts.
     """
     moving = moving_foreground(rgb) if part is None else part > 0
     if not moving.any():
@@ -78,8 +79,10 @@ def footage(
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in cut])
     relief = None
     if depth is not None:
-        far = np.stack([depth(image)[box] for image in rgb])
-        relief = (np.median(far[inside]) / np.maximum(far, 1e-6)).clip(0.5, 2.0)
+        whole = depth if isinstance(depth, np.ndarray) else np.stack([depth(i) for i in rgb])
+        far = whole[:, box[0], box[1]]
+        middle = np.median(far[inside & (far > 0)]) if (inside & (far > 0)).any() else 1.0
+        relief = (middle / np.where(far > 0, far, middle)).clip(0.5, 2.0)
     return Footage(
         (box[1].start, box[0].start),
         k,

@@ -22,7 +22,8 @@ from .flow import Flow
 from .footage import Footage, footage
 from .knowledge import Known
 from .ray_bundle import Rays, places
-from .ray_search import Guess, search_rays
+from .ray_search import search_rays
+from .ray_tracker import Guess
 
 _CALIBRATION, _FLOOR = 8.0, np.radians(0.4)  # of standard deviations: guessed, not yet measured
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m

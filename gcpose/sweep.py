@@ -2,80 +2,39 @@
 
 An arm that reaches for the camera moves by a hundred pixels a frame, where no flow follows it; but
 its joints turn by a few degrees a frame, whatever the image does. So a coarse grid of steps, times
-the places where the parts may begin, holds a start near the truth: a hinge that is wrong by some
-centimetres hardly matters for so small a turn.
+the places where the parts may begin, holds a start near the truth.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from ..robots.geometry import Array
 from .articulation import Articulation, Cloud, Hypothesis
-from .chain import part_motions
+from .beam import beamed, spread
 from .kernels import camera_of, columns, grow, judge
-from .knowledge import Known
 from .segment import smooth
 from .surface import Image, Surfaces
 from .tracker import Tracker, thinned
 
 _TURN, _SLIDE = np.radians(6.5), 0.06  # largest step of a frame that is looked for, rad and m
 _REACH = 2.0  # how much further it looks over longer spans
-_VALUES = 7  # of a step
 _PLACES = 14  # where a hinge may be
-_BEAM = 2500  # chains that are carried on to the next joint
 _POINTS = 120
-_TURNS = 8  # directions across another
-_ALONE = np.array([-1])  # what carries a joint, where no other is looked at
 
 
 def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
-    """The `most` best starts over frames 0 and `to`.
-
-    A beam search along the chain: a joint's hinge is at one of some places on what moves, its step
-    one of some values; a point costs what the best part so far costs it.
-    """
-    grid, known, surfaces = tracker.grid(0), tracker.known, tracker.surfaces
+    """The `most` best starts over frames 0 and `to`."""
+    grid, known = tracker.grid(0), tracker.known
     inside = grid.point[tracker.moving]
     pick = np.linspace(0, len(inside) - 1, min(len(inside), _POINTS)).astype(int)
     column = columns(inside[pick], grid.normal[tracker.moving][pick])
     places = spread(thinned(inside, 400), _PLACES)
     reach = min(to, _REACH)
-    still = np.eye(4)[None]
-    beam = Beam(still[None], judged(surfaces, to, still, column),
-                np.zeros((1, 0, 6)), np.zeros((1, 0)))
-    for j, prismatic in enumerate(known.prismatic):
-        grown: list[Beam] = []
-        step = np.linspace(-1, 1, _VALUES) * reach * (_SLIDE if prismatic else _TURN)
-        for before, group in families(beam, known):
-            lines = axes(known, j, directions(known, j, before), places)
-            if len(lines) == 1:
-                step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
-            twist, by = lines.repeat(len(step), axis=0), np.tile(step, len(lines))
-            turn = part_motions(twist[:, None], by[:, None, None], _ALONE)[:, 0, 1]
-            carrier = group.motion[:, known.parent[j] + 1]
-            mean = grown_costs(surfaces, to, carrier, turn, group.cost, column).reshape(-1)
-            best = np.argsort(mean, kind="stable")[:_BEAM]
-            old, new = np.divmod(best, len(turn))
-            line, value = np.divmod(new, len(step))
-            motion = carrier[old] @ turn[new]
-            cost = np.minimum(group.cost[old], judged(surfaces, to, motion, column))
-            grown.append(Beam(
-                np.concatenate([group.motion[old], motion[:, None]], axis=1), cost,
-                np.concatenate([group.twist[old], lines[line][:, None]], axis=1),
-                np.concatenate([group.angle[old], step[value][:, None]], axis=1),
-            ))
-        beam = Beam(
-            np.concatenate([b.motion for b in grown]), np.concatenate([b.cost for b in grown]),
-            np.concatenate([b.twist for b in grown]), np.concatenate([b.angle for b in grown]),
-        )
-        most_now = _BEAM if known.direction is not None else _BEAM // 5
-        beam = chosen(beam, np.argsort(beam.cost.mean(axis=1), kind="stable")[:most_now])
+    beam = beamed(known, ByDepth(tracker.surfaces, to, column), places, reach * _TURN,
+                  reach * _SLIDE)
     found: list[Hypothesis] = []
     for twist, end, c in zip(beam.twist[:most], beam.angle[:most], beam.cost[:most].mean(axis=1),
                              strict=True):
@@ -83,100 +42,39 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
         order = int(np.argmin([np.linalg.norm(b - at) for b in tracker.bases]))
         state = Articulation(twist, np.linspace(0 * end, end, to + 1), known.prismatic,
                              known.parent)
-        found.append(Hypothesis(state, (), float(c), order))
-    return [replace(h, clouds=(coarse_cloud(tracker, h.state),)) for h in found]
-
-
-class Beam(NamedTuple):
-    """M chains of j joints."""
-
-    motion: Array
-    """[M j+1 4 4] of the parts"""
-    cost: Image
-    """[M N] of each point under the best part so far"""
-    twist: Array
-    """[M j 6]"""
-    angle: Array
-    """[M j]"""
-
-
-def chosen(beam: Beam, which: NDArray[np.intp]) -> Beam:
-    """Some of the chains."""
-    return Beam(beam.motion[which], beam.cost[which], beam.twist[which], beam.angle[which])
-
-
-def families(beam: Beam, known: Known) -> list[tuple[Array | None, Beam]]:
-    """The chains by the direction [3] of their last axis, where the next one's depends on it."""
-    if known.direction is not None or beam.twist.shape[1] == 0:
-        return [(None, beam)]
-    turns = np.any(beam.twist[:, -1, :3], axis=1, keepdims=True)
-    last = np.where(turns, beam.twist[:, -1, :3], beam.twist[:, -1, 3:])
-    kinds, which = np.unique(last.round(6), axis=0, return_inverse=True)
-    members = [np.flatnonzero(which.reshape(-1) == i) for i in range(len(kinds))]
-    return [(k / np.linalg.norm(k), chosen(beam, m))
-            for k, m in zip(kinds, members, strict=True)]
-
-
-def directions(known: Known, joint: int, before: Array | None) -> Array:
-    """[D 3] where an axis may point: as known; or upright, then parallel to the one before it or
-    across, as machines are built and images are taken."""
-    if known.direction is not None:
-        return known.direction[joint][None]
-    if before is None:
-        tilt = np.radians([10.0, 22.0, 35.0, 48.0])
-        return np.stack([0 * tilt, -np.cos(tilt), -np.sin(tilt)], axis=1)
-    across = np.linalg.svd(before[None])[2][1:]
-    turn = np.arange(_TURNS) * np.pi / _TURNS
-    round_about = np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1]
-    return np.concatenate([before[None], round_about])
-
-
-def axes(known: Known, joint: int, direction: Array, places: Array) -> Array:
-    """Twists [P 6] of a joint with any of the directions [D 3], at any of the places."""
-    if known.line is not None:
-        return known.line[joint][None]
-    if known.prismatic[joint]:
-        return np.concatenate([np.zeros_like(direction), direction], axis=1)
-    l, p = direction.repeat(len(places), axis=0), np.tile(places, (len(direction), 1))
-    return np.concatenate([l, np.asarray(np.cross(p, l), np.float64)], axis=1)
-
-
-def spread(points: Array, most: int) -> Array:
-    """Places [P 3] all over the points [N 3], each the middle of those that are near."""
-    apart = cdist(points, points)
-    chosen = [0]
-    while len(chosen) < min(most, len(points)):
-        chosen.append(int(apart[chosen].min(axis=0).argmax()))
-    near = apart[chosen].argmin(axis=0)
-    return np.stack([points[near == c].mean(axis=0) for c in range(len(chosen))])
+        cloud = coarse_cloud(tracker, state)
+        found.append(Hypothesis(state, (cloud,), float(c), order))
+    return found
 
 
 def coarse_cloud(tracker: Tracker, state: Articulation) -> Cloud:
     """Frame 0's points labelled by what brings them near the last frame's surface."""
     grid, last = tracker.grid(0), len(state.angle) - 1
     motion = state.motions(last + 1)[last]
-    cost = judged(tracker.surfaces, last, motion, columns(grid.point, grid.normal)).T
-    label = smooth(cost, grid).argmin(axis=1)
+    judge = ByDepth(tracker.surfaces, last, columns(grid.point, grid.normal))
+    label = smooth(judge.costs(motion).T, grid).argmin(axis=1)
     return Cloud(0, grid.point, grid.normal, label)
 
 
-def judged(surfaces: Surfaces, frame: int, motion: Array, column: Image) -> Image:
-    """[M N] coarse cost of points, moved by each of motion [M 4 4] into a frame.
+@dataclass(frozen=True)
+class ByDepth:
+    """Judges where points of frame 0 are found in another (see beam.py)."""
 
-    column [6 N]: points and normals.
-    """
-    out = np.empty((len(motion), column.shape[1]), np.float32)
-    judge(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
-          motion.astype(np.float32), column, np.float32(2 * surfaces.noise), out)
-    return out
+    surfaces: Surfaces
+    frame: int
+    column: Image
+    """[6 N] points and normals"""
 
+    def costs(self, motion: Array) -> Image:
+        surfaces = self.surfaces
+        out = np.empty((len(motion), self.column.shape[1]), np.float32)
+        judge(surfaces.depth[self.frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+              motion.astype(np.float32), self.column, np.float32(2 * surfaces.noise), out)
+        return out
 
-def grown_costs(
-    surfaces: Surfaces, frame: int, motion: Array, turn: Array, before: Image, column: Image
-) -> Image:
-    """[M P] mean cost of M chains that cost `before` [M N], with one more part that moves as each
-    of motion [M 4 4] and of turn [P 4 4] behind it."""
-    out = np.empty((len(motion), len(turn)), np.float32)
-    grow(surfaces.depth[frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
-         motion, turn, before, column, np.float32(2 * surfaces.noise), out)
-    return out
+    def means(self, motion: Array, turn: Array, before: Image) -> Image:
+        surfaces = self.surfaces
+        out = np.empty((len(motion), len(turn)), np.float32)
+        grow(surfaces.depth[self.frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+             motion, turn, before, self.column, np.float32(2 * surfaces.noise), out)
+        return out

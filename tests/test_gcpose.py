@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from gcbench.gcpose.articulation import Articulation, Hypothesis
+from gcbench.gcpose.beam import spread
 from gcbench.gcpose.chain import part_motions, twists_of
 from gcbench.gcpose.crew import together
 from gcbench.gcpose.denoise import smoothed
@@ -18,7 +19,7 @@ from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.search import apart, unlike
 from gcbench.gcpose.segment import lively
 from gcbench.gcpose.surface import measure, surface_normals
-from gcbench.gcpose.sweep import judged, spread, swept
+from gcbench.gcpose.sweep import ByDepth, swept
 from gcbench.gcpose.tracker import Tracker, hinges
 from gcbench.renderer.observation import Estimate, Observation
 from gcbench.robots.geometry import inverse, rotation_from_rpy
@@ -165,9 +166,10 @@ def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
     column = columns(surfaces.points(0, np.stack([u, v], axis=1)), surfaces.normal[0, v, u])
     some = angle[5] + np.linspace(-0.2, 0.2, 41)[:, None]
     motion = part_motions(twists_of(screw, np.zeros(2, bool)), some, np.array([-1, 0]))[:, 2]
-    cost = judged(surfaces, 5, motion, column)
+    judge = ByDepth(surfaces, 5, column)
+    cost = judge.costs(motion)
     assert abs(int(cost.mean(axis=1).argmin()) - 20) <= 1  # 0.6 deg from one to the next
-    alone = np.stack([judged(surfaces, 5, m[None], column)[0] for m in motion])
+    alone = np.stack([judge.costs(m[None])[0] for m in motion])
     assert np.allclose(cost, alone, atol=1e-4)
 
 

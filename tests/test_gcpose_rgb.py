@@ -11,13 +11,16 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods import load, with_options
 from gcbench.gcpose.articulation import Articulation
+from gcbench.gcpose.beam import beamed
 from gcbench.gcpose.chain import part_motions
 from gcbench.gcpose.footage import CONTRAST, appearance, footage, moving_foreground
+from gcbench.gcpose.knowledge import Known
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.patches import match
 from gcbench.gcpose.prior import Hinges
 from gcbench.gcpose.ray_bundle import Fit, Rays, adjust_rays, places
 from gcbench.gcpose.ray_labels import along_chain, spots
+from gcbench.gcpose.ray_sweep import ByFlow
 from gcbench.renderer.observation import Observation
 from gcbench.robots.geometry import inverse
 
@@ -74,6 +77,27 @@ def adjusted(scale: float = 1.0, noise: float = 0.0, steps: bool = False) -> tup
 @pytest.mark.parametrize("steps", [False, True])
 def test_exact_places_and_exact_flow_give_exact_angles(steps: bool) -> None:
     assert adjusted(steps=steps)[1] < 0.1
+
+
+def test_a_sweep_holds_the_first_steps_by_flow() -> None:
+    state, at = chain()
+    rays = measured(state, 1.0, 0.0, False)
+    mine = rays.frame == 0
+    there = rays.spot[mine, 3]
+    sure = np.tile([4.0, 0.0, 4.0], (len(there), 1))
+    column = np.column_stack([rays.ray[mine, :2], there, sure])
+    judge = ByFlow(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column)
+    motion = state.motions(4)[3]
+    label = rays.label[mine]
+    cost = judge.costs(motion)
+    assert cost[label, np.arange(len(label))].max() < 0.5 < cost[0].mean()
+    known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
+    beam = beamed(known, judge, at, np.radians(13.0), 0.1)
+    off = np.abs(beam.angle[:30] - state.angle[3]).max(axis=1)
+    assert off.min() < np.radians(3.0)
+    assert (np.diff(beam.cost.mean(axis=1)) >= 0).all()
+    narrow = replace(judge, moving=np.zeros((240, 320), bool))
+    assert (narrow.costs(motion) > 9.0).all()  # only background is seen there
 
 
 def test_scale_does_not_matter() -> None:

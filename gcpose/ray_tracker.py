@@ -1,0 +1,235 @@
+"""EM over a video without depth (Sec. 3.2 to 3.4): labels by flow, motion by flow or by patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..robots.geometry import Array, inverse
+from .articulation import Articulation
+from .footage import CONTRAST, Footage
+from .knowledge import Known
+from .patches import match
+from .prior import Hinges
+from .ray_bundle import Rays, adjust_rays, places
+from .ray_labels import FLOW_RATE, FLOW_SIGMA, Spots, along_chain, label_costs, spots
+from .segment import order_from_base
+from .tracker import hinges
+
+_SHARE = 0.2  # of its pixels, of those whose flow errs independently
+_SLACK = 0.1  # how far an axis may pass from its hinge, of the distance to the camera
+_RADIUS = 4  # px, of a patch: larger ones hold more than one part
+_REACH = 3.0  # px, from where a patch is expected
+_SPAN = 3  # frames from a patch's own within which it is looked for
+_MODEL, _MODEL_RATE = 0.2, 0.05  # px, what a patch errs by, and more with each frame
+_WRONG, _LOST = 9.0, 4.0  # cost of a patch that is elsewhere, and of one that is not found
+_JERKY = 30.0  # of the score, of a root mean square acceleration in rad a frame^2
+_TRUST = 3.0  # of their information: beside it, what is believed beforehand is little
+_EVEN = 2.0  # grey levels a pixel: weaker gradients are shading
+_KEY, _FEW = 3, 100  # frames from one key frame to the next while tracking; points of each
+_WIDE = 10.0  # px, from where a patch is expected in a frame that is new
+_BELIEF, _LOOSE = 4.0, 0.3  # while tracking, as in `adjust_rays`
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A hypothesis: an articulation and the parts and depths of its points."""
+
+    state: Articulation
+    rays: Rays
+    base: Array
+    """[3] where the chain begins, at depth 1"""
+    cost: float
+    hessian: Array
+
+
+class RayTracker:
+    """The footage seen by hypotheses."""
+
+    def __init__(self, seen: Footage, known: Known) -> None:
+        self.seen, self.known = seen, known
+        self.joints = len(known.prismatic)
+        self.spots: dict[tuple[int, ...], Spots] = {}
+        self.known_ranks: dict[tuple[int, float, float], Array] = {}
+
+    def points(self, frames: tuple[int, ...], most: int) -> Spots:
+        if frames not in self.spots:
+            self.spots[frames] = spots(self.seen, frames, most)
+        return self.spots[frames]
+
+    def observed(self, guess: Guess, at: Array | None = None) -> Rays:
+        """The flow at the points' places."""
+        seen, rays = self.seen, guess.rays
+        last = len(guess.state.angle) - 1
+        if at is None:
+            at = places(guess.state, rays, seen.intrinsics)[0]
+        height, width = seen.moving.shape[1:]
+        pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)[:, :last]
+        u, v = pixel[..., 0], pixel[..., 1]
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        u, v = np.where(inside, u, 0), np.where(inside, v, 0)
+        t = np.arange(last)[None]
+        step = seen.flow[t, v, u].astype(np.float64)
+        hold = seen.hold[t, v, u].astype(np.float64)
+        good = inside & seen.moving[t, v, u]
+        weight = _SHARE * good / (FLOW_SIGMA**2 + FLOW_RATE**2 * (step**2).sum(axis=2))
+        information = hold[..., [0, 1, 1, 2]].reshape(*hold.shape[:2], 2, 2)
+        return replace(
+            rays,
+            step=step,
+            step_information=information * weight[..., None, None],
+            spot=np.zeros((len(u), last + 1, 2)),
+            spot_information=np.zeros((len(u), last + 1, 2, 2)),
+        )
+
+    def matched(self, guess: Guess, reach: float, span: int = _SPAN) -> Rays:
+        """Where patches around the points are found in the frames near their own."""
+        seen, rays = self.seen, guess.rays
+        at, warp = places(guess.state, rays, seen.intrinsics)
+        frames = len(guess.state.angle)
+        height, width = seen.moving.shape[1:]
+        pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)
+        u, v = pixel[..., 0], pixel[..., 1]
+        gap = np.abs(np.arange(frames)[None] - rays.frame[:, None])
+        wanted = (gap > 0) & (gap <= span)
+        wanted &= (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        u, v = np.where(wanted, u, 0), np.where(wanted, v, 0)
+        wanted &= seen.moving[np.arange(frames)[None], v, u]
+        own = at[np.arange(len(at)), rays.frame]
+        found, information = match(
+            seen.look, own, rays.frame, at, warp, wanted, _RADIUS, reach, _MODEL, _MODEL_RATE,
+            CONTRAST, _EVEN,
+        )  # fmt: skip
+        none = np.zeros((len(at), frames - 1, 2))
+        return replace(
+            rays, step=none, step_information=np.zeros((*none.shape, 2)),
+            spot=found, spot_information=_TRUST * information,
+        )  # fmt: skip
+
+    def relabel(self, guess: Guess, points: Spots) -> Guess:
+        """E-step: the parts of `points`, which need not be the guess's own."""
+        seen, state = self.seen, guess.state
+        motion = state.motions(len(state.angle))
+        keys = np.unique(points.frame)
+        relative = np.stack([motion @ inverse(motion[k]) for k in keys])
+        k = seen.intrinsics
+        own = len(points.frame) == len(guess.rays.frame)
+        depth = guess.rays.inverse_depth if own else points.expected
+        depth = np.repeat(depth[:, None], self.joints, axis=1)
+        for steps in (4, 0):  # neighbours have about one depth
+            cost, depth = label_costs(
+                points.ray, np.searchsorted(keys, points.frame), depth, relative,
+                float(k[0, 0]), float(k[0, 2]), float(k[1, 2]),
+                seen.flow, seen.hold, seen.moving, steps,
+            )  # fmt: skip
+            if steps:
+                depth = points.average(depth)
+        total = points.average(cost)
+        rank = self.ranks(points, guess.base)
+        label = along_chain(total, rank, points.frame)
+        if points.part is not None:
+            label = points.part - 1
+        mine = np.arange(len(label)), label
+        rays = replace(
+            guess.rays, frame=points.frame, ray=points.ray, label=label + 1,
+            inverse_depth=depth[mine], expected=points.expected,
+        )  # fmt: skip
+        return replace(guess, rays=rays, cost=float(total[mine].mean()))
+
+    def ranks(self, points: Spots, base: Array) -> Array:
+        """[N] how far out each point is in its key frame."""
+        name = (len(points.frame), float(base[0]), float(base[1]))
+        if name not in self.known_ranks:
+            out = np.zeros(len(points.frame))
+            for f in np.unique(points.frame):
+                mine = points.frame == f
+                out[mine] = order_from_base(points.ray[mine], base[None])
+            self.known_ranks[name] = out
+        return self.known_ranks[name]
+
+    def hinges(self, guess: Guess) -> Hinges:
+        """Where the parts of the first key frame meet."""
+        rays = guess.rays
+        first = rays.frame == rays.frame.min()
+        point = rays.ray[first] / rays.inverse_depth[first, None]
+        motion = guess.state.motions(len(guess.state.angle))
+        m = inverse(motion[rays.frame.min(), rays.label[first]])
+        point = np.einsum("nab,nb->na", m[:, :3, :3], point) + m[:, :3, 3]
+        return Hinges(hinges(point, rays.label[first], guess.base, self.known.parent), _SLACK)
+
+    def fitted(
+        self, guess: Guess, rays: Rays, scales: tuple[float, ...], belief: float = 1.0,
+        spread: float = 0.5,
+    ) -> Guess:
+        """M-step."""
+        fit = adjust_rays(
+            guess.state, rays, self.seen.intrinsics, self.known.freedom, scales, self.hinges(guess),
+            belief, spread,
+        )
+        return replace(
+            guess, state=fit.state, rays=replace(rays, inverse_depth=fit.inverse_depth),
+            hessian=fit.hessian,
+        )  # fmt: skip
+
+    def settle(
+        self, guess: Guess, points: Spots, rounds: int, scales: tuple[float, ...],
+        belief: float = 1.0, spread: float = 0.5,
+    ) -> Guess:
+        """EM with the flow."""
+        for _ in range(rounds):
+            guess = self.fitted(guess, self.observed(guess), scales, belief, spread)
+            guess = self.relabel(guess, points)
+        return guess
+
+    def sharpened(self, guess: Guess, points: Spots, rounds: int, reach: float) -> Guess:
+        """M-steps with patches, which do not drift."""
+        for i in range(rounds):
+            rays = self.matched(guess, reach if i == 0 else _REACH, _SPAN if i else 2)
+            guess = self.fitted(guess, rays, (6.0, 4.0, 3.0) if i == 0 else (3.0,) * 3)
+            guess = self.relabel(guess, points)
+        return replace(guess, cost=self.score(guess))
+
+    def score(self, guess: Guess) -> float:
+        """How badly patches fit, those that are not found included, and how uneven motion is."""
+        rays = self.matched(guess, _REACH)
+        away = rays.spot - places(guess.state, rays, self.seen.intrinsics)[0]
+        square = np.einsum("nti,ntij,ntj->nt", away, rays.spot_information, away) / _TRUST
+        found = rays.spot_information[..., 0, 0] + rays.spot_information[..., 1, 1] > 0
+        cost = np.where(found, _WRONG * square / (_WRONG + square), _LOST)
+        gap = np.abs(np.arange(cost.shape[1])[None] - rays.frame[:, None])
+        pace = np.diff(guess.state.angle, 2, axis=0)
+        jerky = float(np.sqrt(np.mean(pace**2))) if len(pace) else 0.0
+        return float(cost[(gap > 0) & (gap <= _SPAN)].mean()) + _JERKY * jerky
+
+    def extended(self, guess: Guess, until: int) -> Guess:
+        """Displacements go on evenly to frame `until`."""
+        angle = guess.state.angle
+        more = until + 1 - len(angle)
+        if more <= 0:
+            return guess
+        pace = (angle[-1] - angle[-min(3, len(angle))]) / (min(3, len(angle)) - 1)
+        rest = angle[-1] + np.arange(1, more + 1)[:, None] * pace
+        state = replace(guess.state, angle=np.concatenate([angle, rest]))
+        return replace(guess, state=state)
+
+
+    def followed(self, guess: Guess, until: int) -> Guess:
+        """Track on to frame `until` by patches: flow sees too little motion on plain surfaces."""
+        while True:
+            now = len(guess.state.angle) - 1
+            points = self.points(tuple(range(0, now + 1, _KEY)), _FEW)
+            if len(points.frame) != len(guess.rays.frame):
+                guess = self.relabel(guess, points)
+            guess = self.nearer(guess, points, 2, _WIDE)
+            if now >= until:
+                return guess
+            guess = self.extended(guess, now + 1)
+
+    def nearer(self, guess: Guess, points: Spots, rounds: int, reach: float) -> Guess:
+        """EM with patches on the frames that a guess has, which are few."""
+        for i in range(rounds):
+            rays = self.matched(guess, _REACH if i else reach)
+            scales = (3.0, 3.0) if i else (6.0, 4.0)
+            guess = self.fitted(guess, rays, scales, _BELIEF, _LOOSE)
+        return self.relabel(guess, points)

@@ -1,0 +1,178 @@
+"""Ways to an articulation without depth: many first guesses, tracked through the video."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, cycle, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robots.geometry import Array, inverse
+from .articulation import Articulation
+from .beam import spread
+from .crew import together
+from .knowledge import Known
+from .ray_bundle import Rays
+from .ray_labels import Spots
+from .ray_sweep import swept_rays
+from .ray_tracker import Guess, RayTracker
+from .segment import order_from_base
+from .tracker import hinges, thinned
+from .trade import feet, shared
+
+_CUTS = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85)  # of the way from the base outward
+_FEW, _FEWEST = 220, 20  # points of a key frame, and that are worth a search
+_SPANS, _SWEPT = (2, 3), 30  # frames that sweeps look ahead, and what is kept of each
+_BEGUN, _HALFWAY, _ALL = 40, 24, 10  # that go on to the next stage
+_HALF = 8  # frames after which the worse are left
+_BELIEF = 4.0  # weight of what is believed beforehand
+_FLAT = 0.1  # standard deviation of inverse depths at first
+_APART = 0.07, 0.2  # of two guesses, rad or m: while there are many, and in the end
+_PARALLEL, _PLACES = 0.98, 16  # cosine; where a hinge may be
+_SHARES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
+
+
+def by_sweeps(s: RayTracker) -> list[Guess]:
+    """From joints' first steps (see beam.py), tracked frame by frame."""
+    last = s.seen.frames - 1
+    points = s.points((0,), _FEW)
+    if len(points.frame) < _FEWEST:
+        return []
+    spans = sorted({min(span, last) for span in _SPANS})
+    found = [g for some in together(lambda span: swept(s, points, span), spans) for g in some]
+    start = min(max(spans) + 1, last)
+    found = together(lambda g: s.nearer(s.extended(g, start), points, 2, 10.0),
+                     distinct(found, _BEGUN, _APART[0]))
+    found = together(lambda g: s.followed(g, min(_HALF, last)),
+                     distinct(found, _HALFWAY, _APART[0]))
+    return together(lambda g: s.followed(g, last), distinct(found, _ALL, _APART[0]))
+
+
+def swept(s: RayTracker, points: Spots, to: int) -> list[Guess]:
+    """The best chains over frames 0 and `to`, with labels from either end."""
+    beam = swept_rays(s.seen, s.known, points, to)
+    none = (np.zeros(0),) * 4
+    one = np.ones(len(points.frame), np.int64)
+    rays = Rays(points.frame, points.ray, one, points.expected, points.expected, *none)
+    out: list[Guess] = []
+    for twist, end in zip(beam.twist[:_SWEPT], beam.angle[:_SWEPT], strict=True):
+        angle = np.linspace(0 * end, end, to + 1)
+        state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
+        out += [s.relabel(Guess(state, rays, base, np.inf, np.zeros((0, 0))), points)
+                for base in ends(s, points, 0)]
+    return out
+
+
+def by_cuts(s: RayTracker, key: int) -> list[Guess]:
+    """From the parts of a key frame, cut in many ways, whose motion is fitted to all frames."""
+    points, last = s.points((key,), _FEW), s.seen.frames - 1
+    if len(points.frame) < _FEWEST:
+        return []
+    out: list[Guess] = []
+    directions = cycle(product(np.eye(3)[::-1], repeat=s.joints))  # where they are not known
+    for base in ends(s, points, key):
+        rank = order_from_base(points.ray, base[None])
+        for cuts in combinations(_CUTS, s.joints - 1):
+            label = 1 + np.searchsorted(np.array(cuts), rank)
+            out.append(tracked(s, points, label, base, key, last, next(directions)))
+    return out
+
+
+def ends(s: RayTracker, points: Spots, key: int) -> list[Array]:
+    """[3] each, at depth 1: where the chain may begin in a key frame, what is slow first."""
+    u, v = points.pixel.T
+    speed = np.linalg.norm(s.seen.flow[max(0, key - 3) : key + 4, v, u], axis=2).mean(axis=0)
+    slow = points.average(speed[:, None])[:, 0]
+    start, out = points.ray[slow <= np.quantile(slow, 0.04)], []
+    for _ in range(2):
+        rank = order_from_base(points.ray, start)
+        out.append(points.ray[rank <= 0.03].mean(axis=0))
+        start = points.ray[rank >= 0.97]
+    return out
+
+
+def tracked(
+    s: RayTracker,
+    points: Spots,
+    label: NDArray[np.int64],
+    base: Array,
+    key: int,
+    last: int,
+    axes: tuple[Array, ...],
+) -> Guess:
+    """The motion of parts [N] of a key frame that are held."""
+    at = hinges(points.ray, label, base, s.known.parent)
+    twist = np.stack([first_axis(s.known, j, at[j], axes[j]) for j in range(s.joints)])
+    end = last if key else min(4, last)
+    state = Articulation(twist, np.zeros((end + 1, s.joints)), s.known.prismatic,
+                         s.known.parent)
+    none = (np.zeros(0),) * 4
+    rays = Rays(points.frame, points.ray, label, points.expected, points.expected, *none)
+    guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))
+    still = np.repeat(points.pixel[:, None].astype(np.float64), end + 1, axis=1)
+    guess = s.fitted(guess, s.observed(guess, still), (20.0, 20.0, 15.0), _BELIEF, _FLAT)
+    while len(guess.state.angle) <= last:
+        guess = s.fitted(guess, s.observed(guess), (10.0, 6.0), _BELIEF, _FLAT)
+        guess = s.extended(guess, min(last, len(guess.state.angle) + 2))
+    for _ in range(4 if key else 2):
+        guess = s.fitted(guess, s.observed(guess), (10.0, 6.0), _BELIEF, _FLAT)
+    return guess
+
+
+def first_axis(known: Known, joint: int, hinge: Array, guess: Array) -> Array:
+    """[6] the axis through a hinge, if it is not known; along `guess` [3], if that is not."""
+    if known.line is not None:
+        return known.line[joint].copy()
+    l = guess if known.direction is None else known.direction[joint]
+    if known.prismatic[joint]:
+        return np.concatenate([np.zeros(3), l])
+    return np.concatenate([l, np.asarray(np.cross(hinge, l), np.float64)])
+
+
+def traded(s: RayTracker, guess: Guess, points: Spots, most: int) -> list[Guess]:
+    """The best solutions that share the turns of parallel neighbours otherwise (see trade.py)."""
+    state, rays = guess.state, guess.rays
+    if not len(points.frame):
+        return []
+    motion = state.motions(len(state.angle))
+    mine = rays.frame == points.frame[0]
+    back = inverse(motion[points.frame[0], rays.label[mine]])
+    here = rays.ray[mine] / rays.inverse_depth[mine, None]
+    there = np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
+    found: list[Guess] = []
+    for j in range(s.joints - 1):
+        along = float(state.twist[j, :3] @ state.twist[j + 1, :3])
+        if abs(along) < _PARALLEL or not mine.any():
+            continue
+        hinge = spread(thinned(there, 400), _PLACES)
+        first = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *hinge])
+        others = [shared(state, j, along, p, f) for p in hinge for f in feet(state, j, p, first)]
+        others += [split(state, j, along, share) for share in _SHARES]
+        found += [s.relabel(replace(guess, state=o), points) for o in others if o is not None]
+    found = [s.settle(g, points, 2, (8.0, 6.0), 1.0, 0.2) for g in distinct(found, 4 * most)]
+    return distinct(found, most)
+
+
+def split(state: Articulation, joint: int, along: float, share: float) -> Articulation:
+    """The turns of two parallel neighbours, of which the first makes `share` of what both do."""
+    angle = state.angle.copy()
+    both = angle[:, joint] + np.sign(along) * angle[:, joint + 1]
+    angle[:, joint] = share * both
+    angle[:, joint + 1] = np.sign(along) * (1 - share) * both
+    return replace(state, angle=angle)
+
+
+def distinct(found: list[Guess], most: int, apart: float = _APART[1]) -> list[Guess]:
+    """The best few that differ in labels or in motion."""
+    out: list[Guess] = []
+    for g in sorted(found, key=lambda g: g.cost):
+        if all(
+            np.mean(g.rays.label != o.rays.label) > 0.05
+            or np.abs(g.state.angle[-1] - o.state.angle[-1]).max() > apart
+            for o in out
+        ):
+            out.append(g)
+        if len(out) == most:
+            break
+    return out
