@@ -23,6 +23,9 @@ GROUP = "gcbench.methods"
 """Entry points of other packages: name -> module:attribute."""
 METHODS = {
     "gcpose": "gcbench.gcpose.method:GCPose",
+    "gcpose-flow": "gcbench.gcpose.published:FlowOnly",
+    "gcpose-epipolar": "gcbench.gcpose.published:Epipolar",
+    "gcpose-depth": "gcbench.gcpose.published:WithDepth",
     "icp": "gcbench.benchmark.icp:Icp",
     "icp-first": "gcbench.benchmark.icp:IcpFirst",
     "hold-still": "gcbench.benchmark.baselines:HoldStill",

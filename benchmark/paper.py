@@ -35,6 +35,7 @@ class Printed:
 FULL = "GC-Pose, true depth"
 NOISY = "GC-Pose, true depth with 5 cm noise"
 ESTIMATED = "GC-Pose, estimated depth"
+ALONE, EPIPOLAR = "FlowNet2 alone", "FlowNet2, epipolar"
 ARMS = ("ur5", "ur5-textured", "iiwa14", "irb2400")
 OBJECTS = ("microwave", "dishwasher", "oven")
 OWI = "owi535"
@@ -53,8 +54,8 @@ _OWI = {
     "GC-Pose, RGB-D": ((1.7632, 1.0900), (1.3688, 1.0862), (1.7357, 1.3744), (2.9779, 1.7250)),
 }
 _ROBOTS = {
-    "FlowNet2 alone": ((25.7216, 12.5), (8.4578, 45.0), (17.1803, 19.5), (29.1733, 3.5)),
-    "FlowNet2, epipolar": ((8.7170, 49.2), (5.6970, 65.5), (8.1617, 42.0), (9.0064, 31.0)),
+    ALONE: ((25.7216, 12.5), (8.4578, 45.0), (17.1803, 19.5), (29.1733, 3.5)),
+    EPIPOLAR: ((8.7170, 49.2), (5.6970, 65.5), (8.1617, 42.0), (9.0064, 31.0)),
     ESTIMATED: ((3.8168, 85.9), (3.1532, 87.5), (4.0264, 83.5), (5.9153, 81.5)),
     FULL: ((2.2132, 91.6), (1.4633, 96.5), (2.5158, 89.0), (3.1479, 93.5)),
     NOISY: ((2.9758, 89.6), (2.2413, 94.0), (3.2217, 87.0), (4.6583, 85.0)),
@@ -79,6 +80,11 @@ _COUNTERPARTS = {
     ("gcpose", "rgb", 3): ESTIMATED,
     ("gcpose", "rgbd", 3): FULL,
     ("gcpose", "rgbd-noise", 3): NOISY,
+    ("gcpose-flow", "rgb", 3): ALONE,
+    ("gcpose-epipolar", "rgb", 3): EPIPOLAR,
+    ("gcpose-depth", "rgb", 3): ESTIMATED,
+    ("gcpose-depth", "rgbd", 3): FULL,
+    ("gcpose-depth", "rgbd-noise", 3): NOISY,
     ("gcpose", "rgb", 2): "GC-Pose, RGB",
     ("gcpose", "rgbd", 2): "GC-Pose, RGB-D",
 }

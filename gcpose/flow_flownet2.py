@@ -27,15 +27,32 @@ def flownet2_flow(checkpoint: Path, device: str = "auto") -> Flow:
         network = FlowNet2()
     weights = read_weights(checkpoint, network.state_dict(), "FlowNet2")
     network.load_state_dict(weights, assign=True)
-    network = network.to(device_named(device)).eval()
+    return FlowNet2Flow(network.to(device_named(device)).eval())
 
-    def flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
-        height, width = rgb_a.shape[:2]
-        place = next(network.parameters()).device
-        a, b = (padded(unit(image), MULTIPLE).to(place)
-                for image in (rgb_a, rgb_b))
+
+class FlowNet2Flow:
+    """The network on images of any size."""
+
+    rate = 5e-7
+    """At which it is tuned to a video (Sec. 4.1)."""
+
+    def __init__(self, network: FlowNet2) -> None:
+        self.network = network
+
+    def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """[H W 2] px."""
         with torch.no_grad():
-            out = network(a, b)[0].permute(1, 2, 0)[:height, :width]
-        return out.cpu().numpy()
+            out = self.tensor(rgb_a, rgb_b, None)
+        return out[0].permute(1, 2, 0).cpu().numpy()
 
-    return flow
+    def start(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> None:
+        """It begins with nothing."""
+
+    def tensor(
+        self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8], start: None
+    ) -> torch.Tensor:
+        """[1 2 H W] px, with gradients."""
+        height, width = rgb_a.shape[:2]
+        place = next(self.network.parameters()).device
+        a, b = (padded(unit(image), MULTIPLE).to(place) for image in (rgb_a, rgb_b))
+        return self.network(a, b)[..., :height, :width]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .. import GcbenchError
 from .flow import Flow, fine_dis_flow
 from .image_tensor import padded, unit
-from .raft import MULTIPLE, Raft, torch
+from .raft import MULTIPLE, F, Raft, torch
 from .weights_file import read_weights
 
 SHIPPED = Path(__file__).parent / "weights" / "raft.safetensors"
@@ -41,34 +41,44 @@ def raft_flow(weights: Path | None = None, device: str = "auto") -> Flow:
 class RaftFlow:
     """Corrects the fine DIS flow: seen at about the resolution of training, added to the full."""
 
+    rate = 1e-4
+    """At which it is tuned to a video."""
+
     def __init__(self, network: Raft, iterations: int = 6) -> None:
         self.network = network.eval()
         self.iterations = iterations
 
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """[H W 2] px."""
+        with torch.no_grad():
+            out = self.tensor(rgb_a, rgb_b, self.start(rgb_a, rgb_b))
+        return out[0].permute(1, 2, 0).cpu().numpy()
+
+    def start(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """[H W 2] px, the flow that is corrected."""
+        return fine_dis_flow(rgb_a, rgb_b)
+
+    def tensor(
+        self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8], start: NDArray[np.float32]
+    ) -> torch.Tensor:
+        """[1 2 H W] px, with gradients."""
         height, width = rgb_a.shape[:2]
-        start = fine_dis_flow(rgb_a, rgb_b)
         factor = max(1, round(min(height, width) / _SIDE))
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
         scale = np.array([width / small[0], height / small[1]], np.float32)
-        a, b = (np.asarray(cv2.resize(image, small, interpolation=cv2.INTER_AREA), np.uint8)
-                for image in (rgb_a, rgb_b))
-        reduced = np.asarray(cv2.resize(start, small, interpolation=cv2.INTER_AREA), np.float32)
-        correction = self.correction(a, b, reduced / scale)
-        full = np.asarray(cv2.resize(correction, (width, height)), np.float32)
-        return np.asarray(start + full * scale, np.float32)
-
-    def correction(
-        self, a: NDArray[np.uint8], b: NDArray[np.uint8], start: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """[h w 2] px, what to add to a flow, at the images' own resolution."""
-        height, width = a.shape[:2]
         device = next(self.network.parameters()).device
-        first, second, flow = (padded(x, MULTIPLE).to(device) for x in (unit(a), unit(b), start))
-        with torch.no_grad():
-            out = self.network(first, second, flow, self.iterations).fine - flow
-        return out[0].permute(1, 2, 0)[:height, :width].cpu().numpy()
+        a, b = (
+            padded(unit(np.asarray(cv2.resize(image, small, interpolation=cv2.INTER_AREA),
+                                   np.uint8)), MULTIPLE).to(device)
+            for image in (rgb_a, rgb_b)
+        )
+        reduced = np.asarray(cv2.resize(start, small, interpolation=cv2.INTER_AREA), np.float32)
+        flow = padded(reduced / scale, MULTIPLE).to(device)
+        added = self.network(a, b, flow, self.iterations).fine - flow
+        full = F.interpolate(added[..., : small[1], : small[0]], size=(height, width),
+                             mode="bilinear", align_corners=False)
+        by = torch.from_numpy(scale).to(device)[:, None, None]
+        return padded(start, 1).to(device) + full * by
 
 
 def device_named(name: str) -> torch.device:
