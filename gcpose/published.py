@@ -180,7 +180,7 @@ class WithDepth(Epipolar):
         assert s.known.direction is not None
         focal = float(s.seen.intrinsics[0, 0])
         steps = [[None] * s.joints if p is None else rotations_with_depth(p, q.expected, focal)
-                 for p, q in zip(pairs, points, strict=False)]
+                 for p, q in zip(pairs, points[:-1], strict=True)]
         angle = accumulated(steps, s.known.direction, s.known.parent)
         keys = [k for k, p in enumerate(pairs) if p is not None]
         if not keys or keys[0]:

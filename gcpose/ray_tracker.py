@@ -50,13 +50,14 @@ class RayTracker:
     def __init__(self, seen: Footage, known: Known) -> None:
         self.seen, self.known = seen, known
         self.joints = len(known.prismatic)
-        self.spots: dict[tuple[int, ...], Spots] = {}
+        self.spots: dict[tuple[tuple[int, ...], int], Spots] = {}
         self.known_ranks: dict[tuple[int, float, float], Array] = {}
 
     def points(self, frames: tuple[int, ...], most: int) -> Spots:
-        if frames not in self.spots:
-            self.spots[frames] = spots(self.seen, frames, most)
-        return self.spots[frames]
+        """About `most` of each key frame."""
+        if (frames, most) not in self.spots:
+            self.spots[frames, most] = spots(self.seen, frames, most)
+        return self.spots[frames, most]
 
     def observed(self, guess: Guess, at: Array | None = None) -> Rays:
         """The flow at the points' places."""
@@ -213,7 +214,6 @@ class RayTracker:
         state = replace(guess.state, angle=np.concatenate([angle, rest]))
         return replace(guess, state=state)
 
-
     def followed(self, guess: Guess, until: int) -> Guess:
         """Track on to frame `until` by patches: flow sees too little motion on plain surfaces."""
         while True:
@@ -221,15 +221,13 @@ class RayTracker:
             points = self.points(tuple(range(0, now + 1, _KEY)), _FEW)
             if len(points.frame) != len(guess.rays.frame):
                 guess = self.relabel(guess, points)
-            guess = self.nearer(guess, points, 2, _WIDE)
+            guess = self.nearer(guess, points)
             if now >= until:
                 return guess
             guess = self.extended(guess, now + 1)
 
-    def nearer(self, guess: Guess, points: Spots, rounds: int, reach: float) -> Guess:
+    def nearer(self, guess: Guess, points: Spots) -> Guess:
         """EM with patches on the frames that a guess has, which are few."""
-        for i in range(rounds):
-            rays = self.matched(guess, _REACH if i else reach)
-            scales = (3.0, 3.0) if i else (6.0, 4.0)
-            guess = self.fitted(guess, rays, scales, _BELIEF, _LOOSE)
+        for reach, scales in ((_WIDE, (6.0, 4.0)), (_REACH, (3.0, 3.0))):
+            guess = self.fitted(guess, self.matched(guess, reach), scales, _BELIEF, _LOOSE)
         return self.relabel(guess, points)

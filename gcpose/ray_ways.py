@@ -42,7 +42,7 @@ def by_sweeps(s: RayTracker) -> list[Guess]:
     spans = sorted({min(span, last) for span in _SPANS})
     found = [g for some in together(lambda span: swept(s, points, span), spans) for g in some]
     start = min(max(spans) + 1, last)
-    found = together(lambda g: s.nearer(s.extended(g, start), points, 2, 10.0),
+    found = together(lambda g: s.nearer(s.extended(g, start), points),
                      distinct(found, _BEGUN, _APART[0]))
     found = together(lambda g: s.followed(g, min(_HALF, last)),
                      distinct(found, _HALFWAY, _APART[0]))
@@ -55,12 +55,12 @@ def swept(s: RayTracker, points: Spots, to: int) -> list[Guess]:
     none = (np.zeros(0),) * 4
     one = np.ones(len(points.frame), np.int64)
     rays = Rays(points.frame, points.ray, one, points.expected, points.expected, *none)
-    out: list[Guess] = []
+    bases, out = ends(s, points, 0), list[Guess]()
     for twist, end in zip(beam.twist[:_SWEPT], beam.angle[:_SWEPT], strict=True):
         angle = np.linspace(0 * end, end, to + 1)
         state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
         out += [s.relabel(Guess(state, rays, base, np.inf, np.zeros((0, 0))), points)
-                for base in ends(s, points, 0)]
+                for base in bases]
     return out
 
 
