@@ -193,8 +193,7 @@ class WithDepth(Epipolar):
         twist = np.stack([first_axis(s.known, j, at[j], l)
                           for j, l in enumerate(s.known.direction)])
         state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
-        rays = Rays(cloud.frame, cloud.ray, label, cloud.expected, cloud.expected,
-                    *(np.zeros(0),) * 4)
+        rays = Rays.unseen(cloud.frame, cloud.ray, label, cloud.expected)
         guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))
         spread = _RELIEF
         if observation.depth is not None:

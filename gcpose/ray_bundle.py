@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..robots.geometry import Array, inverse
 from .articulation import Articulation, displaced
@@ -122,6 +123,7 @@ def accumulate(
 
 _STEP = 0.15  # largest change of an unknown in an iteration, rad or m
 _NEAREST, _FARTHEST = 2.5, 0.4  # of inverse depths
+_ROUGH = 0.1  # standard deviation of a point's inverse depth from those of its neighbours
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,16 @@ class Rays:
     """[N T 2] px, where the point was found in each frame"""
     spot_information: Array
     """[N T 2 2] 1/px2"""
+    near: csr_array | None = None
+    """[N N] 1 for neighbours in a key frame, whose depths are alike on one part"""
+
+    @classmethod
+    def unseen(
+        cls, frame: NDArray[np.int64], ray: Array, label: NDArray[np.int64], expected: Array
+    ) -> Rays:
+        """Those of which nothing is measured yet."""
+        none = np.zeros(0)
+        return cls(frame, ray, label, expected, expected, none, none, none, none)
 
 
 @dataclass(frozen=True)
@@ -199,6 +211,7 @@ def adjust_rays(
     held = (frames - 1) * joints
     depth = rays.inverse_depth.copy()
     cost, hessian = np.zeros(len(depth)), np.zeros((0, 0))
+    blocks = _roughness(rays)
     for scale in scales:
         basis = tuple(
             axis_basis(state.twist[j], bool(state.prismatic[j]), hinges.point[j], freedom)
@@ -215,17 +228,41 @@ def adjust_rays(
         vector[held:] += belief * near.vector
         h = h + 1 / spread**2
         g = g + (rays.expected - depth) / spread**2
-        hessian = matrix - coupling.T @ (coupling / h[:, None])
-        right = vector - coupling.T @ (g / h)
+        by_depth = np.empty_like(coupling)
+        alone = np.empty_like(g)
+        for mine, rough in blocks:
+            square = rough + np.diag(h[mine])
+            both = np.linalg.solve(
+                square, np.column_stack([coupling[mine], g[mine] - rough @ depth[mine]]))
+            by_depth[mine], alone[mine] = both[:, :-1], both[:, -1]
+        hessian = matrix - coupling.T @ by_depth
+        right = vector - coupling.T @ alone
         damping = 1e-4 * np.diag(matrix) + 1e-6
         step = np.linalg.solve(hessian + np.diag(damping), right)
         step *= min(1.0, _STEP / max(1e-12, float(np.abs(step).max())))
-        change = (g - coupling @ step) / h
+        change = alone - by_depth @ step
         depth = np.clip(depth + np.clip(change, -0.1, 0.1), _FARTHEST, _NEAREST)
         angle = state.angle.copy()
         angle[1:] += step[:held].reshape(frames - 1, joints)
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
     return Fit(state, depth, cost, hessian)
+
+
+def _roughness(rays: Rays) -> list[tuple[NDArray[np.intp], Array]]:
+    """Of each key frame its points, and the matrix [n n] of what it costs where neighbours on one
+    part have unlike depths."""
+    out: list[tuple[NDArray[np.intp], Array]] = []
+    for k in np.unique(rays.frame):
+        mine = np.flatnonzero(rays.frame == k)
+        rough = np.zeros((len(mine), len(mine)))
+        if rays.near is not None:
+            near = rays.near[mine][:, mine].toarray()
+            near *= rays.label[mine, None] == rays.label[mine]
+            near /= np.maximum(1.0, near.sum(axis=1, keepdims=True)) * _ROUGH**2
+            near = (near + near.T) / 2
+            rough = np.diag(near.sum(axis=1)) - near
+        out.append((mine, rough))
+    return out
 
 
 def _assemble(

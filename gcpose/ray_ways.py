@@ -52,9 +52,8 @@ def by_sweeps(s: RayTracker) -> list[Guess]:
 def swept(s: RayTracker, points: Spots, to: int) -> list[Guess]:
     """The best chains over frames 0 and `to`, with labels from either end."""
     beam = swept_rays(s.seen, s.known, points, to)
-    none = (np.zeros(0),) * 4
     one = np.ones(len(points.frame), np.int64)
-    rays = Rays(points.frame, points.ray, one, points.expected, points.expected, *none)
+    rays = Rays.unseen(points.frame, points.ray, one, points.expected)
     bases, out = ends(s, points, 0), list[Guess]()
     for twist, end in zip(beam.twist[:_SWEPT], beam.angle[:_SWEPT], strict=True):
         angle = np.linspace(0 * end, end, to + 1)
@@ -107,8 +106,7 @@ def tracked(
     end = last if key else min(4, last)
     state = Articulation(twist, np.zeros((end + 1, s.joints)), s.known.prismatic,
                          s.known.parent)
-    none = (np.zeros(0),) * 4
-    rays = Rays(points.frame, points.ray, label, points.expected, points.expected, *none)
+    rays = Rays.unseen(points.frame, points.ray, label, points.expected)
     guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))
     still = np.repeat(points.pixel[:, None].astype(np.float64), end + 1, axis=1)
     guess = s.fitted(guess, s.observed(guess, still), (20.0, 20.0, 15.0), _BELIEF, _FLAT)
