@@ -23,6 +23,8 @@ from .surface import Image, rays
 FLOW_SIGMA = 0.5  # px
 FLOW_RATE = 0.05  # and of the flow's length
 _NEAR = 12  # neighbours that share a label
+_AROUND = 1.5  # cells within which a pixel of another key frame shows the same
+_OUT_OF_ORDER = 0.2  # cost of a label that does not follow the way from the base outward
 _WIDTH = 3.0  # standard deviations beyond which flow is simply wrong
 _SEEN_THROUGH = 1.5  # cost of a place where only background is seen, of a wrong flow's
 _SPREAD = 0.3  # standard deviation of inverse depths about their mean
@@ -44,6 +46,8 @@ class Spots:
     """[N] 1..J, if it is given"""
     near: csr_array
     """[N N] 1 for a pixel's neighbours"""
+    nearest: NDArray[np.int32]
+    """[K h w] in each key frame the pixel that is nearest to each, -1 where none is near"""
 
     def average(self, values: Array) -> Array:
         """Means [N C] of values [N C] over each pixel's neighbourhood."""
@@ -57,6 +61,7 @@ def spots(seen: Footage, frames: tuple[int, ...], most: int) -> Spots:
     frame: list[NDArray[np.int64]] = []
     blocks: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
     first = 0
+    around: list[NDArray[np.int32]] = []
     for k in frames:
         # its rim is as likely background, and more textured
         mask = cv2.erode(seen.moving[k].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
@@ -76,6 +81,8 @@ def spots(seen: Footage, frames: tuple[int, ...], most: int) -> Spots:
             others = np.asarray(others, np.int64).reshape(len(here), -1)
             row = np.repeat(np.arange(len(here)), others.shape[1])
             blocks.append((row + first, others.ravel() + first))
+            index = nearest_of(here, mask.shape, _AROUND * cell)
+            around.append(np.where(index >= 0, index + np.int32(first), index))
         first += len(here)
     pixels = np.concatenate(pixel)
     row = np.concatenate([b[0] for b in blocks]) if blocks else np.zeros(0, np.int64)
@@ -84,7 +91,22 @@ def spots(seen: Footage, frames: tuple[int, ...], most: int) -> Spots:
     at = (np.concatenate(frame), pixels[:, 1], pixels[:, 0])
     expected = np.ones(first) if seen.relief is None else seen.relief[at].astype(np.float64)
     part = None if seen.part is None else np.maximum(1, seen.part[at].astype(np.int64))
-    return Spots(at[0], pixels, rays(seen.intrinsics, pixels), expected, part, near)
+    nearest = np.stack(around) if around else np.zeros((0, *seen.moving.shape[1:]), np.int32)
+    return Spots(at[0], pixels, rays(seen.intrinsics, pixels), expected, part, near, nearest)
+
+
+def nearest_of(
+    pixels: NDArray[np.int64], shape: tuple[int, ...], reach: float
+) -> NDArray[np.int32]:
+    """[h w] index of the nearest of pixels [N 2], -1 where none is within `reach` px."""
+    marks = np.ones(shape, np.uint8)
+    marks[pixels[:, 1], pixels[:, 0]] = 0
+    away, found = cv2.distanceTransformWithLabels(
+        marks, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    mark = np.asarray(found, np.int64)
+    index = np.zeros(len(pixels) + 1, np.int32)
+    index[mark[pixels[:, 1], pixels[:, 0]]] = np.arange(len(pixels))
+    return np.where(np.asarray(away) < reach, index[mark], np.int32(-1))
 
 
 @compiled
@@ -145,6 +167,35 @@ def label_costs(
             cost[i, p - 1] = total / max(1, count)
             depth[i, p - 1] = q
     return cost, depth
+
+
+def along_tracks(points: Spots, cost: Array, place: Array) -> Array:
+    """[N J] costs averaged over neighbours, and over what each part takes a pixel to.
+
+    place [N K J 2] px, of each pixel in each key frame if it is on part j: what is seen there would
+    be the same part.
+    """
+    keys, height, width = points.nearest.shape
+    pixel = np.rint(np.clip(place, -2, 1e4)).astype(np.int64)
+    u, v = pixel[..., 0], pixel[..., 1]
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    there = points.nearest[np.arange(keys)[:, None], np.where(inside, v, 0), np.where(inside, u, 0)]
+    own = points.frame[:, None] == np.unique(points.frame)
+    found = inside & (there >= 0) & ~own[..., None]
+    part = np.arange(cost.shape[1])
+    for _ in range(2):
+        near = points.average(cost)
+        others = np.where(found, near[there, part], 0.0).sum(axis=1)
+        cost = (near + others) / (1 + found.sum(axis=1))
+    return cost
+
+
+def labelled(points: Spots, cost: Array, rank: Array) -> NDArray[np.int64]:
+    """[N] labels 0..J-1 of least cost [N J], most of which follow one another from the base
+    outward: rank [N] is 0..1 on the way, which a folded chain does not keep to."""
+    order = along_chain(cost, rank, points.frame)
+    out = np.arange(cost.shape[1]) != order[:, None]
+    return points.average(cost + _OUT_OF_ORDER * out).argmin(axis=1)
 
 
 def along_chain(cost: Array, rank: Array, frame: NDArray[np.int64]) -> NDArray[np.int64]:

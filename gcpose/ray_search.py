@@ -11,6 +11,7 @@ from .ray_ways import by_cuts, by_sweeps, distinct, traded
 _CUT = 6  # hypotheses from cuts that go on
 _MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
 _SECOND, _TRADED = 4, 3
+_BY_FLOW = 0.5  # weight of the flow's word beside the patches'
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
 
 
@@ -29,9 +30,14 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
         return None
     found = together(lambda g: s.sharpened(g, many, 2, _FIRST_REACH), found)
     found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, _SECOND))
-    best = min(found, key=lambda g: g.cost)
+    best = min(found, key=judged)
     others = traded(s, best, few, _TRADED)
     others = [s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)) for g in others]
     found += together(lambda g: s.sharpened(g, many, 3, _FIRST_REACH), others)
     found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, 2))
-    return min(found, key=lambda g: g.cost)
+    return min(found, key=judged)
+
+
+def judged(guess: Guess) -> float:
+    """By patches, which are few but do not err to one side, and by the flow."""
+    return guess.cost + _BY_FLOW * guess.flow_cost

@@ -13,7 +13,15 @@ from .knowledge import Known
 from .patches import match
 from .prior import Hinges
 from .ray_bundle import Rays, adjust_rays, places
-from .ray_labels import FLOW_RATE, FLOW_SIGMA, Spots, along_chain, label_costs, spots
+from .ray_labels import (
+    FLOW_RATE,
+    FLOW_SIGMA,
+    Spots,
+    along_tracks,
+    label_costs,
+    labelled,
+    spots,
+)
 from .segment import order_from_base
 from .tracker import hinges
 
@@ -41,7 +49,10 @@ class Guess:
     base: Array
     """[3] where the chain begins, at depth 1"""
     cost: float
+    """What it is ranked by among others of its kind"""
     hessian: Array
+    flow_cost: float = np.inf
+    """Of its points under their labels, by flow"""
 
 
 class RayTracker:
@@ -126,17 +137,21 @@ class RayTracker:
             )  # fmt: skip
             if steps:
                 depth = points.average(depth)
-        total = points.average(cost)
-        rank = self.ranks(points, guess.base)
-        label = along_chain(total, rank, points.frame)
+        there = relative[np.searchsorted(keys, points.frame)][:, keys, 1:]
+        place = np.einsum("nkjab,nb->nkja", there[..., :3], points.ray)
+        place = place[..., :3] + depth[:, None, :, None] * there[..., :3, 3]
+        place = k[0, 0] * place[..., :2] / np.maximum(0.05, place[..., 2:]) + k[:2, 2]
+        total = along_tracks(points, cost, place)
+        label = labelled(points, total, self.ranks(points, guess.base))
         if points.part is not None:
             label = points.part - 1
         mine = np.arange(len(label)), label
         rays = replace(
             guess.rays, frame=points.frame, ray=points.ray, label=label + 1,
-            inverse_depth=depth[mine], expected=points.expected,
+            inverse_depth=depth[mine], expected=points.expected, near=points.near,
         )  # fmt: skip
-        return replace(guess, rays=rays, cost=float(total[mine].mean()))
+        cost = float(total[mine].mean())
+        return replace(guess, rays=rays, cost=cost, flow_cost=cost)
 
     def ranks(self, points: Spots, base: Array) -> Array:
         """[N] how far out each point is in its key frame."""

@@ -61,7 +61,7 @@ def matched(
     flow[pixel[:, 1], pixel[:, 0]] = moved
     near = (part[:, None] == part[None]) & (np.abs(points[:, None] - points[None]).max(2) < 0.12)
     found = Spots(np.full(len(part), k), pixel, ray, 1 / here[:, 2], None,
-                  csr_array(near.astype(float)))
+                  csr_array(near.astype(float)), np.zeros((1, *flow.shape[:2]), np.int32))
     return found, flow, 1 / here[:, 2], part
 
 

@@ -19,10 +19,12 @@ from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.patches import match
 from gcbench.gcpose.prior import Hinges
 from gcbench.gcpose.ray_bundle import Fit, Rays, adjust_rays, places
-from gcbench.gcpose.ray_labels import along_chain, spots
+from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, labelled, spots
 from gcbench.gcpose.ray_sweep import ByFlow
 from gcbench.renderer.observation import Observation
 from gcbench.robots.geometry import inverse
+from scipy.sparse import csr_array
+from scipy.spatial.distance import cdist
 
 INTRINSICS = np.array([[600.0, 0, 160], [0, 600, 120], [0, 0, 1]])
 FRAMES = 9
@@ -100,6 +102,34 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     assert (narrow.costs(motion) > 9.0).all()  # only background is seen there
 
 
+def neighbours(rays: Rays, most: int = 12) -> csr_array:
+    """[N N] 1 for the nearest of each point in its key frame."""
+    apart = cdist(rays.ray, rays.ray) + 9.0 * (rays.frame[:, None] != rays.frame)
+    near = apart <= np.sort(apart, axis=1)[:, most - 1 : most]
+    return csr_array(near.astype(np.float64))
+
+
+def test_depths_of_neighbours_on_one_part_are_alike() -> None:
+    true, at = chain()
+    rays = measured(true, 1.0, 1.0, False)
+    nearer = 1.0 + 0.2 * (rays.label == 2)  # each part is flat, one of them nearer
+    there = places(true, replace(rays, inverse_depth=nearer), INTRINSICS)[0]
+    noise = 20.0 * np.random.default_rng(7).standard_normal(there.shape)
+    sure = rays.spot_information * 0.1**2 / 20.0**2
+    rays = replace(rays, spot=there + noise, spot_information=sure)
+    scales = (3.0,) * 6
+    alone, together = (
+        adjust_rays(true, replace(rays, near=near), INTRINSICS, 2, scales, Hinges(at, 0.1))
+        for near in (None, neighbours(rays))
+    )
+    for part in (1, 2, 3):
+        mine = rays.label == part
+        assert together.inverse_depth[mine].std() < 0.8 * alone.inverse_depth[mine].std()
+    apart = [fit.inverse_depth[rays.label == 2].mean() - fit.inverse_depth[rays.label != 2].mean()
+             for fit in (alone, together)]
+    assert apart[1] > 0.7 * apart[0] > 0.05  # parts that are behind one another stay apart
+
+
 def test_scale_does_not_matter() -> None:
     one, two = (adjusted(scale)[0].state.angle for scale in (1.0, 7.0))
     assert np.degrees(np.abs(one - two)).max() < 0.1
@@ -171,6 +201,42 @@ def test_labels_along_the_chain_are_the_cheapest_in_order() -> None:
         for labels in combinations_with_replacement(range(3), 11)
     )
     assert np.isclose(ordered[np.arange(11), label].sum(), best)
+
+
+def two_frames(side: int = 8) -> Spots:
+    """A row of pixels, ten apart, in frames 0 and 1; each is its own only neighbour."""
+    at = np.stack([10 * np.arange(side) + 5, np.full(side, 5)], axis=1)
+    frame = np.repeat([0, 1], side)
+    nearest = (np.arange(10 * side) // 10)[None, None] + side * np.arange(2)[:, None, None]
+    nearest = np.broadcast_to(nearest, (2, 10, 10 * side)).astype(np.int32)
+    ray = np.ones((2 * side, 3))
+    return Spots(frame, np.tile(at, (2, 1)), ray, ray[:, 0], None,
+                 csr_array(np.eye(2 * side)), nearest)
+
+
+def test_what_a_part_takes_a_pixel_to_has_a_say_in_its_label() -> None:
+    points, side = two_frames(), 8
+    cost = np.ones((2 * side, 2))
+    cost[side + 3] = 5.0, 0.0  # pixel 3 of frame 1 is on part 1, as seen there
+    place = np.repeat(points.pixel[:, None, None].astype(float), 2, axis=1).repeat(2, axis=2)
+    place[:side, 1, 1, 0] += 20.0  # part 1 goes two pixels to the right
+    place[side:, 0, 1, 0] -= 20.0
+    label = along_tracks(points, cost, place).argmin(axis=1)
+    assert label[1] == 1  # where pixel 3 of frame 1 comes from, on part 1
+    assert label[side + 3] == 1
+    assert (np.delete(label, [1, 3, side + 3]) == 0).all()  # pixel 3 would be gone on part 0
+    place[:] = -50.0  # outside of the image nothing is said
+    assert (along_tracks(points, cost, place) == cost).all()
+
+
+def test_labels_keep_to_the_order_unless_they_say_otherwise() -> None:
+    points, side = two_frames(), 8
+    cost = np.zeros((2 * side, 2))
+    cost[:, 1] = np.where(np.arange(2 * side) % side < 4, 3.0, -3.0)
+    cost[6] = 0.0, 0.1  # beyond the joint, and not sure of itself
+    cost[7] = 0.0, 2.0  # beyond the joint, and folded back
+    rank = np.tile(np.linspace(0, 1, side), 2)
+    assert labelled(points, cost, rank)[:side].tolist() == [0, 0, 0, 0, 1, 1, 1, 0]
 
 
 def door(total: float) -> Observation:
