@@ -30,6 +30,8 @@ class TrainConfig:
     """Corrections that the network makes; in use it makes six."""
     models: int = 300
     """Objects to render if no data are given."""
+    robots: tuple[str, ...] = ()
+    """Robots (names or files) that half of them are; the others are random."""
     seed: int = 1
     device: str = "auto"
     precision: Literal["bfloat16", "float32"] = "bfloat16"

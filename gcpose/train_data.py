@@ -39,9 +39,9 @@ class Shoot:
     sequences: int
 
 
-def recipe(models: int, seed: int) -> Iterator[Shoot]:
-    """`models` datasets of the stream "train", plain for the most part: random objects, and
-    appliances, another one in each sequence.
+def recipe(models: int, seed: int, robots: tuple[str, ...] = ()) -> Iterator[Shoot]:
+    """`models` datasets of the stream "train", plain for the most part: random objects,
+    appliances, another one in each sequence, and in every other dataset one of `robots`.
 
     At half of the benchmark's resolution, where the network works; motions of up to 14 deg a step,
     more than twice the benchmark's.
@@ -49,14 +49,17 @@ def recipe(models: int, seed: int) -> Iterator[Shoot]:
     for number in range(models):
         rng = np.random.default_rng([seed, number])
         own = 10_000 * seed + number
-        if number % _APPLIANCES == _APPLIANCES - 1:
+        if robots and number % 2 == 0:
+            robot = robots[number // 2 % len(robots)]
+            joints = _some(catalog.load(robot).joint_names, rng)
+        elif number % _APPLIANCES == _APPLIANCES - 1:
             robot = CATEGORIES[number // _APPLIANCES % len(CATEGORIES)]
             joints = ()
         else:
             robot = f"random:{own}"
             joints = _some(catalog.load(robot).joint_names, rng)
         config = _config(robot, joints, own, rng)
-        yield Shoot(f"{robot.partition(':')[0]}-{own}", config, _SEQUENCES)
+        yield Shoot(f"{Path(robot.partition(':')[0]).stem}-{own}", config, _SEQUENCES)
 
 
 def _some(names: tuple[str, ...], rng: np.random.Generator) -> tuple[str, ...]:
@@ -90,7 +93,9 @@ def _config(
     )
 
 
-def rendered(out: Path, models: int, seed: int, workers: int | None = None) -> list[Path]:
+def rendered(
+    out: Path, models: int, seed: int, workers: int | None = None, robots: tuple[str, ...] = ()
+) -> list[Path]:
     """Folders of the recipe's datasets in `out`; those that are there are not rendered again.
 
     Raises GcbenchError where nothing renders.
@@ -98,7 +103,8 @@ def rendered(out: Path, models: int, seed: int, workers: int | None = None) -> l
     from tqdm import tqdm
 
     folders: list[Path] = []
-    for shoot in tqdm(recipe(models, seed), "render", models, unit="model", dynamic_ncols=True):
+    shoots = recipe(models, seed, robots)
+    for shoot in tqdm(shoots, "render", models, unit="model", dynamic_ncols=True):
         folder = out / shoot.name
         generate(shoot.config, shoot.sequences, folder, workers, progress=False)
         folders.append(folder)

@@ -61,7 +61,8 @@ def train(config: TrainConfig) -> dict[str, dict[str, FlowErrors]]:
         at = read_checkpoint(config.out, network, optimizer)
         if at.step < config.steps:
             own = config.out / "data"
-            data = given or rendered(own, config.models, config.seed, config.workers or None)
+            data = given or rendered(
+                own, config.models, config.seed, config.workers or None, config.robots)
             pairs = Pairs(data, config.seed, config.crop)
             at = _loop(config, network, optimizer, at, pairs, checks, log)
         return _check(network, checks, at, log)

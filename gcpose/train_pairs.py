@@ -17,7 +17,7 @@ from ..renderer.sequence import OCCLUDED, OUT_OF_IMAGE, Sequence
 from .flow import dis_flow, fine_dis_flow
 
 STILL = 0.05  # px; parts that move less count as background
-_STARTS = ((fine_dis_flow, 0.6), (dis_flow, 0.25))  # the rest begins with no motion
+_STARTS = ((fine_dis_flow, 0.25), (dis_flow, 0.1))  # the rest begins with no motion
 _MOVING = 0.8  # weight of all moving parts together
 _HIDDEN = 0.2  # weight of a pixel that the other image does not show
 MOST_PARTS = 64

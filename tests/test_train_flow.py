@@ -146,6 +146,19 @@ def test_the_recipe_is_of_models_that_no_suite_holds() -> None:
     assert shoots == list(recipe(9, seed=2))
 
 
+def test_half_of_the_recipe_is_of_robots_that_are_given(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        '<robot name="arm"><link name="a"/><link name="b"/><joint name="turn" type="continuous">'
+        '<parent link="a"/><child link="b"/></joint></robot>'
+    )
+    robots = ("microwave:3", str(file))
+    shoots = list(recipe(6, seed=2, robots=robots))
+    assert [s.config.robot for s in shoots][::2] == [robots[0], robots[1], robots[0]]
+    assert all(s.config.robot.startswith("random:") for s in shoots[1::2])
+    assert shoots[2].name == f"{file.stem}-20002"
+
+
 # -- with PyTorch -----------------------------------------------------------------------------
 
 
