@@ -501,7 +501,9 @@ def train(args: Sequence[str]) -> int:
 
       gcbench train flow --out raft --held-out data/ur5-train
 
-      gcbench train flow --data data/train --out raft --steps 100000 --workers 8
+      gcbench train flow --out raft --robots panda.urdf kinova.urdf --steps 100000 --workers 8
+
+      gcbench train flow --data data/train --out raft
 
       gcbench train flow --out raft --held-out data/ur5-train --steps 0
     """

@@ -51,9 +51,9 @@ def flow_named(name: str) -> Flow:
     if kind in _CLASSICAL and not file:
         return _CLASSICAL[kind]
     if kind == "raft":
-        from .flow_raft import raft_flow
+        from .flow_raft import SHIPPED, raft_flow
 
-        return raft_flow(Path(file) if file else None)
+        return raft_flow(Path(file) if file else SHIPPED)
     if kind == "flownet2":
         if not file:
             raise GcbenchError(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import GcbenchError
-from .flow import Flow, fine_dis_flow
+from .flow import fine_dis_flow
 from .image_tensor import padded, unit
 from .raft import MULTIPLE, F, Raft, torch
 from .weights_file import read_weights
@@ -23,19 +23,14 @@ _SIDE = 240
 """Pixels of the smaller side at which it was trained; larger images are reduced to about this."""
 
 
-def raft_flow(weights: Path | None = None, device: str = "auto") -> Flow:
+def raft_flow(weights: Path = SHIPPED, device: str = "auto", iterations: int = 6) -> RaftFlow:
     """The flow with the weights of a file; default: those that come with gcbench.
 
     Raises GcbenchError if there is no such file or it is of another network.
     """
-    if weights is None and not SHIPPED.exists():
-        raise GcbenchError(
-            "gcbench has no weights for raft yet: train them with `gcbench train flow` and name "
-            "them, --flow raft:DIR/raft.safetensors"
-        )
     network = Raft()
-    network.load_state_dict(read_weights(weights or SHIPPED, network.state_dict(), "raft"))
-    return RaftFlow(network.to(device_named(device)))
+    network.load_state_dict(read_weights(weights, network.state_dict(), "raft"))
+    return RaftFlow(network.to(device_named(device)), iterations)
 
 
 class RaftFlow:

@@ -100,8 +100,7 @@ class FlowOnly:
 class Epipolar(FlowOnly):
     """The same with a flow network that is tuned to the video by the epipolar constraint.
 
-    Default: the network of `gcbench train flow`, untrained where no weights are named: it then
-    begins with the flow of DIS. A sequence takes minutes on a CPU.
+    Default: the network whose weights come with gcbench. A sequence takes minutes on a CPU.
     """
 
     name = "gcpose-epipolar"
@@ -114,12 +113,10 @@ class Epipolar(FlowOnly):
         """
         super().__init__(flow)
         from .fine_tune import tuned
-        from .flow_raft import RaftFlow
-        from .raft import Raft, torch
+        from .flow_raft import raft_flow
 
         if not flow:
-            torch.manual_seed(0)
-            self.flow = RaftFlow(Raft(), _ITERATIONS)
+            self.flow = raft_flow(iterations=_ITERATIONS)
         self.network: Any = self.flow
         if not hasattr(self.flow, "network"):
             raise GcbenchError(f"{self.name}: no network to tune; use raft:WEIGHTS or "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
@@ -14,7 +15,7 @@ torch = pytest.importorskip("torch", reason="networks need PyTorch")
 pytest.importorskip("safetensors", reason="weights need safetensors")
 
 from gcbench.gcpose import flownet2, monodepth2, raft  # noqa: E402
-from gcbench.gcpose.flow_raft import RaftFlow, raft_flow  # noqa: E402
+from gcbench.gcpose.flow_raft import SHIPPED, RaftFlow, raft_flow  # noqa: E402
 
 
 def picture(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
@@ -167,6 +168,20 @@ def test_monodepth2_is_the_official_one(tmp_path: Path) -> None:
 
 def test_depth_none_is_none() -> None:
     assert depth_named("none") is None
+
+
+def test_the_weights_that_come_with_it_are_small_and_correct_its_start() -> None:
+    assert SHIPPED.stat().st_size < 3_000_000
+    rng = np.random.default_rng(2)
+    plain = np.full((144, 176, 3), 90, np.uint8)  # a plain bar on a ground with texture
+    ground = cv2.GaussianBlur(rng.uniform(0, 255, plain.shape), (0, 0), 3).astype(np.uint8)
+    bar, shift = np.zeros(plain.shape[:2], bool), 6
+    bar[40:100, 50:90] = True
+    a = np.where(bar[..., None], plain, ground)
+    b = np.where(np.roll(bar, shift, 1)[..., None], plain, ground)
+    flow = raft_flow(device="cpu")
+    found, start = (f[bar].mean(axis=0) for f in (flow(a, b), flow.start(a, b)))
+    assert np.linalg.norm(found - (shift, 0)) < np.linalg.norm(start - (shift, 0))
 
 
 @pytest.mark.parametrize("name", ["dis", "dis-fine"])
