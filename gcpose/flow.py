@@ -70,3 +70,17 @@ def flow_named(name: str) -> Flow:
 
 
 _CLASSICAL: dict[str, Flow] = {"dis": dis_flow, "dis-fine": fine_dis_flow}
+
+
+_TRAINED = {
+    "raft": "supervised: flow of synthetic video",
+    "flownet2": "supervised: FlyingChairs and FlyingThings3D",
+    "mono": "self-supervised: KITTI",
+}
+
+
+def training_of(*names: str) -> str:
+    """What a row says of the networks that `--flow` and `--depth` name: what their official
+    weights, or ours, were trained on."""
+    kinds = [name.partition(":")[0] for name in names]
+    return "; ".join(_TRAINED[k] for k in kinds if k in _TRAINED) or "none"

@@ -15,7 +15,7 @@ from .chain import screws_of
 from .crew import together
 from .denoise import smoothed
 from .depth import depth_named
-from .flow import Flow, dis_flow, fine_dis_flow, flow_named
+from .flow import Flow, dis_flow, fine_dis_flow, flow_named, training_of
 from .knowledge import Known, knowledge
 from .rgb import estimate_rgb
 from .search import lost, search
@@ -37,7 +37,6 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    training = "none"
     version = "7"
 
     def __init__(self, flow: Flow | str = "", depth: str = "") -> None:
@@ -52,6 +51,7 @@ class GCPose:
         chosen = {"flow": flow if isinstance(flow, str) else "", "depth": depth}
         self.name += "".join(f" {k}={v.partition(':')[0]}" for k, v in chosen.items()
                              if v not in ("", "none"))
+        self.training = training_of(*chosen.values())
 
     def estimate(self, observation: Observation) -> Estimate:
         """Sec. 3.2 to 3.4 on one sequence; where nothing can be seen to move, no motion."""

@@ -18,7 +18,7 @@ from ..robots.geometry import Array
 from .articulation import Articulation
 from .depth import depth_named
 from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_depth
-from .flow import Flow, fine_dis_flow, flow_named
+from .flow import Flow, fine_dis_flow, flow_named, training_of
 from .footage import Footage, footage
 from .knowledge import knowledge
 from .ray_bundle import Rays
@@ -41,7 +41,6 @@ class FlowOnly:
     name = "gcpose-flow"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    training = "none"
     version = "1"
 
     def __init__(self, flow: str = "") -> None:
@@ -52,6 +51,7 @@ class FlowOnly:
         self.flow: Flow = flow_named(flow) if flow else fine_dis_flow
         if flow:
             self.name += f" flow={flow.partition(':')[0]}"
+        self.training = training_of(flow)
 
     def estimate(self, observation: Observation) -> Estimate:
         """Angles added up over consecutive frames.
@@ -104,7 +104,7 @@ class Epipolar(FlowOnly):
     """
 
     name = "gcpose-epipolar"
-    training = "self-supervised on the video"
+    version = "2"
 
     def __init__(self, flow: str = "") -> None:
         """The name of a flow that is a network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".
@@ -122,6 +122,7 @@ class Epipolar(FlowOnly):
             raise GcbenchError(f"{self.name}: no network to tune; use raft:WEIGHTS or "
                                "flownet2:CHECKPOINT")
         self.tuned = tuned
+        self.training = f"{training_of(flow or 'raft')}; self-supervised on the video"
 
     def refined(
         self, observation: Observation, seen: Footage, points: list[Spots], bases: list[Array]
@@ -155,6 +156,7 @@ class WithDepth(Epipolar):
             self.inputs = ("rgbd", "rgbd-noise")
         if depth not in ("", "none"):
             self.name += f" depth={depth.partition(':')[0]}"
+            self.training = f"{training_of(depth)}; {self.training}"
 
     def seen(self, observation: Observation) -> Footage | None:
         """What the images show, with depth.

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.benchmark.methods import load, with_options
 from gcbench.gcpose.depth import depth_named
-from gcbench.gcpose.flow import dis_flow, fine_dis_flow, flow_named
+from gcbench.gcpose.flow import dis_flow, fine_dis_flow, flow_named, training_of
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 pytest.importorskip("safetensors", reason="weights need safetensors")
@@ -182,6 +183,16 @@ def test_the_weights_that_come_with_it_are_small_and_correct_its_start() -> None
     flow = raft_flow(device="cpu")
     found, start = (f[bar].mean(axis=0) for f in (flow(a, b), flow.start(a, b)))
     assert np.linalg.norm(found - (shift, 0)) < np.linalg.norm(start - (shift, 0))
+
+
+def test_a_row_says_what_its_networks_were_trained_on() -> None:
+    source = "gcbench.gcpose.published:Epipolar"
+    said = "supervised: flow of synthetic video; self-supervised on the video"
+    assert load(source).training == said
+    source = "gcbench.gcpose.published:FlowOnly"
+    assert load(source).training == load(with_options(source, {"flow": "dis"})).training == "none"
+    assert load(with_options(source, {"flow": "raft"})).training in said
+    assert training_of("flownet2:FILE", "mono:FOLDER").count("supervised") == 2
 
 
 @pytest.mark.parametrize("name", ["dis", "dis-fine"])

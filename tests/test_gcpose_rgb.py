@@ -313,7 +313,7 @@ def test_spots_stay_on_what_moves() -> None:
 
 def test_options_make_another_row() -> None:
     source = "gcbench.gcpose.method:GCPose"
-    assert load(source).name == "gcpose"
+    assert (load(source).name, load(source).training) == ("gcpose", "none")
     assert load(with_options(source, {"flow": "dis"})).name == "gcpose flow=dis"
     with pytest.raises(GcbenchError, match="no flow 'magic'"):
         load(with_options(source, {"flow": "magic"}))
