@@ -62,7 +62,7 @@ class RayTracker:
         self.seen, self.known = seen, known
         self.joints = len(known.prismatic)
         self.spots: dict[tuple[tuple[int, ...], int], Spots] = {}
-        self.known_ranks: dict[tuple[int, float, float], Array] = {}
+        self.known_ranks: dict[tuple[bytes, bytes], Array] = {}
 
     def points(self, frames: tuple[int, ...], most: int) -> Spots:
         """About `most` of each key frame."""
@@ -155,7 +155,7 @@ class RayTracker:
 
     def ranks(self, points: Spots, base: Array) -> Array:
         """[N] how far out each point is in its key frame."""
-        name = (len(points.frame), float(base[0]), float(base[1]))
+        name = (points.ray.tobytes(), base.tobytes())
         if name not in self.known_ranks:
             out = np.zeros(len(points.frame))
             for f in np.unique(points.frame):
