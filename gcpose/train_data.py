@@ -40,8 +40,8 @@ class Shoot:
 
 
 def recipe(models: int, seed: int, robots: tuple[str, ...] = ()) -> Iterator[Shoot]:
-    """`models` datasets of the stream "train", plain for the most part: random objects,
-    appliances, another one in each sequence, and in every other dataset one of `robots`.
+    """`models` datasets of the stream "train", plain for the most part: random objects, and
+    appliances, another one in each sequence. Every other one is of the `robots`, if there are any.
 
     At half of the benchmark's resolution, where the network works; motions of up to 14 deg a step,
     more than twice the benchmark's.
@@ -51,13 +51,11 @@ def recipe(models: int, seed: int, robots: tuple[str, ...] = ()) -> Iterator[Sho
         own = 10_000 * seed + number
         if robots and number % 2 == 0:
             robot = robots[number // 2 % len(robots)]
-            joints = _some(catalog.load(robot).joint_names, rng)
         elif number % _APPLIANCES == _APPLIANCES - 1:
             robot = CATEGORIES[number // _APPLIANCES % len(CATEGORIES)]
-            joints = ()
         else:
             robot = f"random:{own}"
-            joints = _some(catalog.load(robot).joint_names, rng)
+        joints = () if robot in CATEGORIES else _some(catalog.load(robot).joint_names, rng)
         config = _config(robot, joints, own, rng)
         yield Shoot(f"{Path(robot.partition(':')[0]).stem}-{own}", config, _SEQUENCES)
 
