@@ -19,7 +19,6 @@ from .knowledge import Known
 from .surface import Image
 
 _VALUES = 7  # of a step
-_BEAM = 2500  # chains that are carried on to the next joint
 _TURNS = 8  # directions across another
 _ALONE = np.array([-1])  # what carries a joint, where no other is looked at
 
@@ -50,10 +49,13 @@ class Beam(NamedTuple):
     """[M j]"""
 
 
-def beamed(known: Known, judge: Judge, places: Array, turn: float, slide: float) -> Beam:
+def beamed(
+    known: Known, judge: Judge, roots: Array, places: Array, turn: float, slide: float, most: int
+) -> Beam:
     """The best chains whose joints make steps up to `turn` rad or `slide`, the best first.
 
-    Hinges are at `places` [P 3], if their axes are not known.
+    Hinges are at `places` [P 3], those of joints that nothing carries at `roots` [R 3], if their
+    axes are not known; `most` chains are carried on to the next joint.
     """
     still = np.eye(4)[None]
     beam = Beam(still[None], judge.costs(still), np.zeros((1, 0, 6)), np.zeros((1, 0)))
@@ -61,14 +63,15 @@ def beamed(known: Known, judge: Judge, places: Array, turn: float, slide: float)
         grown: list[Beam] = []
         step = np.linspace(-1, 1, _VALUES) * (slide if prismatic else turn)
         for before, group in families(beam, known):
-            lines = axes(known, j, directions(known, j, before), places)
+            near = places if known.parent[j] >= 0 else roots
+            lines = axes(known, j, directions(known, j, before), near)
             if len(lines) == 1:
                 step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
             twist, by = lines.repeat(len(step), axis=0), np.tile(step, len(lines))
             turns = part_motions(twist[:, None], by[:, None, None], _ALONE)[:, 0, 1]
             carrier = group.motion[:, known.parent[j] + 1]
             mean = judge.means(carrier, turns, group.cost).reshape(-1)
-            best = np.argsort(mean, kind="stable")[:_BEAM]
+            best = np.argsort(mean, kind="stable")[:most]
             old, new = np.divmod(best, len(turns))
             line, value = np.divmod(new, len(step))
             motion = carrier[old] @ turns[new]
@@ -82,14 +85,20 @@ def beamed(known: Known, judge: Judge, places: Array, turn: float, slide: float)
             np.concatenate([b.motion for b in grown]), np.concatenate([b.cost for b in grown]),
             np.concatenate([b.twist for b in grown]), np.concatenate([b.angle for b in grown]),
         )
-        most = _BEAM if known.direction is not None else _BEAM // 5
-        beam = chosen(beam, np.argsort(beam.cost.mean(axis=1), kind="stable")[:most])
+        go_on = most if known.direction is not None else most // 5
+        beam = chosen(beam, np.argsort(beam.cost.mean(axis=1), kind="stable")[:go_on])
     return beam
 
 
 def chosen(beam: Beam, which: NDArray[np.intp]) -> Beam:
     """Some of the chains."""
     return Beam(beam.motion[which], beam.cost[which], beam.twist[which], beam.angle[which])
+
+
+def unlike(beam: Beam, most: int) -> Beam:
+    """The best chains of which no two make the same steps."""
+    _, first = np.unique(beam.angle.round(6), axis=0, return_index=True)
+    return chosen(beam, np.sort(first)[:most])
 
 
 def families(beam: Beam, known: Known) -> list[tuple[Array | None, Beam]]:

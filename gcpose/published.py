@@ -16,6 +16,7 @@ from .. import GcbenchError
 from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
 from ..robots.geometry import Array
 from .articulation import Articulation
+from .beam import axes
 from .depth import depth_named
 from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_depth
 from .flow import Flow, fine_dis_flow, flow_named, training_of
@@ -24,7 +25,7 @@ from .knowledge import knowledge
 from .ray_bundle import Rays
 from .ray_labels import Spots
 from .ray_tracker import Guess, RayTracker
-from .ray_ways import ends, first_axis
+from .ray_ways import ends
 from .surface import Image
 from .tracker import hinges
 
@@ -189,8 +190,8 @@ class WithDepth(Epipolar):
         first = points[0]
         at = hinges(first.ray / first.expected[:, None], label[: len(first.frame)], base,
                     s.known.parent)
-        twist = np.stack([first_axis(s.known, j, at[j], l)
-                          for j, l in enumerate(s.known.direction)])
+        twist = np.concatenate([axes(s.known, j, l[None], at[j : j + 1])
+                                for j, l in enumerate(s.known.direction)])
         state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
         rays = Rays.unseen(cloud.frame, cloud.ray, label, cloud.expected)
         guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))

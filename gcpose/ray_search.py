@@ -6,11 +6,10 @@ from .crew import together
 from .footage import Footage
 from .knowledge import Known
 from .ray_tracker import Guess, RayTracker
-from .ray_ways import by_cuts, by_sweeps, distinct, traded
+from .ray_ways import by_sweeps, distinct, traded
 
-_CUT = 6  # hypotheses from cuts that go on
 _MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
-_SECOND, _TRADED = 4, 3
+_SECOND, _TRADED = 6, 3
 _BY_FLOW = 0.5  # weight of the flow's word beside the patches'
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
 
@@ -20,12 +19,8 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
     s = RayTracker(seen, known)
     last = seen.frames - 1
     many = s.points(tuple(range(0, last + 1, 2)), _MANY)
-    middle = last // 4 * 2  # one of the key frames
-    few = s.points((middle,), _FEW)
-    cut = distinct([s.relabel(g, few) for g in by_cuts(s, middle)], _CUT)
-    found = together(lambda g: s.settle(g, few, 1, (6.0, 4.0), 1.0, 0.2), cut)
-    found = [s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)) for g in found]
-    found += [s.relabel(g, many) for g in by_sweeps(s)]
+    few = s.points((last // 4 * 2,), _FEW)  # one of the key frames
+    found = [s.relabel(g, many) for g in by_sweeps(s)]
     if not found:
         return None
     found = together(lambda g: s.sharpened(g, many, 2, _FIRST_REACH), found)

@@ -18,7 +18,10 @@ from .tracker import thinned
 
 _TURN, _SLIDE = np.radians(6.5), 0.06  # largest step of a frame that is looked for, rad and m
 _REACH = 2.0  # how much further it looks over longer spans
-_PLACES = 14  # where a hinge may be
+_PLACES = 14  # where in the image a hinge may be
+_DEPTHS = (0.85, 1.15)  # and how far away, of the distance of what moves
+_ROOT_DEPTHS = (0.8, 0.95, 1.1, 1.3, 1.6)  # that of the first one, which often is behind
+_BEAM = 1200  # chains that are carried on to the next joint
 _LIMIT = 9.0  # cost of a flow that is simply wrong
 _SEEN_THROUGH = 1.5  # cost of a place where only background is seen, of that
 _OUTSIDE = 0.5
@@ -30,7 +33,15 @@ def swept_rays(seen: Footage, known: Known, points: Spots, to: int) -> Beam:
     """Chains over frames 0 and `to`, the best first; points are of frame 0."""
     places = spread(thinned(points.ray, 400), _PLACES)
     reach = min(to, _REACH)
-    return beamed(known, by_flow(seen, points, to), places, reach * _TURN, reach * _SLIDE)
+    return beamed(
+        known, by_flow(seen, points, to), at_depths(places, _ROOT_DEPTHS),
+        at_depths(places, _DEPTHS), reach * _TURN, reach * _SLIDE, _BEAM,
+    )  # fmt: skip
+
+
+def at_depths(rays: Array, depths: tuple[float, ...]) -> Array:
+    """[N*D 3] points on rays [N 3] at each of the depths."""
+    return (rays[:, None] * np.array(depths)[:, None]).reshape(-1, 3)
 
 
 def by_flow(seen: Footage, points: Spots, to: int) -> ByFlow:

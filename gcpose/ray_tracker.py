@@ -70,12 +70,11 @@ class RayTracker:
             self.spots[frames, most] = spots(self.seen, frames, most)
         return self.spots[frames, most]
 
-    def observed(self, guess: Guess, at: Array | None = None) -> Rays:
+    def observed(self, guess: Guess) -> Rays:
         """The flow at the points' places."""
         seen, rays = self.seen, guess.rays
         last = len(guess.state.angle) - 1
-        if at is None:
-            at = places(guess.state, rays, seen.intrinsics)[0]
+        at = places(guess.state, rays, seen.intrinsics)[0]
         height, width = seen.moving.shape[1:]
         pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)[:, :last]
         u, v = pixel[..., 0], pixel[..., 1]

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations, cycle, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..robots.geometry import Array, inverse
 from .articulation import Articulation
-from .beam import spread
+from .beam import spread, unlike
 from .crew import together
-from .knowledge import Known
 from .ray_bundle import Rays
 from .ray_labels import Spots
 from .ray_sweep import swept_rays
 from .ray_tracker import Guess, RayTracker
 from .segment import order_from_base
-from .tracker import hinges, thinned
+from .tracker import thinned
 from .trade import feet, shared
 
-_CUTS = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85)  # of the way from the base outward
 _FEW, _FEWEST = 220, 20  # points of a key frame, and that are worth a search
 _SPANS, _SWEPT = (2, 3), 30  # frames that sweeps look ahead, and what is kept of each
 _BEGUN, _HALFWAY, _ALL = 40, 24, 10  # that go on to the next stage
 _HALF = 8  # frames after which the worse are left
-_BELIEF = 4.0  # weight of what is believed beforehand
-_FLAT = 0.1  # standard deviation of inverse depths at first
 _APART = 0.07, 0.2  # of two guesses, rad or m: while there are many, and in the end
 _PARALLEL, _PLACES = 0.98, 16  # cosine; where a hinge may be
 _SHARES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
@@ -51,30 +45,15 @@ def by_sweeps(s: RayTracker) -> list[Guess]:
 
 def swept(s: RayTracker, points: Spots, to: int) -> list[Guess]:
     """The best chains over frames 0 and `to`, with labels from either end."""
-    beam = swept_rays(s.seen, s.known, points, to)
+    beam = unlike(swept_rays(s.seen, s.known, points, to), _SWEPT)
     one = np.ones(len(points.frame), np.int64)
     rays = Rays.unseen(points.frame, points.ray, one, points.expected)
     bases, out = ends(s, points, 0), list[Guess]()
-    for twist, end in zip(beam.twist[:_SWEPT], beam.angle[:_SWEPT], strict=True):
+    for twist, end in zip(beam.twist, beam.angle, strict=True):
         angle = np.linspace(0 * end, end, to + 1)
         state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
         out += [s.relabel(Guess(state, rays, base, np.inf, np.zeros((0, 0))), points)
                 for base in bases]
-    return out
-
-
-def by_cuts(s: RayTracker, key: int) -> list[Guess]:
-    """From the parts of a key frame, cut in many ways, whose motion is fitted to all frames."""
-    points, last = s.points((key,), _FEW), s.seen.frames - 1
-    if len(points.frame) < _FEWEST:
-        return []
-    out: list[Guess] = []
-    directions = cycle(product(np.eye(3)[::-1], repeat=s.joints))  # where they are not known
-    for base in ends(s, points, key):
-        rank = order_from_base(points.ray, base[None])
-        for cuts in combinations(_CUTS, s.joints - 1):
-            label = 1 + np.searchsorted(np.array(cuts), rank)
-            out.append(tracked(s, points, label, base, key, last, next(directions)))
     return out
 
 
@@ -89,43 +68,6 @@ def ends(s: RayTracker, points: Spots, key: int) -> list[Array]:
         out.append(points.ray[rank <= 0.03].mean(axis=0))
         start = points.ray[rank >= 0.97]
     return out
-
-
-def tracked(
-    s: RayTracker,
-    points: Spots,
-    label: NDArray[np.int64],
-    base: Array,
-    key: int,
-    last: int,
-    axes: tuple[Array, ...],
-) -> Guess:
-    """The motion of parts [N] of a key frame that are held."""
-    at = hinges(points.ray, label, base, s.known.parent)
-    twist = np.stack([first_axis(s.known, j, at[j], axes[j]) for j in range(s.joints)])
-    end = last if key else min(4, last)
-    state = Articulation(twist, np.zeros((end + 1, s.joints)), s.known.prismatic,
-                         s.known.parent)
-    rays = Rays.unseen(points.frame, points.ray, label, points.expected)
-    guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))
-    still = np.repeat(points.pixel[:, None].astype(np.float64), end + 1, axis=1)
-    guess = s.fitted(guess, s.observed(guess, still), (20.0, 20.0, 15.0), _BELIEF, _FLAT)
-    while len(guess.state.angle) <= last:
-        guess = s.fitted(guess, s.observed(guess), (10.0, 6.0), _BELIEF, _FLAT)
-        guess = s.extended(guess, min(last, len(guess.state.angle) + 2))
-    for _ in range(4 if key else 2):
-        guess = s.fitted(guess, s.observed(guess), (10.0, 6.0), _BELIEF, _FLAT)
-    return guess
-
-
-def first_axis(known: Known, joint: int, hinge: Array, guess: Array) -> Array:
-    """[6] the axis through a hinge, if it is not known; along `guess` [3], if that is not."""
-    if known.line is not None:
-        return known.line[joint].copy()
-    l = guess if known.direction is None else known.direction[joint]
-    if known.prismatic[joint]:
-        return np.concatenate([np.zeros(3), l])
-    return np.concatenate([l, np.asarray(np.cross(hinge, l), np.float64)])
 
 
 def traded(s: RayTracker, guess: Guess, points: Spots, most: int) -> list[Guess]:

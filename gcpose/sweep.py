@@ -23,6 +23,7 @@ _TURN, _SLIDE = np.radians(6.5), 0.06  # largest step of a frame that is looked 
 _REACH = 2.0  # how much further it looks over longer spans
 _PLACES = 14  # where a hinge may be
 _POINTS = 120
+_BEAM = 2500  # chains that are carried on to the next joint
 
 
 def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
@@ -33,8 +34,8 @@ def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
     column = columns(inside[pick], grid.normal[tracker.moving][pick])
     places = spread(thinned(inside, 400), _PLACES)
     reach = min(to, _REACH)
-    beam = beamed(known, ByDepth(tracker.surfaces, to, column), places, reach * _TURN,
-                  reach * _SLIDE)
+    beam = beamed(known, ByDepth(tracker.surfaces, to, column), places, places, reach * _TURN,
+                  reach * _SLIDE, _BEAM)
     found: list[Hypothesis] = []
     for twist, end, c in zip(beam.twist[:most], beam.angle[:most], beam.cost[:most].mean(axis=1),
                              strict=True):

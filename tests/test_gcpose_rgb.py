@@ -11,7 +11,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods import load, with_options
 from gcbench.gcpose.articulation import Articulation
-from gcbench.gcpose.beam import beamed
+from gcbench.gcpose.beam import Beam, beamed, unlike
 from gcbench.gcpose.chain import part_motions
 from gcbench.gcpose.footage import CONTRAST, appearance, footage, moving_foreground
 from gcbench.gcpose.knowledge import Known
@@ -20,7 +20,7 @@ from gcbench.gcpose.patches import match
 from gcbench.gcpose.prior import Hinges
 from gcbench.gcpose.ray_bundle import Fit, Rays, adjust_rays, places
 from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, labelled, spots
-from gcbench.gcpose.ray_sweep import ByFlow
+from gcbench.gcpose.ray_sweep import ByFlow, at_depths
 from gcbench.renderer.observation import Observation
 from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array
@@ -94,12 +94,34 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     cost = judge.costs(motion)
     assert cost[label, np.arange(len(label))].max() < 0.5 < cost[0].mean()
     known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
-    beam = beamed(known, judge, at, np.radians(13.0), 0.1)
+    beam = beamed(known, judge, at[:1], at, np.radians(13.0), 0.1, 1000)
     off = np.abs(beam.angle[:30] - state.angle[3]).max(axis=1)
     assert off.min() < np.radians(3.0)
     assert (np.diff(beam.cost.mean(axis=1)) >= 0).all()
     narrow = replace(judge, moving=np.zeros((240, 320), bool))
     assert (narrow.costs(motion) > 9.0).all()  # only background is seen there
+
+
+def test_a_sweep_keeps_chains_of_unlike_steps() -> None:
+    angle = np.array([[0.1, 0.0], [0.1, 0.0], [0.0, 0.1], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
+    count = np.arange(6.0)
+    beam = Beam(count, count, count, angle)
+    assert unlike(beam, 9).cost.tolist() == [0, 2, 4]
+    assert unlike(beam, 2).cost.tolist() == [0, 2]
+    points = at_depths(np.array([[0.1, 0.2, 1.0], [0.0, -0.1, 1.0]]), (0.5, 2.0))
+    assert points.tolist() == [[0.05, 0.1, 0.5], [0.2, 0.4, 2.0], [0, -0.05, 0.5], [0, -0.2, 2.0]]
+
+
+def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
+    state, at = chain()
+    known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
+    judge = ByFlow(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
+                   np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]))
+    twist = beamed(known, judge, at[:1], at[1:], 0.2, 0.1, 50).twist
+    away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
+                     for p in at])
+    assert away[0, :, 0].max() < 1e-9
+    assert away[1:, :, 1:].min(axis=0).max() < 1e-9 < away[0, :, 1:].min()
 
 
 def neighbours(rays: Rays, most: int = 12) -> csr_array:
