@@ -24,6 +24,8 @@ class Known:
     """[J 3]"""
     line: Array | None
     """[J 6]"""
+    base: Array | None = None
+    """[3] at depth 1, where the chain begins; not used with depth"""
 
     @property
     def freedom(self) -> int:

@@ -32,9 +32,10 @@ _LEAST = 1e-3  # of what flow is known by, where it is not
 def swept_rays(seen: Footage, known: Known, points: Spots, to: int) -> Beam:
     """Chains over frames 0 and `to`, the best first; points are of frame 0."""
     places = spread(thinned(points.ray, 400), _PLACES)
+    roots = places if known.base is None else known.base[None]
     reach = min(to, _REACH)
     return beamed(
-        known, by_flow(seen, points, to), at_depths(places, _ROOT_DEPTHS),
+        known, by_flow(seen, points, to), at_depths(roots, _ROOT_DEPTHS),
         at_depths(places, _DEPTHS), reach * _TURN, reach * _SLIDE, _BEAM,
     )  # fmt: skip
 

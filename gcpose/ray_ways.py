@@ -58,7 +58,9 @@ def swept(s: RayTracker, points: Spots, to: int) -> list[Guess]:
 
 
 def ends(s: RayTracker, points: Spots, key: int) -> list[Array]:
-    """[3] each, at depth 1: where the chain may begin in a key frame, what is slow first."""
+    """[3] each, at depth 1: where the chain begins, or may in a key frame, what is slow first."""
+    if s.known.base is not None:
+        return [s.known.base]
     u, v = points.pixel.T
     speed = np.linalg.norm(s.seen.flow[max(0, key - 3) : key + 4, v, u], axis=2).mean(axis=0)
     slow = points.average(speed[:, None])[:, 0]

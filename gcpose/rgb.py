@@ -48,6 +48,7 @@ def estimate_rgb(
     if seen is None:
         return None
     far = distance(known, seen)
+    known = replace(known, base=standing(observation, seen))
     guess = search_rays(seen, scaled(known, 1 / far))
     if guess is None:
         return None
@@ -73,6 +74,21 @@ def distance(known: Known, seen: Footage) -> float:
         across = ray - l * (l @ ray)
         found.append(float(across @ foot / max(1e-6, across @ across)))
     return float(np.clip(np.median(found), 0.05, 100.0))
+
+
+def standing(observation: Observation, seen: Footage) -> Array | None:
+    """[3] at depth 1, where a machine of several joints stands: at the world's origin, as far as
+    that is known and near what moves."""
+    world, parent = observation.cam_from_world, observation.parents
+    if world is None or len(parent) < 2 or np.any(parent != np.arange(-1, len(parent) - 1)):
+        return None
+    origin = world[:3, 3]
+    v, u = np.nonzero(seen.moving.any(axis=0))
+    if origin[2] <= 0:
+        return None
+    at = (seen.intrinsics @ origin)[:2] / origin[2]
+    away = np.hypot(u - at[0], v - at[1]).min()
+    return origin / origin[2] if away < max(np.ptp(u), np.ptp(v)) else None
 
 
 def scaled(known: Known, by: float) -> Known:

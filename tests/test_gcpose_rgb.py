@@ -21,6 +21,7 @@ from gcbench.gcpose.prior import Hinges
 from gcbench.gcpose.ray_bundle import Fit, Rays, adjust_rays, places
 from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, labelled, spots
 from gcbench.gcpose.ray_sweep import ByFlow, at_depths
+from gcbench.gcpose.rgb import standing
 from gcbench.renderer.observation import Observation
 from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array
@@ -306,6 +307,27 @@ def test_a_door_opens_without_depth() -> None:
     assert np.degrees(np.abs(estimate.displacement[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
     assert estimate.sigma is not None
     assert estimate.sigma[0] == 0
+
+
+def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None:
+    observation = replace(door(0.5), joint_types=("revolute",) * 2, n_joints=2)
+    assert observation.rgb is not None
+    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
+    assert seen is not None
+
+    def base(*at: float, of: Observation = observation) -> np.ndarray | None:
+        world = np.eye(4)
+        world[:3, 3] = at
+        return standing(replace(of, cam_from_world=world), seen)
+
+    near = base(0.1, 0.3, 2.0)
+    assert near is not None
+    assert np.allclose(near, [0.05, 0.15, 1.0])
+    assert base(0.1, 0.3, -2.0) is None  # behind the camera
+    assert base(3.0, 0.3, 2.0) is None  # too far away for what moves
+    assert base(0.1, 0.3, 2.0, of=door(0.5)) is None  # a door is not hinged at its middle
+    assert base(0.1, 0.3, 2.0, of=replace(observation, joint_parent=(-1, -1))) is None
+    assert standing(replace(observation, cam_from_world=None), seen) is None
 
 
 def test_nothing_moves_and_nothing_breaks() -> None:
