@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from .crew import together
 from .footage import Footage
 from .knowledge import Known
@@ -10,7 +12,8 @@ from .ray_ways import by_sweeps, distinct, traded
 
 _MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
 _SECOND, _TRADED = 6, 3
-_BY_FLOW = 0.5  # weight of the flow's word beside the patches'
+_BY_FLOW = 1.0  # weight of the flow's word beside the patches'
+_UNSURE = 0.1  # cost of an angle's standard deviation that is e times as large
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
 
 
@@ -34,5 +37,7 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
 
 
 def judged(guess: Guess) -> float:
-    """By patches, which are few but do not err to one side, and by the flow."""
-    return guess.cost + _BY_FLOW * guess.flow_cost
+    """By patches, which are few but do not err to one side, and by the flow; of two that explain
+    both, the one that tells every joint: what parts show nothing of may turn in any way."""
+    unsure = float(np.log(guess.deviation()[-1] + 1e-6).sum())
+    return guess.cost + _BY_FLOW * guess.flow_cost + _UNSURE * unsure

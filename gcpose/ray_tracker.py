@@ -54,6 +54,12 @@ class Guess:
     flow_cost: float = np.inf
     """Of its points under their labels, by flow"""
 
+    def deviation(self) -> Array:
+        """[T-1 J] standard deviations of the displacements, as far as the residuals tell."""
+        held = self.state.angle[1:]
+        inverse = np.linalg.inv(self.hessian + 1e-6 * np.eye(len(self.hessian)))
+        return np.sqrt(np.maximum(np.diag(inverse)[: held.size], 0.0)).reshape(held.shape)
+
 
 class RayTracker:
     """The footage seen by hypotheses."""

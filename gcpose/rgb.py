@@ -102,13 +102,8 @@ def scaled(known: Known, by: float) -> Known:
 
 def deviations(guess: Guess) -> Array:
     """[T J] standard deviations that two thirds of the errors lie within."""
-    angle = guess.state.angle
-    held = angle[1:].size
-    size = len(guess.hessian)
-    inverse = np.linalg.inv(guess.hessian + 1e-6 * np.eye(size))
-    raw = np.sqrt(np.maximum(np.diag(inverse)[:held], 0.0)).reshape(angle[1:].shape)
-    out = np.zeros_like(angle)
-    out[1:] = np.minimum(np.hypot(_CALIBRATION * raw, _FLOOR), _CLUELESS)
+    out = np.zeros_like(guess.state.angle)
+    out[1:] = np.minimum(np.hypot(_CALIBRATION * guess.deviation(), _FLOOR), _CLUELESS)
     return out
 
 

@@ -20,7 +20,9 @@ from gcbench.gcpose.patches import match
 from gcbench.gcpose.prior import Hinges
 from gcbench.gcpose.ray_bundle import Fit, Rays, adjust_rays, places
 from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, labelled, spots
+from gcbench.gcpose.ray_search import judged
 from gcbench.gcpose.ray_sweep import ByFlow, at_depths
+from gcbench.gcpose.ray_tracker import Guess
 from gcbench.gcpose.rgb import standing
 from gcbench.renderer.observation import Observation
 from gcbench.robots.geometry import inverse
@@ -328,6 +330,19 @@ def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None
     assert base(0.1, 0.3, 2.0, of=door(0.5)) is None  # a door is not hinged at its middle
     assert base(0.1, 0.3, 2.0, of=replace(observation, joint_parent=(-1, -1))) is None
     assert standing(replace(observation, cam_from_world=None), seen) is None
+
+
+def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
+    state, at = chain()
+    empty = np.zeros(0)
+    rays = Rays.unseen(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64), empty)
+    held = state.angle[1:].size
+    sure = Guess(state, rays, at[0], 3.0, 4.0 * np.eye(held + 6), 2.0)
+    unsure = replace(sure, hessian=np.diag(np.tile([4.0, 0.04, 4.0], held // 3 + 2)))
+    assert np.allclose(sure.deviation(), 0.5)
+    assert np.allclose(unsure.deviation()[:, 1], 5.0, rtol=1e-3)
+    assert judged(sure) < judged(unsure) < judged(replace(sure, cost=3.3))
+    assert judged(replace(sure, flow_cost=2.1)) > judged(sure)
 
 
 def test_nothing_moves_and_nothing_breaks() -> None:
