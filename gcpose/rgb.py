@@ -78,9 +78,12 @@ def distance(known: Known, seen: Footage) -> float:
 
 def standing(observation: Observation, seen: Footage) -> Array | None:
     """[3] at depth 1, where a machine of several joints stands: at the world's origin, as far as
-    that is known and near what moves."""
+    that is known and near what moves. Known axes say more: folded arms may hide where they begin.
+    """
     world, parent = observation.cam_from_world, observation.parents
-    if world is None or len(parent) < 2 or np.any(parent != np.arange(-1, len(parent) - 1)):
+    if world is None or observation.axis_line is not None:
+        return None
+    if len(parent) < 2 or np.any(parent != np.arange(-1, len(parent) - 1)):
         return None
     origin = world[:3, 3]
     v, u = np.nonzero(seen.moving.any(axis=0))

@@ -329,6 +329,7 @@ def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None
     assert base(3.0, 0.3, 2.0) is None  # too far away for what moves
     assert base(0.1, 0.3, 2.0, of=door(0.5)) is None  # a door is not hinged at its middle
     assert base(0.1, 0.3, 2.0, of=replace(observation, joint_parent=(-1, -1))) is None
+    assert base(0.1, 0.3, 2.0, of=replace(observation, axis_line=np.zeros((2, 6)))) is None
     assert standing(replace(observation, cam_from_world=None), seen) is None
 
 
