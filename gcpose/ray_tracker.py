@@ -131,7 +131,7 @@ class RayTracker:
         keys = np.unique(points.frame)
         relative = np.stack([motion @ inverse(motion[k]) for k in keys])
         k = seen.intrinsics
-        own = len(points.frame) == len(guess.rays.frame)
+        own = guess.rays.ray is points.ray
         depth = guess.rays.inverse_depth if own else points.expected
         depth = np.repeat(depth[:, None], self.joints, axis=1)
         for steps in (4, 0):  # neighbours have about one depth
@@ -195,11 +195,11 @@ class RayTracker:
 
     def settle(
         self, guess: Guess, points: Spots, rounds: int, scales: tuple[float, ...],
-        belief: float = 1.0, spread: float = 0.5,
+        spread: float = 0.5,
     ) -> Guess:
         """EM with the flow."""
         for _ in range(rounds):
-            guess = self.fitted(guess, self.observed(guess), scales, belief, spread)
+            guess = self.fitted(guess, self.observed(guess), scales, spread=spread)
             guess = self.relabel(guess, points)
         return guess
 
@@ -239,7 +239,7 @@ class RayTracker:
         while True:
             now = len(guess.state.angle) - 1
             points = self.points(tuple(range(0, now + 1, _KEY)), _FEW)
-            if len(points.frame) != len(guess.rays.frame):
+            if guess.rays.ray is not points.ray:
                 guess = self.relabel(guess, points)
             guess = self.nearer(guess, points)
             if now >= until:

@@ -92,7 +92,7 @@ def traded(s: RayTracker, guess: Guess, points: Spots, most: int) -> list[Guess]
         others = [shared(state, j, along, p, f) for p in hinge for f in feet(state, j, p, first)]
         others += [split(state, j, along, share) for share in _SHARES]
         found += [s.relabel(replace(guess, state=o), points) for o in others if o is not None]
-    found = [s.settle(g, points, 2, (8.0, 6.0), 1.0, 0.2) for g in distinct(found, 4 * most)]
+    found = [s.settle(g, points, 2, (8.0, 6.0), 0.2) for g in distinct(found, 4 * most)]
     return distinct(found, most)
 
 

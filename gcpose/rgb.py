@@ -86,9 +86,9 @@ def standing(observation: Observation, seen: Footage) -> Array | None:
     if len(parent) < 2 or np.any(parent != np.arange(-1, len(parent) - 1)):
         return None
     origin = world[:3, 3]
-    v, u = np.nonzero(seen.moving.any(axis=0))
     if origin[2] <= 0:
         return None
+    v, u = np.nonzero(seen.moving.any(axis=0))
     at = (seen.intrinsics @ origin)[:2] / origin[2]
     away = np.hypot(u - at[0], v - at[1]).min()
     return origin / origin[2] if away < max(np.ptp(u), np.ptp(v)) else None
