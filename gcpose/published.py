@@ -22,8 +22,8 @@ from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_dept
 from .flow import Flow, fine_dis_flow, flow_named, training_of
 from .footage import Footage, footage
 from .knowledge import knowledge
-from .ray_bundle import Rays
 from .ray_labels import Spots
+from .ray_points import Rays
 from .ray_tracker import Guess, RayTracker
 from .ray_ways import ends
 from .surface import Image

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from ..robots.geometry import Array, inverse
 from .articulation import Articulation, displaced
 from .chain import axis_basis, relative
 from .compiled import compiled
 from .prior import Hinges, closeness, smoothness
+from .ray_points import Rays
 
 
 @compiled
@@ -127,40 +127,6 @@ _ROUGH = 0.1  # standard deviation of a point's inverse depth from those of its 
 
 
 @dataclass(frozen=True)
-class Rays:
-    """N pixels of key frames, and what the T frames say of them."""
-
-    frame: NDArray[np.int64]
-    """[N] key frame of each"""
-    ray: Array
-    """[N 3] at depth 1"""
-    label: NDArray[np.int64]
-    """[N] 1..J"""
-    inverse_depth: Array
-    """[N] in the key frame; scale is free: about 1"""
-    expected: Array
-    """[N] what is believed of it beforehand"""
-    step: Array
-    """[N T-1 2] px, flow where the point is in each frame"""
-    step_information: Array
-    """[N T-1 2 2] 1/px2"""
-    spot: Array
-    """[N T 2] px, where the point was found in each frame"""
-    spot_information: Array
-    """[N T 2 2] 1/px2"""
-    near: csr_array | None = None
-    """[N N] 1 for neighbours in a key frame, whose depths are alike on one part"""
-
-    @classmethod
-    def unseen(
-        cls, frame: NDArray[np.int64], ray: Array, label: NDArray[np.int64], expected: Array
-    ) -> Rays:
-        """Those of which nothing is measured yet."""
-        none = np.zeros(0)
-        return cls(frame, ray, label, expected, expected, none, none, none, none)
-
-
-@dataclass(frozen=True)
 class Fit:
     """What an adjustment leaves."""
 
@@ -171,25 +137,6 @@ class Fit:
     """[N] robust sum of squares of each point"""
     hessian: Array
     """[U U] of displacements and axes, depths eliminated"""
-
-
-def places(state: Articulation, rays: Rays, intrinsics: Array) -> tuple[Array, Array]:
-    """Where each point is in each frame [N T 2] px, and how its surroundings are distorted there
-    [N T 2 2] if they face the camera in the key frame."""
-    motion = state.motions(len(state.angle))
-    place = np.zeros((len(rays.ray), len(motion), 2))
-    warp = np.zeros((*place.shape, 2))
-    for k in np.unique(rays.frame):
-        relative = motion @ inverse(motion[k])
-        mine = rays.frame == k
-        m = relative[:, rays.label[mine]].swapaxes(0, 1)
-        moved = np.einsum("ntab,nb->nta", m[..., :3, :3], rays.ray[mine])
-        moved += rays.inverse_depth[mine, None, None] * m[..., :3, 3]
-        z = np.maximum(moved[..., 2:], 0.05)
-        at = moved[..., :2] / z
-        place[mine] = at * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
-        warp[mine] = (m[..., :2, :2] - at[..., None] * m[..., 2:3, :2]) / z[..., None]
-    return place, warp
 
 
 def adjust_rays(

@@ -12,7 +12,7 @@ from .ray_ways import by_sweeps, distinct, traded
 
 _MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
 _SECOND, _TRADED = 6, 3
-_BY_FLOW = 1.0  # weight of the flow's word beside the patches'
+_BY_FLOW = 0.3  # weight of the flow's word beside the patches'
 _UNSURE = 0.1  # cost of an angle's standard deviation that is e times as large
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
 

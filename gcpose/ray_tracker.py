@@ -12,7 +12,7 @@ from .footage import CONTRAST, Footage
 from .knowledge import Known
 from .patches import match
 from .prior import Hinges
-from .ray_bundle import Rays, adjust_rays, places
+from .ray_bundle import adjust_rays
 from .ray_labels import (
     FLOW_RATE,
     FLOW_SIGMA,
@@ -22,15 +22,16 @@ from .ray_labels import (
     labelled,
     spots,
 )
+from .ray_points import Rays, places, warps
 from .segment import order_from_base
 from .tracker import hinges
 
 _SHARE = 0.2  # of its pixels, of those whose flow errs independently
 _SLACK = 0.1  # how far an axis may pass from its hinge, of the distance to the camera
-_RADIUS = 4  # px, of a patch: larger ones hold more than one part
+_RADIUS = 3  # px, of a patch: larger ones hold more than one part
 _REACH = 3.0  # px, from where a patch is expected
 _SPAN = 3  # frames from a patch's own within which it is looked for
-_MODEL, _MODEL_RATE = 0.2, 0.05  # px, what a patch errs by, and more with each frame
+_MODEL, _MODEL_RATE = 0.1, 0.02  # px, what a patch errs by, and more with each frame
 _WRONG, _LOST = 9.0, 4.0  # cost of a patch that is elsewhere, and of one that is not found
 _JERKY = 30.0  # of the score, of a root mean square acceleration in rad a frame^2
 _TRUST = 3.0  # of their information: beside it, what is believed beforehand is little
@@ -80,7 +81,7 @@ class RayTracker:
         """The flow at the points' places."""
         seen, rays = self.seen, guess.rays
         last = len(guess.state.angle) - 1
-        at = places(guess.state, rays, seen.intrinsics)[0]
+        at = places(guess.state, rays, seen.intrinsics)
         height, width = seen.moving.shape[1:]
         pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)[:, :last]
         u, v = pixel[..., 0], pixel[..., 1]
@@ -103,7 +104,7 @@ class RayTracker:
     def matched(self, guess: Guess, reach: float, span: int = _SPAN) -> Rays:
         """Where patches around the points are found in the frames near their own."""
         seen, rays = self.seen, guess.rays
-        at, warp = places(guess.state, rays, seen.intrinsics)
+        at, warp = places(guess.state, rays, seen.intrinsics), warps(guess.state, rays)
         frames = len(guess.state.angle)
         height, width = seen.moving.shape[1:]
         pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)
@@ -214,7 +215,7 @@ class RayTracker:
     def score(self, guess: Guess) -> float:
         """How badly patches fit, those that are not found included, and how uneven motion is."""
         rays = self.matched(guess, _REACH)
-        away = rays.spot - places(guess.state, rays, self.seen.intrinsics)[0]
+        away = rays.spot - places(guess.state, rays, self.seen.intrinsics)
         square = np.einsum("nti,ntij,ntj->nt", away, rays.spot_information, away) / _TRUST
         found = rays.spot_information[..., 0, 0] + rays.spot_information[..., 1, 1] > 0
         cost = np.where(found, _WRONG * square / (_WRONG + square), _LOST)

@@ -10,8 +10,8 @@ from ..robots.geometry import Array, inverse
 from .articulation import Articulation
 from .beam import spread, unlike
 from .crew import together
-from .ray_bundle import Rays
 from .ray_labels import Spots
+from .ray_points import Rays
 from .ray_sweep import swept_rays
 from .ray_tracker import Guess, RayTracker
 from .segment import order_from_base

@@ -21,7 +21,7 @@ from .depth import Depth
 from .flow import Flow
 from .footage import Footage, footage
 from .knowledge import Known
-from .ray_bundle import Rays, places
+from .ray_points import Rays, places
 from .ray_search import search_rays
 from .ray_tracker import Guess
 
@@ -114,7 +114,7 @@ def parts(seen: Footage, guess: Guess, shape: tuple[int, ...]) -> NDArray[np.uin
     """[T H W] labels: those of the nearest points, which are moved from the nearest key frame."""
     out = np.zeros(shape, np.uint8)
     rays: Rays = guess.rays
-    at, _ = places(guess.state, rays, seen.intrinsics)
+    at = places(guess.state, rays, seen.intrinsics)
     left, top = seen.corner
     height, width = seen.moving.shape[1:]
     keys = np.unique(rays.frame)

@@ -18,8 +18,9 @@ from gcbench.gcpose.knowledge import Known
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.patches import match
 from gcbench.gcpose.prior import Hinges
-from gcbench.gcpose.ray_bundle import Fit, Rays, adjust_rays, places
+from gcbench.gcpose.ray_bundle import Fit, adjust_rays
 from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, labelled, spots
+from gcbench.gcpose.ray_points import Rays, places, slopes, warps
 from gcbench.gcpose.ray_search import judged
 from gcbench.gcpose.ray_sweep import ByFlow, at_depths
 from gcbench.gcpose.ray_tracker import Guess
@@ -56,7 +57,7 @@ def measured(state: Articulation, scale: float, noise: float, steps: bool) -> Ra
     start = np.ones(n)
     rays = Rays(frame, ray, label, rng.uniform(0.9, 1.1, n) / scale, start, none, empty,
                 np.zeros((n, FRAMES, 2)), np.zeros((n, FRAMES, 2, 2)))
-    at = places(state, rays, INTRINSICS)[0]
+    at = places(state, rays, INTRINSICS)
     at = at + noise * rng.standard_normal(at.shape)
     sure = np.broadcast_to(np.eye(2) / 0.1**2, (*at.shape, 2))
     flat = replace(rays, inverse_depth=start)
@@ -138,7 +139,7 @@ def test_depths_of_neighbours_on_one_part_are_alike() -> None:
     true, at = chain()
     rays = measured(true, 1.0, 1.0, False)
     nearer = 1.0 + 0.2 * (rays.label == 2)  # each part is flat, one of them nearer
-    there = places(true, replace(rays, inverse_depth=nearer), INTRINSICS)[0]
+    there = places(true, replace(rays, inverse_depth=nearer), INTRINSICS)
     noise = 20.0 * np.random.default_rng(7).standard_normal(there.shape)
     sure = rays.spot_information * 0.1**2 / 20.0**2
     rays = replace(rays, spot=there + noise, spot_information=sure)
@@ -168,13 +169,33 @@ def test_noise_costs_accuracy() -> None:
 def test_places_are_those_of_the_chain() -> None:
     state, _ = chain()
     rays = measured(state, 1.0, 0.0, False)
-    at, warp = places(state, rays, INTRINSICS)
+    at, warp = places(state, rays, INTRINSICS), warps(state, rays)
     i = int(np.flatnonzero(rays.frame == 4)[0])
     motion = state.motions(len(state.angle))[:, rays.label[i]]
     moved = (motion @ inverse(motion[4]))[7] @ np.append(rays.ray[i], 1.0)
     assert np.allclose(at[i, 7], INTRINSICS[:2] @ moved[:3] / moved[2])
     assert np.allclose(at[i, 4], INTRINSICS[:2] @ rays.ray[i])
     assert np.allclose(warp[i, 4], np.eye(2))
+
+
+def test_a_surface_is_distorted_as_it_lies() -> None:
+    """As places of its other points tell, which nobody had to guess the slope of."""
+    state, _ = chain()
+    side = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=2).reshape(-1, 2)
+    pixel = np.array([130.0, 90.0]) + 4.0 * side
+    ray = np.column_stack([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones(len(pixel))])
+    label = np.where(side[:, 0] < 6, 1, 3)
+    tilt = np.array([[0.9, -0.5], [-0.4, 1.2]])[label // 3]
+    depth = 1.0 + 0.1 * (label == 3) + (tilt * ray[:, :2]).sum(axis=1)
+    rays = Rays.unseen(np.full(len(ray), 4), ray, label, depth)
+    rays = replace(rays, near=neighbours(rays))
+    assert np.abs(slopes(rays) - tilt).max() < 0.5  # less than the slopes are
+    flat = replace(rays, near=None)
+    at = places(state, rays, INTRINSICS)
+    i = 5 * 12 + 8  # the pixel before and after it on each side are on the same part
+    across = np.stack([at[i + 1] - at[i - 1], at[i + 12] - at[i - 12]], axis=2) / 8.0
+    apart = [np.abs(warps(state, r)[i, -1] - across[-1]).max() for r in (rays, flat)]
+    assert apart[0] < 0.3 * apart[1]
 
 
 def texture(rng: np.random.Generator, height: int, width: int, sigma: float = 1.5) -> np.ndarray:
