@@ -1,8 +1,7 @@
 """Parts of a video without depth (Sec. 3.2, EM): which part's motion explains a pixel best.
 
-The paper's residual is the epipolar loss between two frames. Here it is what the flow differs by
-from the motion of a point on each part, over all frames, with the point's depth chosen as suits
-that part best; a part that takes a foreground pixel to where the background is seen is wrong.
+What speaks for a part (see ray_costs.py) is averaged over neighbours and along tracks, and parts
+follow one another from the base outward.
 """
 
 from __future__ import annotations
@@ -16,18 +15,12 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from ..robots.geometry import Array
-from .compiled import compiled
 from .footage import Footage
-from .surface import Image, rays
+from .surface import rays
 
-FLOW_SIGMA = 0.5  # px
-FLOW_RATE = 0.05  # and of the flow's length
 _NEAR = 12  # neighbours that share a label
 _AROUND = 1.5  # cells within which a pixel of another key frame shows the same
 _OUT_OF_ORDER = 0.2  # cost of a label that does not follow the way from the base outward
-_WIDTH = 3.0  # standard deviations beyond which flow is simply wrong
-_SEEN_THROUGH = 1.5  # cost of a place where only background is seen, of a wrong flow's
-_SPREAD = 0.3  # standard deviation of inverse depths about their mean
 
 
 @dataclass(frozen=True)
@@ -107,66 +100,6 @@ def nearest_of(
     index = np.zeros(len(pixels) + 1, np.int32)
     index[mark[pixels[:, 1], pixels[:, 0]]] = np.arange(len(pixels))
     return np.where(np.asarray(away) < reach, index[mark], np.int32(-1))
-
-
-@compiled
-def label_costs(
-    ray: Array, key: NDArray[np.int64], start: Array, relative: Array, focal: float, cu: float,
-    cv: float, flow: Image, hold: Image, moving: NDArray[np.bool_], steps: int,
-) -> tuple[Array, Array]:  # fmt: skip
-    """[N J] cost a frame of each part, and [N J] the inverse depth that goes with it.
-
-    It is found in `steps` steps from start [N J].
-    """
-    n, parts, last = len(ray), relative.shape[2] - 1, relative.shape[1] - 1
-    height, width = moving.shape[1:]
-    cost, depth = np.zeros((n, parts)), np.ones((n, parts))
-    limit = _WIDTH * _WIDTH
-    for i in range(n):
-        for p in range(1, parts + 1):
-            q = start[i, p - 1]
-            total, count = 0.0, 0
-            for step in range(steps + 1):
-                h, g = 1.0 / (_SPREAD * _SPREAD), (1.0 - q) / (_SPREAD * _SPREAD)
-                total, count = 0.0, 0
-                u0, v0, du0, dv0, ok0 = 0.0, 0.0, 0.0, 0.0, False
-                fu, fv, wuu, wuv, wvv = 0.0, 0.0, 0.0, 0.0, 0.0
-                for t in range(last + 1):
-                    m = relative[key[i], t, p]
-                    a, b = ray[i, 0], ray[i, 1]
-                    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + q * m[0, 3]
-                    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + q * m[1, 3]
-                    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + q * m[2, 3])
-                    u, v = focal * x / z + cu, focal * y / z + cv
-                    du = focal * (m[0, 3] - x / z * m[2, 3]) / z
-                    dv = focal * (m[1, 3] - y / z * m[2, 3]) / z
-                    if t > 0 and ok0:
-                        ru, rv = fu - (u - u0), fv - (v - v0)
-                        e = wuu * ru * ru + 2 * wuv * ru * rv + wvv * rv * rv
-                        robust = 1.0 / (1.0 + e / limit) ** 2
-                        total += limit * e / (limit + e)
-                        au, av = wuu * ru + wuv * rv, wuv * ru + wvv * rv
-                        bu, bv = du - du0, dv - dv0
-                        g += robust * (au * bu + av * bv)
-                        h += robust * (wuu * bu * bu + 2 * wuv * bu * bv + wvv * bv * bv)
-                    ok0 = -0.5 < u < width - 0.5 and -0.5 < v < height - 0.5
-                    if ok0:
-                        iu, iv = int(np.rint(u)), int(np.rint(v))
-                        count += 1
-                        if not moving[t, iv, iu]:
-                            total += _SEEN_THROUGH * limit
-                            ok0 = False
-                        elif t < last:
-                            fu, fv = flow[t, iv, iu, 0], flow[t, iv, iu, 1]
-                            s = 1.0 / (FLOW_SIGMA**2 + FLOW_RATE**2 * (fu * fu + fv * fv))
-                            wuu, wuv = s * hold[t, iv, iu, 0], s * hold[t, iv, iu, 1]
-                            wvv = s * hold[t, iv, iu, 2]
-                    u0, v0, du0, dv0 = u, v, du, dv
-                if step < steps:
-                    q = min(2.5, max(0.4, q + min(0.1, max(-0.1, g / h))))
-            cost[i, p - 1] = total / max(1, count)
-            depth[i, p - 1] = q
-    return cost, depth
 
 
 def along_tracks(points: Spots, cost: Array, place: Array) -> Array:

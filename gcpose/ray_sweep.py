@@ -12,7 +12,8 @@ from .beam import Beam, beamed, spread
 from .compiled import compiled
 from .footage import Footage
 from .knowledge import Known
-from .ray_labels import FLOW_RATE, FLOW_SIGMA, Spots
+from .ray_costs import FLOW_RATE, FLOW_SIGMA
+from .ray_labels import Spots
 from .surface import Image
 from .tracker import thinned
 

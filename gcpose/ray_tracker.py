@@ -1,4 +1,4 @@
-"""EM over a video without depth (Sec. 3.2 to 3.4): labels by flow, motion by flow or by patches."""
+"""EM over a video without depth (Sec. 3.2 to 3.4): labels and motion by flow and by patches."""
 
 from __future__ import annotations
 
@@ -13,15 +13,8 @@ from .knowledge import Known
 from .patches import match
 from .prior import Hinges
 from .ray_bundle import adjust_rays
-from .ray_labels import (
-    FLOW_RATE,
-    FLOW_SIGMA,
-    Spots,
-    along_tracks,
-    label_costs,
-    labelled,
-    spots,
-)
+from .ray_costs import FLOW_RATE, FLOW_SIGMA, flow_costs, patch_costs
+from .ray_labels import Spots, along_tracks, labelled, spots
 from .ray_points import Rays, places, warps
 from .segment import order_from_base
 from .tracker import hinges
@@ -35,6 +28,7 @@ _MODEL, _MODEL_RATE = 0.1, 0.02  # px, what a patch errs by, and more with each 
 _WRONG, _LOST = 9.0, 4.0  # cost of a patch that is elsewhere, and of one that is not found
 _JERKY = 30.0  # of the score, of a root mean square acceleration in rad a frame^2
 _TRUST = 3.0  # of their information: beside it, what is believed beforehand is little
+_BY_PATCH = 2.0  # weight of patches beside the flow, in labels
 _EVEN = 2.0  # grey levels a pixel: weaker gradients are shading
 _KEY, _FEW = 3, 100  # frames from one key frame to the next while tracking; points of each
 _WIDE = 10.0  # px, from where a patch is expected in a frame that is new
@@ -129,26 +123,31 @@ class RayTracker:
         """E-step: the parts of `points`, which need not be the guess's own."""
         seen, state = self.seen, guess.state
         motion = state.motions(len(state.angle))
-        keys = np.unique(points.frame)
+        keys, key = np.unique(points.frame, return_inverse=True)
         relative = np.stack([motion @ inverse(motion[k]) for k in keys])
         k = seen.intrinsics
+        camera = float(k[0, 0]), float(k[0, 2]), float(k[1, 2])
         own = guess.rays.ray is points.ray
         depth = guess.rays.inverse_depth if own else points.expected
         depth = np.repeat(depth[:, None], self.joints, axis=1)
+        by_flow = np.zeros_like(depth)
         for steps in (4, 0):  # neighbours have about one depth
-            cost, depth = label_costs(
-                points.ray, np.searchsorted(keys, points.frame), depth, relative,
-                float(k[0, 0]), float(k[0, 2]), float(k[1, 2]),
-                seen.flow, seen.hold, seen.moving, steps,
+            by_flow, depth = flow_costs(
+                points.ray, key, depth, relative, *camera, seen.flow, seen.hold, seen.moving, steps,
             )  # fmt: skip
             if steps:
                 depth = points.average(depth)
-        there = relative[np.searchsorted(keys, points.frame)][:, keys, 1:]
+        cost = by_flow
+        if own and guess.rays.spot_information.any():
+            cost = cost + _BY_PATCH * patch_costs(
+                points.ray, key, depth, relative, *camera,
+                guess.rays.spot, guess.rays.spot_information / _TRUST,
+            )  # fmt: skip
+        there = relative[key][:, keys, 1:]
         place = np.einsum("nkjab,nb->nkja", there[..., :3], points.ray)
         place = place[..., :3] + depth[:, None, :, None] * there[..., :3, 3]
         place = k[0, 0] * place[..., :2] / np.maximum(0.05, place[..., 2:]) + k[:2, 2]
-        total = along_tracks(points, cost, place)
-        label = labelled(points, total, self.ranks(points, guess.base))
+        label = labelled(points, along_tracks(points, cost, place), self.ranks(points, guess.base))
         if points.part is not None:
             label = points.part - 1
         mine = np.arange(len(label)), label
@@ -156,8 +155,8 @@ class RayTracker:
             guess.rays, frame=points.frame, ray=points.ray, label=label + 1,
             inverse_depth=depth[mine], expected=points.expected, near=points.near,
         )  # fmt: skip
-        cost = float(total[mine].mean())
-        return replace(guess, rays=rays, cost=cost, flow_cost=cost)
+        return replace(guess, rays=rays, cost=float(cost[mine].mean()),
+                       flow_cost=float(by_flow[mine].mean()))
 
     def ranks(self, points: Spots, base: Array) -> Array:
         """[N] how far out each point is in its key frame."""

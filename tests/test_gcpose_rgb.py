@@ -19,6 +19,7 @@ from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.patches import match
 from gcbench.gcpose.prior import Hinges
 from gcbench.gcpose.ray_bundle import Fit, adjust_rays
+from gcbench.gcpose.ray_costs import patch_costs
 from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, labelled, spots
 from gcbench.gcpose.ray_points import Rays, places, slopes, warps
 from gcbench.gcpose.ray_search import judged
@@ -247,6 +248,28 @@ def test_labels_along_the_chain_are_the_cheapest_in_order() -> None:
         for labels in combinations_with_replacement(range(3), 11)
     )
     assert np.isclose(ordered[np.arange(11), label].sum(), best)
+
+
+def test_patches_speak_for_the_part_that_moved_them() -> None:
+    state, _ = chain()
+    rays = measured(state, 1.0, 0.0, False)
+    keys, key = np.unique(rays.frame, return_inverse=True)
+    motion = state.motions(FRAMES)
+    relative = np.stack([motion @ inverse(motion[k]) for k in keys])
+    start = np.repeat(rays.inverse_depth[:, None], 3, axis=1)
+    at = places(state, replace(rays, inverse_depth=rays.inverse_depth + 0.01), INTRINSICS)
+    spot = at + 0.1 * np.random.default_rng(8).standard_normal(at.shape)
+
+    def costs(information: np.ndarray) -> np.ndarray:
+        return patch_costs(rays.ray, key, start, relative, 600.0, 160.0, 120.0, spot, information)
+
+    cost = costs(rays.spot_information)
+    assert (cost.argmin(axis=1) + 1 == rays.label).mean() > 0.97
+    own = cost[np.arange(len(cost)), rays.label - 1]
+    assert own.mean() < 3.0 < np.median(cost)  # of two coordinates, in the noise's variance
+    few = np.where(np.arange(FRAMES)[:, None, None] > 4, rays.spot_information, 0.0)
+    assert np.abs(costs(few) - cost).max() > 0.1
+    assert not costs(0.0 * few).any()  # nothing was found, nothing is said
 
 
 def two_frames(side: int = 8) -> Spots:
