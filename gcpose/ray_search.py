@@ -12,7 +12,7 @@ from .ray_ways import by_sweeps, distinct, traded
 
 _MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
 _SECOND, _TRADED = 6, 3
-_BY_FLOW = 0.3  # weight of the flow's word beside the patches'
+_BY_FLOW = 0.2  # weight of the flow's word beside the patches'
 _UNSURE = 0.1  # cost of an angle's standard deviation that is e times as large
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
 
@@ -27,12 +27,12 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
     if not found:
         return None
     found = together(lambda g: s.sharpened(g, many, 2, _FIRST_REACH), found)
-    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, _SECOND))
+    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, _SECOND, by=judged))
     best = min(found, key=judged)
     others = traded(s, best, few, _TRADED)
     others = [s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)) for g in others]
     found += together(lambda g: s.sharpened(g, many, 3, _FIRST_REACH), others)
-    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, 2))
+    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, 3, by=judged))
     return min(found, key=judged)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -105,10 +106,13 @@ def split(state: Articulation, joint: int, along: float, share: float) -> Articu
     return replace(state, angle=angle)
 
 
-def distinct(found: list[Guess], most: int, apart: float = _APART[1]) -> list[Guess]:
+def distinct(
+    found: list[Guess], most: int, apart: float = _APART[1],
+    by: Callable[[Guess], float] = lambda g: g.cost,
+) -> list[Guess]:
     """The best few that differ in labels or in motion."""
     out: list[Guess] = []
-    for g in sorted(found, key=lambda g: g.cost):
+    for g in sorted(found, key=by):
         if all(
             np.mean(g.rays.label != o.rays.label) > 0.05
             or np.abs(g.state.angle[-1] - o.state.angle[-1]).max() > apart

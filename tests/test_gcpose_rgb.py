@@ -25,6 +25,7 @@ from gcbench.gcpose.ray_points import Rays, places, slopes, warps
 from gcbench.gcpose.ray_search import judged
 from gcbench.gcpose.ray_sweep import ByFlow, at_depths
 from gcbench.gcpose.ray_tracker import Guess
+from gcbench.gcpose.ray_ways import distinct
 from gcbench.gcpose.rgb import standing
 from gcbench.renderer.observation import Observation
 from gcbench.robots.geometry import inverse
@@ -388,6 +389,17 @@ def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
     assert np.allclose(unsure.deviation()[:, 1], 5.0, rtol=1e-3)
     assert judged(sure) < judged(unsure) < judged(replace(sure, cost=3.3))
     assert judged(replace(sure, flow_cost=2.1)) > judged(sure)
+
+
+def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> None:
+    state, at = chain()
+    rays = Rays.unseen(np.zeros(1, np.int64), np.ones((1, 3)), np.ones(1, np.int64), np.ones(1))
+    first = Guess(state, rays, at[0], 3.0, np.eye(1), 2.0)
+    alike = replace(first, cost=4.0, flow_cost=1.0)
+    other = replace(first, cost=5.0, state=replace(state, angle=2 * state.angle), flow_cost=1.5)
+    assert distinct([other, alike, first], 9) == [first, other]
+    assert distinct([other, alike, first], 9, by=lambda g: g.flow_cost) == [alike, other]
+    assert distinct([other, alike, first], 1) == [first]
 
 
 def test_nothing_moves_and_nothing_breaks() -> None:
