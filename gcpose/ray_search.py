@@ -8,10 +8,10 @@ from .crew import together
 from .footage import Footage
 from .knowledge import Known
 from .ray_tracker import Guess, RayTracker
-from .ray_ways import by_sweeps, distinct, traded
+from .ray_ways import by_sweeps, distinct, tilted, traded
 
 _MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
-_SECOND, _TRADED = 6, 3
+_SECOND, _TRADED, _TILTED = 6, 3, 3  # solutions that go on, or are tried otherwise
 _BY_FLOW = 0.2  # weight of the flow's word beside the patches'
 _UNSURE = 0.1  # cost of an angle's standard deviation that is e times as large
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
@@ -26,6 +26,7 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
     found = [s.relabel(g, many) for g in by_sweeps(s)]
     if not found:
         return None
+    found += [t for g in distinct(found, _TILTED) for t in tilted(g)]
     found = together(lambda g: s.sharpened(g, many, 2, _FIRST_REACH), found)
     found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, _SECOND, by=judged))
     best = min(found, key=judged)

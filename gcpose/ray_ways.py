@@ -25,6 +25,7 @@ _BEGUN, _HALFWAY, _ALL = 40, 24, 10  # that go on to the next stage
 _HALF = 8  # frames after which the worse are left
 _APART = 0.07, 0.2  # of two guesses, rad or m: while there are many, and in the end
 _PARALLEL, _PLACES = 0.98, 16  # cosine; where a hinge may be
+_TILTS, _SEEN_ALONG = 8, 0.15  # planes through a door's axis; sine that they are seen at
 _SHARES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
 
 
@@ -95,6 +96,32 @@ def traded(s: RayTracker, guess: Guess, points: Spots, most: int) -> list[Guess]
         found += [s.relabel(replace(guess, state=o), points) for o in others if o is not None]
     found = [s.settle(g, points, 2, (8.0, 6.0), 0.2) for g in distinct(found, 4 * most)]
     return distinct(found, most)
+
+
+def tilted(guess: Guess) -> list[Guess]:
+    """The same motion of a door, whose points lie in a plane through its axis: each way it may lie.
+
+    How a door lies and how far it turns explain each other; from points at one distance the search
+    ends in the nearest of several minima.
+    """
+    twist, motion = guess.state.twist[0], guess.state.motions(len(guess.state.angle))
+    foot = np.asarray(np.cross(twist[:3], twist[3:]), np.float64)
+    if guess.state.prismatic[0] or len(guess.state.twist) > 1 or not foot.any():
+        return []
+    ray, out = guess.rays.ray, list[Guess]()
+    one, other = np.linalg.svd(twist[None, :3])[2][1:]
+    for turn in (np.arange(_TILTS) + 0.5) * np.pi / _TILTS:
+        across = np.cos(turn) * one + np.sin(turn) * other
+        toward = np.einsum("nab,b,na->n", motion[guess.rays.frame, 1, :3, :3], across, ray)
+        depth = toward / (across @ foot)
+        scale = float(depth.mean())
+        seen = np.abs(toward) > _SEEN_ALONG * np.linalg.norm(ray, axis=1)
+        if not 0.3 < scale < 3.0 or seen.mean() < 0.5 or np.mean(depth > 0) < 0.9:
+            continue
+        line = np.concatenate([twist[:3], scale * twist[3:]])[None]
+        rays = replace(guess.rays, inverse_depth=np.clip(depth / scale, 0.4, 2.5))
+        out.append(replace(guess, state=replace(guess.state, twist=line), rays=rays))
+    return out
 
 
 def split(state: Articulation, joint: int, along: float, share: float) -> Articulation:

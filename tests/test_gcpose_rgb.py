@@ -25,7 +25,7 @@ from gcbench.gcpose.ray_points import Rays, places, slopes, warps
 from gcbench.gcpose.ray_search import judged
 from gcbench.gcpose.ray_sweep import ByFlow, at_depths
 from gcbench.gcpose.ray_tracker import Guess
-from gcbench.gcpose.ray_ways import distinct
+from gcbench.gcpose.ray_ways import distinct, tilted
 from gcbench.gcpose.rgb import standing
 from gcbench.renderer.observation import Observation
 from gcbench.robots.geometry import inverse
@@ -389,6 +389,33 @@ def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
     assert np.allclose(unsure.deviation()[:, 1], 5.0, rtol=1e-3)
     assert judged(sure) < judged(unsure) < judged(replace(sure, cost=3.3))
     assert judged(replace(sure, flow_cost=2.1)) > judged(sure)
+
+
+def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
+    """One of them is about the true one, at a scale at which points are about at 1."""
+    whole, at = chain()
+    state = replace(whole, twist=whole.twist[:1], angle=whole.angle[:, :1],
+                    prismatic=whole.prismatic[:1], parent=whole.parent[:1])
+    line = state.twist[0, :3]
+    across = np.cross(line, [0.9, 0.1, 0.4])
+    across /= np.linalg.norm(across)
+    rng = np.random.default_rng(9)
+    frame = np.repeat([0, 4], 100)
+    pixel = rng.uniform([60, 60], [150, 180], (200, 2))
+    ray = np.concatenate([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones((200, 1))], axis=1)
+    turned = state.motions(FRAMES)[frame, 1, :3, :3] @ across
+    true = np.einsum("na,na->n", turned, ray) / (across @ at[0])
+    rays = Rays.unseen(frame, ray, np.ones(200, np.int64), np.ones(200))
+    guess = Guess(state, rays, at[0], 3.0, np.eye(1))
+    found = tilted(guess)
+    assert len(found) > 2
+    assert all(abs(g.rays.inverse_depth.mean() - 1.0) < 0.05 for g in found)
+    off = [np.abs(g.rays.inverse_depth - true / true.mean()).max() for g in found]
+    assert min(off) < 0.03 < np.abs(1.0 - true / true.mean()).max()
+    best = found[int(np.argmin(off))].state.twist[0]
+    assert np.allclose(best[3:], true.mean() * state.twist[0, 3:], rtol=0.05)
+    assert not tilted(replace(guess, state=whole))
+    assert not tilted(replace(guess, state=replace(state, prismatic=np.ones(1, bool))))
 
 
 def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> None:
