@@ -157,3 +157,17 @@ def along_chain(cost: Array, rank: Array, frame: NDArray[np.int64]) -> NDArray[n
             out[mine[begin:end]] = j
             end = begin
     return out
+
+
+def disorder(label: NDArray[np.int64], rank: Array, frame: NDArray[np.int64]) -> float:
+    """Share of the pairs of a frame's points that are labelled against their rank [N] from the
+    base outward: two parts that are taken for each other explain as much, but not in this order."""
+    against, pairs = 0, 0
+    for k in np.unique(frame):
+        mine = np.flatnonzero(frame == k)
+        own = label[mine[np.argsort(rank[mine], kind="stable")]]
+        for outer in np.unique(own):
+            before = np.cumsum(own == outer)
+            against += int(before[own < outer].sum())
+        pairs += len(own) * (len(own) - 1) // 2
+    return against / max(1, pairs)

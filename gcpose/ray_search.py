@@ -13,6 +13,7 @@ from .ray_ways import by_sweeps, distinct, tilted, traded
 _MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
 _SECOND, _TRADED, _TILTED = 6, 3, 3  # solutions that go on, or are tried otherwise
 _BY_FLOW = 0.2  # weight of the flow's word beside the patches'
+_DISORDER = 1.0  # of parts that do not follow one another along the chain
 _UNSURE = 0.1  # cost of an angle's standard deviation that is e times as large
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
 
@@ -39,6 +40,8 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
 
 def judged(guess: Guess) -> float:
     """By patches, which are few but do not err to one side, and by the flow; of two that explain
-    both, the one that tells every joint: what parts show nothing of may turn in any way."""
+    both, the one whose parts are in order, and that tells every joint: what parts show nothing of
+    may turn in any way."""
     unsure = float(np.log(guess.deviation()[-1] + 1e-6).sum())
-    return guess.cost + _BY_FLOW * guess.flow_cost + _UNSURE * unsure
+    seen = guess.cost + _BY_FLOW * guess.flow_cost
+    return seen + _DISORDER * guess.disorder + _UNSURE * unsure

@@ -14,7 +14,7 @@ from .patches import match
 from .prior import Hinges
 from .ray_bundle import adjust_rays
 from .ray_costs import FLOW_RATE, FLOW_SIGMA, flow_costs, patch_costs
-from .ray_labels import Spots, along_tracks, labelled, spots
+from .ray_labels import Spots, along_tracks, disorder, labelled, spots
 from .ray_points import Rays, places, warps
 from .segment import order_from_base
 from .tracker import hinges
@@ -48,6 +48,8 @@ class Guess:
     hessian: Array
     flow_cost: float = np.inf
     """Of its points under their labels, by flow"""
+    disorder: float = 0.0
+    """Of its labels along the chain"""
 
     def deviation(self) -> Array:
         """[T-1 J] standard deviations of the displacements, as far as the residuals tell."""
@@ -147,7 +149,8 @@ class RayTracker:
         place = np.einsum("nkjab,nb->nkja", there[..., :3], points.ray)
         place = place[..., :3] + depth[:, None, :, None] * there[..., :3, 3]
         place = k[0, 0] * place[..., :2] / np.maximum(0.05, place[..., 2:]) + k[:2, 2]
-        label = labelled(points, along_tracks(points, cost, place), self.ranks(points, guess.base))
+        rank = self.ranks(points, guess.base)
+        label = labelled(points, along_tracks(points, cost, place), rank)
         if points.part is not None:
             label = points.part - 1
         mine = np.arange(len(label)), label
@@ -156,7 +159,8 @@ class RayTracker:
             inverse_depth=depth[mine], expected=points.expected, near=points.near,
         )  # fmt: skip
         return replace(guess, rays=rays, cost=float(cost[mine].mean()),
-                       flow_cost=float(by_flow[mine].mean()))
+                       flow_cost=float(by_flow[mine].mean()),
+                       disorder=disorder(label, rank, points.frame))
 
     def ranks(self, points: Spots, base: Array) -> Array:
         """[N] how far out each point is in its key frame."""

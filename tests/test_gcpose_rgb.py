@@ -20,7 +20,14 @@ from gcbench.gcpose.patches import match
 from gcbench.gcpose.prior import Hinges
 from gcbench.gcpose.ray_bundle import Fit, adjust_rays
 from gcbench.gcpose.ray_costs import patch_costs
-from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, labelled, spots
+from gcbench.gcpose.ray_labels import (
+    Spots,
+    along_chain,
+    along_tracks,
+    disorder,
+    labelled,
+    spots,
+)
 from gcbench.gcpose.ray_points import Rays, places, slopes, warps
 from gcbench.gcpose.ray_search import judged
 from gcbench.gcpose.ray_sweep import ByFlow, at_depths
@@ -309,6 +316,18 @@ def test_labels_keep_to_the_order_unless_they_say_otherwise() -> None:
     assert labelled(points, cost, rank)[:side].tolist() == [0, 0, 0, 0, 1, 1, 1, 0]
 
 
+def test_disorder_is_the_share_of_pairs_against_the_chain() -> None:
+    rank, frame = np.array([0.1, 0.5, 0.3, 0.9, 0.2, 0.4]), np.array([0, 0, 0, 0, 7, 7])
+    assert disorder(np.array([0, 2, 1, 2, 1, 1]), rank, frame) == 0.0
+    assert disorder(np.array([2, 1, 1, 0, 1, 0]), rank, frame) == 6 / 7
+    rng = np.random.default_rng(3)
+    label, rank, frame = rng.integers(0, 4, 50), rng.random(50), rng.integers(0, 3, 50)
+    pairs = [(i, j) for i in range(50) for j in range(50)
+             if frame[i] == frame[j] and rank[i] < rank[j]]
+    against = [label[i] > label[j] for i, j in pairs]
+    assert np.isclose(disorder(label, rank, frame), np.mean(against))
+
+
 def door(total: float) -> Observation:
     """A textured panel that turns about an upright axis before a textured wall."""
     rng = np.random.default_rng(5)
@@ -389,6 +408,7 @@ def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
     assert np.allclose(unsure.deviation()[:, 1], 5.0, rtol=1e-3)
     assert judged(sure) < judged(unsure) < judged(replace(sure, cost=3.3))
     assert judged(replace(sure, flow_cost=2.1)) > judged(sure)
+    assert judged(replace(sure, disorder=0.1)) > judged(sure)
 
 
 def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
