@@ -10,10 +10,11 @@ from .knowledge import Known
 from .ray_tracker import Guess, RayTracker
 from .ray_ways import by_sweeps, distinct, tilted, traded
 
-_MANY, _FEW = 130, 220  # points of a key frame, at the end and for trades
+_MANY, _DENSE, _FEW = 130, 300, 220  # points of a key frame: to search, in the end, for trades
 _SECOND, _TRADED, _TILTED = 6, 3, 3  # solutions that go on, or are tried otherwise
+_LAST = 3  # that are fitted to the most points
 _BY_FLOW = 0.2  # weight of the flow's word beside the patches'
-_DISORDER = 1.0  # of parts that do not follow one another along the chain
+_DISORDER = 1.5  # of parts that do not follow one another along the chain
 _UNSURE = 0.1  # cost of an angle's standard deviation that is e times as large
 _FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
 
@@ -22,7 +23,8 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
     """The best articulation; None where too little is seen to move."""
     s = RayTracker(seen, known)
     last = seen.frames - 1
-    many = s.points(tuple(range(0, last + 1, 2)), _MANY)
+    keys = tuple(range(0, last + 1, 2))
+    many, dense = s.points(keys, _MANY), s.points(keys, _DENSE)
     few = s.points((last // 4 * 2,), _FEW)  # one of the key frames
     found = [s.relabel(g, many) for g in by_sweeps(s)]
     if not found:
@@ -34,7 +36,8 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
     others = traded(s, best, few, _TRADED)
     others = [s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)) for g in others]
     found += together(lambda g: s.sharpened(g, many, 3, _FIRST_REACH), others)
-    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, 3, by=judged))
+    found = [s.relabel(g, dense) for g in distinct(found, _LAST, by=judged)]
+    found = together(lambda g: s.sharpened(g, dense, 3, _REACH), found)
     return min(found, key=judged)
 
 
