@@ -13,15 +13,6 @@ _GAIN, _FLOOR = 8.0, 30.0  # of a pixel's variance: of what is left of a patch, 
 
 
 @compiled
-def bilinear(image: Image, x: float, y: float, c: int) -> float:
-    """A channel of an image [H W C] between pixels."""
-    x0, y0 = int(x), int(y)
-    a, b = x - x0, y - y0
-    return ((1 - a) * (1 - b) * image[y0, x0, c] + a * (1 - b) * image[y0, x0 + 1, c]
-            + (1 - a) * b * image[y0 + 1, x0, c] + a * b * image[y0 + 1, x0 + 1, c])
-
-
-@compiled
 def match(
     images: Image, pixel: Array, frame: NDArray[np.int64], place: Array, warp: Array,
     wanted: NDArray[np.bool_], radius: int, reach: float, model: float, model_rate: float,
@@ -123,29 +114,33 @@ def match(
                     ok = False
                     break
                 mean, total, rx, ry = 0.0, 0.0, 0.0, 0.0
-                if m0 > 0:
-                    for a in range(size):
-                        for b in range(size):
-                            w = weight[0, a, b]
-                            if w > 1e-3:
-                                da, db = a - radius, b - radius
-                                e = tmpl[0, a, b] - bilinear(
-                                    target, x + w00 * db + w01 * da, y + w10 * db + w11 * da, 0)
-                                mean += w * e
-                                total += w * e * e
-                                rx += w * px[0, a, b] * e
-                                ry += w * py[0, a, b] * e
-                    mean /= m0
-                    total -= m0 * mean * mean
                 for a in range(size):
                     for b in range(size):
                         da, db = a - radius, b - radius
-                        e = tmpl[1, a, b] - bilinear(
-                            target, x + w00 * db + w01 * da, y + w10 * db + w11 * da, 1)
+                        tx, ty = x + w00 * db + w01 * da, y + w10 * db + w11 * da
+                        ix, iy = int(tx), int(ty)
+                        fx, fy = tx - ix, ty - iy
+                        c00, c01 = (1 - fx) * (1 - fy), fx * (1 - fy)
+                        c10, c11 = (1 - fx) * fy, fx * fy
+                        w = weight[0, a, b]
+                        if w > 1e-3:
+                            e = tmpl[0, a, b] - (
+                                c00 * target[iy, ix, 0] + c01 * target[iy, ix + 1, 0]
+                                + c10 * target[iy + 1, ix, 0] + c11 * target[iy + 1, ix + 1, 0])
+                            mean += w * e
+                            total += w * e * e
+                            rx += w * px[0, a, b] * e
+                            ry += w * py[0, a, b] * e
                         w = weight[1, a, b]
+                        e = tmpl[1, a, b] - (
+                            c00 * target[iy, ix, 1] + c01 * target[iy, ix + 1, 1]
+                            + c10 * target[iy + 1, ix, 1] + c11 * target[iy + 1, ix + 1, 1])
                         total += w * e * e
                         rx += w * px[1, a, b] * e
                         ry += w * py[1, a, b] * e
+                if m0 > 0:
+                    mean /= m0
+                    total -= m0 * mean * mean
                 sx, sy = (dyy * rx - hxy * ry) / dd, (dxx * ry - hxy * rx) / dd
                 size_of = np.sqrt(sx * sx + sy * sy)
                 if size_of > 1.5:
