@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
 from ..robots.geometry import Array
@@ -55,6 +56,10 @@ class GCPose:
 
     def estimate(self, observation: Observation) -> Estimate:
         """Sec. 3.2 to 3.4 on one sequence; where nothing can be seen to move, no motion."""
+        with threadpool_limits(1, "blas"):  # over small matrices its threads wait for each other
+            return self._estimate(observation)
+
+    def _estimate(self, observation: Observation) -> Estimate:
         known = knowledge(observation)
         rgb = observation.rgb
         if observation.depth is None:
