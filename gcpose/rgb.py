@@ -25,7 +25,7 @@ from .ray_points import Rays, places
 from .ray_search import search_rays
 from .ray_tracker import Guess
 
-_CALIBRATION, _FLOOR = 10.0, np.radians(0.4)  # of standard deviations: from sequences of three arms
+_CALIBRATION, _FLOOR = 15.0, np.radians(0.4)  # of standard deviations: from sequences of three arms
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
 _STRIDE = 2  # px between those whose part is looked up
 
