@@ -11,7 +11,7 @@ from .ray_tracker import Guess, RayTracker
 from .ray_ways import by_sweeps, distinct, tilted, traded
 
 _MANY, _DENSE, _FEW = 130, 300, 220  # points of a key frame: to search, in the end, for trades
-_SECOND, _TRADED, _TILTED = 6, 6, 3  # solutions that go on, or are tried otherwise
+_SECOND, _TRADED, _TILTED = 6, 3, 3  # solutions that go on, or are tried otherwise
 _LAST = 3  # that are fitted to the most points
 _BY_FLOW = 0.2  # weight of the flow's word beside the patches'
 _DISORDER = 1.5  # of parts that do not follow one another along the chain
@@ -32,8 +32,10 @@ def search_rays(seen: Footage, known: Known) -> Guess | None:
     found += [t for g in distinct(found, _TILTED) for t in tilted(g)]
     found = together(lambda g: s.sharpened(g, many, 2, _FIRST_REACH), found)
     found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, _SECOND, by=judged))
-    others = [s.relabel(g, many) for g in traded(s, min(found, key=judged), few, _TRADED)]
-    found += together(lambda g: s.sharpened(g, many, 2, _FIRST_REACH), others)
+    best = min(found, key=judged)
+    others = traded(s, best, few, _TRADED)
+    others = [s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)) for g in others]
+    found += together(lambda g: s.sharpened(g, many, 3, _FIRST_REACH), others)
     found = [s.relabel(g, dense) for g in distinct(found, _LAST, by=judged)]
     found = together(lambda g: s.sharpened(g, dense, 3, _REACH), found)
     return min(found, key=judged)

@@ -197,6 +197,16 @@ class RayTracker:
             hessian=fit.hessian,
         )  # fmt: skip
 
+    def settle(
+        self, guess: Guess, points: Spots, rounds: int, scales: tuple[float, ...],
+        spread: float = 0.5,
+    ) -> Guess:
+        """EM with the flow."""
+        for _ in range(rounds):
+            guess = self.fitted(guess, self.observed(guess), scales, spread=spread)
+            guess = self.relabel(guess, points)
+        return guess
+
     def sharpened(self, guess: Guess, points: Spots, rounds: int, reach: float) -> Guess:
         """M-steps with patches, which do not drift."""
         for i in range(rounds):

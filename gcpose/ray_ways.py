@@ -24,7 +24,6 @@ _SPANS, _SWEPT = (2, 3), 30  # frames that sweeps look ahead, and what is kept o
 _BEGUN, _HALFWAY, _ALL = 40, 24, 10  # that go on to the next stage
 _HALF = 8  # frames after which the worse are left
 _APART = 0.07, 0.2  # of two guesses, rad or m: while there are many, and in the end
-_OTHERWISE = 0.12  # of two ways to share turns, rad: patches find what lies between
 _PARALLEL, _PLACES = 0.98, 16  # cosine; where a hinge may be
 _TILTS, _SEEN_ALONG = 8, 0.15  # planes through a door's axis; sine that they are seen at
 _SHARES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
@@ -76,7 +75,7 @@ def ends(s: RayTracker, points: Spots, key: int) -> list[Array]:
 
 
 def traded(s: RayTracker, guess: Guess, points: Spots, most: int) -> list[Guess]:
-    """The best of each way to share the turns of parallel neighbours otherwise (see trade.py)."""
+    """The best solutions that share the turns of parallel neighbours otherwise (see trade.py)."""
     state, rays = guess.state, guess.rays
     if not len(points.frame):
         return []
@@ -95,8 +94,8 @@ def traded(s: RayTracker, guess: Guess, points: Spots, most: int) -> list[Guess]
         others = [shared(state, j, along, p, f) for p in hinge for f in feet(state, j, p, first)]
         others += [split(state, j, along, share) for share in _SHARES]
         found += [s.relabel(replace(guess, state=o), points) for o in others if o is not None]
-    now = replace(s.relabel(guess, points), cost=-np.inf)
-    return distinct([now, *found], most + 1, _OTHERWISE, labels=1.0)[1:]
+    found = [s.settle(g, points, 2, (8.0, 6.0), 0.2) for g in distinct(found, 4 * most)]
+    return distinct(found, most)
 
 
 def tilted(guess: Guess) -> list[Guess]:
@@ -136,13 +135,13 @@ def split(state: Articulation, joint: int, along: float, share: float) -> Articu
 
 def distinct(
     found: list[Guess], most: int, apart: float = _APART[1],
-    by: Callable[[Guess], float] = lambda g: g.cost, labels: float = 0.05,
+    by: Callable[[Guess], float] = lambda g: g.cost,
 ) -> list[Guess]:
-    """The best few that differ in motion, or in a share of their labels."""
+    """The best few that differ in labels or in motion."""
     out: list[Guess] = []
     for g in sorted(found, key=by):
         if all(
-            np.mean(g.rays.label != o.rays.label) > labels
+            np.mean(g.rays.label != o.rays.label) > 0.05
             or np.abs(g.state.angle[-1] - o.state.angle[-1]).max() > apart
             for o in out
         ):

@@ -447,9 +447,6 @@ def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> No
     assert distinct([other, alike, first], 9) == [first, other]
     assert distinct([other, alike, first], 9, by=lambda g: g.flow_cost) == [alike, other]
     assert distinct([other, alike, first], 1) == [first]
-    relabelled = replace(alike, rays=replace(rays, label=np.full(1, 2)))
-    assert distinct([other, relabelled, first], 9) == [first, relabelled, other]
-    assert distinct([other, relabelled, first], 9, labels=1.0) == [first, other]
 
 
 def test_nothing_moves_and_nothing_breaks() -> None:
