@@ -25,7 +25,8 @@ from .ray_points import Rays, places
 from .ray_search import search_rays
 from .ray_tracker import Guess
 
-_CALIBRATION, _FLOOR = 15.0, np.radians(0.4)  # of standard deviations: from sequences of three arms
+# of standard deviations: 10 on three arms, times 1.5 as their points became 300 instead of 130
+_CALIBRATION, _FLOOR = 15.0, np.radians(0.4)
 _CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
 _STRIDE = 2  # px between those whose part is looked up
 
