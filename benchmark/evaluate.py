@@ -51,8 +51,8 @@ class EvalConfig:
     """What to evaluate, on what, and within which limits."""
 
     method: tuple[str, ...] = ()
-    """Names of methods, module:attribute or FILE.py:attribute; @true-parts and @true-flow make an
-    oracle row of one."""
+    """Names of methods, module:attribute or FILE.py:attribute; @true-parts, @true-flow or
+    @true-parts+true-flow make an oracle row of one."""
     flow: str = ""
     """Optical flow for methods that let one choose: dis, dis-fine, raft, raft:WEIGHTS or
     flownet2:CHECKPOINT; default: the method's own. The row's name says it."""

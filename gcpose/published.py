@@ -22,6 +22,7 @@ from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_dept
 from .flow import Flow, fine_dis_flow, flow_named, training_of
 from .footage import Footage, footage
 from .knowledge import knowledge
+from .ray_evidence import observed
 from .ray_labels import Spots
 from .ray_points import Rays
 from .ray_tracker import Guess, RayTracker
@@ -200,7 +201,8 @@ class WithDepth(Epipolar):
             seen = observation.depth[observation.depth > 0]
             spread = float(np.hypot(_EXACT, observation.depth_noise / max(1e-6, np.median(seen))))
         for scale in _SCALES:
-            guess = s.fitted(guess, s.observed(guess), (scale,), 1.0, spread)
+            rays = observed(s.seen, guess.state, guess.rays)
+            guess = s.fitted(guess, rays, (scale,), 1.0, spread)
         return guess.state.angle
 
 

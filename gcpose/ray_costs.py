@@ -23,6 +23,19 @@ _OFF = 0.1  # and about what flow and neighbours say
 
 
 @compiled
+def projected(
+    motion: Array, ray: Array, inverse_depth: float, focal: float, cu: float, cv: float
+) -> tuple[float, float, float, float]:
+    """Where a point is under a motion [4 4], px, and how that changes with its inverse depth."""
+    a, b, q, m = ray[0], ray[1], inverse_depth, motion
+    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + q * m[0, 3]
+    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + q * m[1, 3]
+    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + q * m[2, 3])
+    return (focal * x / z + cu, focal * y / z + cv,
+            focal * (m[0, 3] - x / z * m[2, 3]) / z, focal * (m[1, 3] - y / z * m[2, 3]) / z)
+
+
+@compiled
 def flow_costs(
     ray: Array, key: NDArray[np.int64], start: Array, relative: Array, focal: float, cu: float,
     cv: float, flow: Image, hold: Image, moving: NDArray[np.bool_], steps: int,
@@ -47,14 +60,7 @@ def flow_costs(
                 u0, v0, du0, dv0, ok0 = 0.0, 0.0, 0.0, 0.0, False
                 fu, fv, wuu, wuv, wvv = 0.0, 0.0, 0.0, 0.0, 0.0
                 for t in range(last + 1):
-                    m = relative[key[i], t, p]
-                    a, b = ray[i, 0], ray[i, 1]
-                    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + q * m[0, 3]
-                    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + q * m[1, 3]
-                    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + q * m[2, 3])
-                    u, v = focal * x / z + cu, focal * y / z + cv
-                    du = focal * (m[0, 3] - x / z * m[2, 3]) / z
-                    dv = focal * (m[1, 3] - y / z * m[2, 3]) / z
+                    u, v, du, dv = projected(relative[key[i], t, p], ray[i], q, focal, cu, cv)
                     if t > 0 and ok0:
                         ru, rv = fu - (u - u0), fv - (v - v0)
                         e = wuu * ru * ru + 2 * wuv * ru * rv + wvv * rv * rv
@@ -108,14 +114,8 @@ def patch_costs(
                     w11 = information[i, t, 1, 1]
                     if w00 + w11 <= 0:
                         continue
-                    m = relative[key[i], t, p]
-                    a, b = ray[i, 0], ray[i, 1]
-                    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + q * m[0, 3]
-                    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + q * m[1, 3]
-                    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + q * m[2, 3])
-                    ru, rv = spot[i, t, 0] - focal * x / z - cu, spot[i, t, 1] - focal * y / z - cv
-                    du = focal * (m[0, 3] - x / z * m[2, 3]) / z
-                    dv = focal * (m[1, 3] - y / z * m[2, 3]) / z
+                    u, v, du, dv = projected(relative[key[i], t, p], ray[i], q, focal, cu, cv)
+                    ru, rv = spot[i, t, 0] - u, spot[i, t, 1] - v
                     e = w00 * ru * ru + 2 * w01 * ru * rv + w11 * rv * rv
                     robust = 1.0 / (1.0 + e / limit) ** 2
                     total += limit * e / (limit + e)

@@ -8,28 +8,21 @@ import numpy as np
 
 from ..robots.geometry import Array, inverse
 from .articulation import Articulation
-from .footage import CONTRAST, Footage
+from .footage import Footage
 from .knowledge import Known
-from .patches import match
 from .prior import Hinges
 from .ray_bundle import adjust_rays
-from .ray_costs import FLOW_RATE, FLOW_SIGMA, flow_costs, patch_costs
+from .ray_costs import flow_costs, patch_costs
+from .ray_evidence import REACH, SPAN, matched, misfit, observed
 from .ray_labels import Spots, along_tracks, disorder, labelled, spots
-from .ray_points import Rays, places, warps
+from .ray_points import Rays
 from .segment import order_from_base
 from .tracker import hinges
 
-_SHARE = 0.2  # of its pixels, of those whose flow errs independently
+_TRUST = 3.0  # of patches' information: beside it, what is believed beforehand is little
 _SLACK = 0.1  # how far an axis may pass from its hinge, of the distance to the camera
-_RADIUS = 3  # px, of a patch: larger ones hold more than one part
-_REACH = 3.0  # px, from where a patch is expected
-_SPAN = 3  # frames from a patch's own within which it is looked for
-_MODEL, _MODEL_RATE = 0.1, 0.02  # px, what a patch errs by, and more with each frame
-_WRONG, _LOST = 9.0, 4.0  # cost of a patch that is elsewhere, and of one that is not found
 _JERKY = 30.0  # of the score, of a root mean square acceleration in rad a frame^2
-_TRUST = 3.0  # of their information: beside it, what is believed beforehand is little
 _BY_PATCH = 2.0  # weight of patches beside the flow, in labels
-_EVEN = 2.0  # grey levels a pixel: weaker gradients are shading
 _KEY, _FEW = 3, 100  # frames from one key frame to the next while tracking; points of each
 _WIDE = 10.0  # px, from where a patch is expected in a frame that is new
 _BELIEF, _LOOSE = 4.0, 0.3  # while tracking, as in `adjust_rays`
@@ -73,54 +66,6 @@ class RayTracker:
             self.spots[frames, most] = spots(self.seen, frames, most)
         return self.spots[frames, most]
 
-    def observed(self, guess: Guess) -> Rays:
-        """The flow at the points' places."""
-        seen, rays = self.seen, guess.rays
-        last = len(guess.state.angle) - 1
-        at = places(guess.state, rays, seen.intrinsics)
-        height, width = seen.moving.shape[1:]
-        pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)[:, :last]
-        u, v = pixel[..., 0], pixel[..., 1]
-        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        u, v = np.where(inside, u, 0), np.where(inside, v, 0)
-        t = np.arange(last)[None]
-        step = seen.flow[t, v, u].astype(np.float64)
-        hold = seen.hold[t, v, u].astype(np.float64)
-        good = inside & seen.moving[t, v, u]
-        weight = _SHARE * good / (FLOW_SIGMA**2 + FLOW_RATE**2 * (step**2).sum(axis=2))
-        information = hold[..., [0, 1, 1, 2]].reshape(*hold.shape[:2], 2, 2)
-        return replace(
-            rays,
-            step=step,
-            step_information=information * weight[..., None, None],
-            spot=np.zeros((len(u), last + 1, 2)),
-            spot_information=np.zeros((len(u), last + 1, 2, 2)),
-        )
-
-    def matched(self, guess: Guess, reach: float, span: int = _SPAN) -> Rays:
-        """Where patches around the points are found in the frames near their own."""
-        seen, rays = self.seen, guess.rays
-        at, warp = places(guess.state, rays, seen.intrinsics), warps(guess.state, rays)
-        frames = len(guess.state.angle)
-        height, width = seen.moving.shape[1:]
-        pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)
-        u, v = pixel[..., 0], pixel[..., 1]
-        gap = np.abs(np.arange(frames)[None] - rays.frame[:, None])
-        wanted = (gap > 0) & (gap <= span)
-        wanted &= (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        u, v = np.where(wanted, u, 0), np.where(wanted, v, 0)
-        wanted &= seen.moving[np.arange(frames)[None], v, u]
-        own = at[np.arange(len(at)), rays.frame]
-        found, information = match(
-            seen.look, own, rays.frame, at, warp, wanted, _RADIUS, reach, _MODEL, _MODEL_RATE,
-            CONTRAST, _EVEN,
-        )  # fmt: skip
-        none = np.zeros((len(at), frames - 1, 2))
-        return replace(
-            rays, step=none, step_information=np.zeros((*none.shape, 2)),
-            spot=found, spot_information=_TRUST * information,
-        )  # fmt: skip
-
     def relabel(self, guess: Guess, points: Spots) -> Guess:
         """E-step: the parts of `points`, which need not be the guess's own."""
         seen, state = self.seen, guess.state
@@ -143,7 +88,7 @@ class RayTracker:
         if own and guess.rays.spot_information.any():
             cost = cost + _BY_PATCH * patch_costs(
                 points.ray, key, depth, relative, *camera,
-                guess.rays.spot, guess.rays.spot_information / _TRUST,
+                guess.rays.spot, guess.rays.spot_information,
             )  # fmt: skip
         there = relative[key][:, keys, 1:]
         place = np.einsum("nkjab,nb->nkja", there[..., :3], points.ray)
@@ -188,10 +133,11 @@ class RayTracker:
         spread: float = 0.5,
     ) -> Guess:
         """M-step."""
+        trusted = replace(rays, spot_information=_TRUST * rays.spot_information)
         fit = adjust_rays(
-            guess.state, rays, self.seen.intrinsics, self.known.freedom, scales, self.hinges(guess),
-            belief, spread,
-        )
+            guess.state, trusted, self.seen.intrinsics, self.known.freedom, scales,
+            self.hinges(guess), belief, spread,
+        )  # fmt: skip
         return replace(
             guess, state=fit.state, rays=replace(rays, inverse_depth=fit.inverse_depth),
             hessian=fit.hessian,
@@ -203,29 +149,23 @@ class RayTracker:
     ) -> Guess:
         """EM with the flow."""
         for _ in range(rounds):
-            guess = self.fitted(guess, self.observed(guess), scales, spread=spread)
+            guess = self.fitted(guess, observed(self.seen, guess.state, guess.rays), scales,
+                                spread=spread)
             guess = self.relabel(guess, points)
         return guess
 
     def sharpened(self, guess: Guess, points: Spots, rounds: int, reach: float) -> Guess:
-        """M-steps with patches, which do not drift."""
+        """EM with patches, which do not drift; the cost is how badly these fit in the end, and how
+        uneven the motion is."""
         for i in range(rounds):
-            rays = self.matched(guess, reach if i == 0 else _REACH, _SPAN if i else 2)
+            near, span = (REACH, SPAN) if i else (reach, 2)
+            rays = matched(self.seen, guess.state, guess.rays, near, span)
             guess = self.fitted(guess, rays, (6.0, 4.0, 3.0) if i == 0 else (3.0,) * 3)
             guess = self.relabel(guess, points)
-        return replace(guess, cost=self.score(guess))
-
-    def score(self, guess: Guess) -> float:
-        """How badly patches fit, those that are not found included, and how uneven motion is."""
-        rays = self.matched(guess, _REACH)
-        away = rays.spot - places(guess.state, rays, self.seen.intrinsics)
-        square = np.einsum("nti,ntij,ntj->nt", away, rays.spot_information, away) / _TRUST
-        found = rays.spot_information[..., 0, 0] + rays.spot_information[..., 1, 1] > 0
-        cost = np.where(found, _WRONG * square / (_WRONG + square), _LOST)
-        gap = np.abs(np.arange(cost.shape[1])[None] - rays.frame[:, None])
         pace = np.diff(guess.state.angle, 2, axis=0)
         jerky = float(np.sqrt(np.mean(pace**2))) if len(pace) else 0.0
-        return float(cost[(gap > 0) & (gap <= _SPAN)].mean()) + _JERKY * jerky
+        fit = misfit(self.seen, guess.state, guess.rays)
+        return replace(guess, cost=fit + _JERKY * jerky)
 
     def extended(self, guess: Guess, until: int) -> Guess:
         """Displacements go on evenly to frame `until`."""
@@ -252,6 +192,7 @@ class RayTracker:
 
     def nearer(self, guess: Guess, points: Spots) -> Guess:
         """EM with patches on the frames that a guess has, which are few."""
-        for reach, scales in ((_WIDE, (6.0, 4.0)), (_REACH, (3.0, 3.0))):
-            guess = self.fitted(guess, self.matched(guess, reach), scales, _BELIEF, _LOOSE)
+        for reach, scales in ((_WIDE, (6.0, 4.0)), (REACH, (3.0, 3.0))):
+            rays = matched(self.seen, guess.state, guess.rays, reach)
+            guess = self.fitted(guess, rays, scales, _BELIEF, _LOOSE)
         return self.relabel(guess, points)
