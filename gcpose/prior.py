@@ -9,7 +9,6 @@ import numpy as np
 
 from ..robots.geometry import Array
 from .articulation import Articulation
-from .chain import cross_matrix
 
 _ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m
 _STEP = np.radians(5.0)  # of a joint from frame to frame, rad or m
@@ -57,12 +56,17 @@ def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> 
         state.twist, basis, hinges.point, state.prismatic, strict=True
     ):
         if b.shape[1] and not prismatic:
-            l = twist[:3]
-            foot = cross_matrix(l) @ twist[3:]
-            offset = point - foot - l * (l @ (point - foot))  # from the axis to the hinge
+            offset = from_axis(twist, point)
             moved = b[3:, :2]  # the axis' slides; its turning hardly changes the distance
             here = slice(at, at + 2)
             matrix[here, here] += moved.T @ moved / hinges.slack**2
             vector[here] += moved.T @ offset / hinges.slack**2
         at += b.shape[1]
     return Normal(matrix, vector)
+
+
+def from_axis(twist: Array, point: Array) -> Array:
+    """[... 3] from the axes of turns [... 6] to points [... 3], by the shortest way."""
+    l, moment = twist[..., :3], twist[..., 3:]
+    away = point - np.cross(l, moment)
+    return away - l * (l * away).sum(axis=-1, keepdims=True)

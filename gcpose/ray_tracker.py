@@ -10,7 +10,7 @@ from ..robots.geometry import Array, inverse
 from .articulation import Articulation
 from .footage import Footage
 from .knowledge import Known
-from .prior import Hinges
+from .prior import Hinges, from_axis
 from .ray_bundle import adjust_rays
 from .ray_costs import flow_costs, patch_costs
 from .ray_evidence import REACH, SPAN, matched, misfit, observed
@@ -21,6 +21,7 @@ from .tracker import hinges
 
 _TRUST = 3.0  # of patches' information: beside it, what is believed beforehand is little
 _SLACK = 0.1  # how far an axis may pass from its hinge, of the distance to the camera
+_FAR = 0.2  # of that distance, of an axis from its hinge: there it is doubtful
 _JERKY = 30.0  # of the score, of a root mean square acceleration in rad a frame^2
 _BY_PATCH = 2.0  # weight of patches beside the flow, in labels
 _KEY, _FEW = 3, 100  # frames from one key frame to the next while tracking; points of each
@@ -43,6 +44,8 @@ class Guess:
     """Of its points under their labels, by flow"""
     disorder: float = 0.0
     """Of its labels along the chain"""
+    unhinged: float = 0.0
+    """How many axes pass far from where their parts begin"""
 
     def deviation(self) -> Array:
         """[T-1 J] standard deviations of the displacements, as far as the residuals tell."""
@@ -103,9 +106,18 @@ class RayTracker:
             guess.rays, frame=points.frame, ray=points.ray, label=label + 1,
             inverse_depth=depth[mine], expected=points.expected, near=points.near,
         )  # fmt: skip
-        return replace(guess, rays=rays, cost=float(cost[mine].mean()),
-                       flow_cost=float(by_flow[mine].mean()),
-                       disorder=disorder(label, rank, points.frame))
+        guess = replace(guess, rays=rays, cost=float(cost[mine].mean()),
+                        flow_cost=float(by_flow[mine].mean()),
+                        disorder=disorder(label, rank, points.frame))
+        return replace(guess, unhinged=self.unhinged(guess))
+
+    def unhinged(self, guess: Guess) -> float:
+        """Of the joints that a part carries: 1 each at most, a half where an axis passes `_FAR`
+        from where labels put the hinge."""
+        carried = (self.known.parent >= 0) & ~self.known.prismatic
+        away = from_axis(guess.state.twist, self.hinges(guess).point)[carried]
+        square = (away**2).sum(axis=1)
+        return float((square / (square + _FAR**2)).sum())
 
     def ranks(self, points: Spots, base: Array) -> Array:
         """[N] how far out each point is in its key frame."""

@@ -24,6 +24,7 @@ _SPANS, _SWEPT = (2, 3), 30  # frames that sweeps look ahead, and what is kept o
 _BEGUN, _HALFWAY, _ALL = 40, 24, 10  # that go on to the next stage
 _HALF = 8  # frames after which the worse are left
 _APART = 0.07, 0.2  # of two guesses, rad or m: while there are many, and in the end
+_DIFFER = 0.05  # share of the labels in which two guesses are unlike
 _PARALLEL, _PLACES = 0.98, 16  # cosine; where a hinge may be
 _TILTS, _SEEN_ALONG = 8, 0.15  # planes through a door's axis; sine that they are seen at
 _SHARES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
@@ -135,13 +136,13 @@ def split(state: Articulation, joint: int, along: float, share: float) -> Articu
 
 def distinct(
     found: list[Guess], most: int, apart: float = _APART[1],
-    by: Callable[[Guess], float] = lambda g: g.cost,
+    by: Callable[[Guess], float] = lambda g: g.cost, differ: float = _DIFFER,
 ) -> list[Guess]:
-    """The best few that differ in labels or in motion."""
+    """The best few that differ in more than a share of the labels, or in motion."""
     out: list[Guess] = []
     for g in sorted(found, key=by):
         if all(
-            np.mean(g.rays.label != o.rays.label) > 0.05
+            np.mean(g.rays.label != o.rays.label) > differ
             or np.abs(g.state.angle[-1] - o.state.angle[-1]).max() > apart
             for o in out
         ):

@@ -31,7 +31,7 @@ from gcbench.gcpose.ray_labels import (
 from gcbench.gcpose.ray_points import Rays, places, slopes, warps
 from gcbench.gcpose.ray_search import judged
 from gcbench.gcpose.ray_sweep import ByFlow, at_depths
-from gcbench.gcpose.ray_tracker import Guess
+from gcbench.gcpose.ray_tracker import Guess, RayTracker
 from gcbench.gcpose.ray_ways import distinct, tilted
 from gcbench.gcpose.rgb import standing
 from gcbench.renderer.observation import Observation
@@ -409,6 +409,36 @@ def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
     assert judged(sure) < judged(unsure) < judged(replace(sure, cost=3.3))
     assert judged(replace(sure, flow_cost=2.1)) > judged(sure)
     assert judged(replace(sure, disorder=0.1)) > judged(sure)
+    assert judged(replace(sure, unhinged=0.5)) > judged(sure)
+    surest = replace(sure, hessian=1e6 * sure.hessian)
+    assert judged(surest) < judged(sure)
+    assert judged(surest) == judged(replace(sure, hessian=1e8 * sure.hessian))
+
+
+def test_axes_should_pass_where_their_parts_begin() -> None:
+    observation = door(0.5)
+    assert observation.rgb is not None
+    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
+    assert seen is not None
+    state, at = chain()
+    end = np.array([0.05, -0.12, 0.95])
+    point = np.concatenate([np.linspace(a, b, 30)
+                            for a, b in zip(at, [*at[1:], end], strict=True)])
+    rays = Rays.unseen(np.zeros(90, np.int64), point / point[:, 2:], np.repeat([1, 2, 3], 30),
+                       1 / point[:, 2])
+    guess = Guess(state, rays, at[0], 3.0, np.eye(1))
+    tracker = RayTracker(seen, Known(state.prismatic, state.parent, state.twist[:, :3], None))
+    assert tracker.unhinged(guess) < 0.02
+
+    def moved(joint: int) -> Guess:
+        line = state.twist[joint, :3]
+        away = 0.2 * np.cross(line, [0, 0, 1.0]) / np.linalg.norm(np.cross(line, [0, 0, 1.0]))
+        twist = state.twist.copy()
+        twist[joint, 3:] += np.cross(away, line)
+        return replace(guess, state=replace(state, twist=twist))
+
+    assert 0.4 < tracker.unhinged(moved(2)) < 0.6
+    assert tracker.unhinged(moved(0)) == tracker.unhinged(guess)  # the base is not seen to begin
 
 
 def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
@@ -447,6 +477,10 @@ def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> No
     assert distinct([other, alike, first], 9) == [first, other]
     assert distinct([other, alike, first], 9, by=lambda g: g.flow_cost) == [alike, other]
     assert distinct([other, alike, first], 1) == [first]
+    labels = np.full(1, 2)
+    unlike = replace(first, cost=3.5, rays=replace(rays, label=labels))
+    assert distinct([other, unlike, first], 9) == [first, unlike, other]
+    assert distinct([other, unlike, first], 9, differ=1.0) == [first, other]
 
 
 def test_nothing_moves_and_nothing_breaks() -> None:
