@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -18,6 +19,12 @@ class Flow(Protocol):
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """[H W 2] displacement (du, dv), px, of each pixel of image a [H W 3] to image b."""
         ...
+
+
+def for_cuts_of(flow: Flow, height: int, width: int) -> Flow:
+    """The flow for cuts of images of that size: a network sees them as small as whole ones."""
+    sized: Callable[[int, int], Flow] | None = getattr(flow, "for_cuts_of", None)
+    return flow if sized is None else sized(height, width)
 
 
 def dis_flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:

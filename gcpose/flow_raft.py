@@ -39,9 +39,14 @@ class RaftFlow:
     rate = 1e-4
     """At which it is tuned to a video."""
 
-    def __init__(self, network: Raft, iterations: int = 6) -> None:
+    def __init__(self, network: Raft, iterations: int = 6, factor: int = 0) -> None:
+        """`factor`: how much smaller it sees images; default: as suits their size."""
         self.network = network.eval()
-        self.iterations = iterations
+        self.iterations, self.factor = iterations, factor
+
+    def for_cuts_of(self, height: int, width: int) -> RaftFlow:
+        """The same for cuts of images of that size, which it sees as small as whole ones."""
+        return RaftFlow(self.network, self.iterations, reduction(height, width))
 
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """[H W 2] px."""
@@ -58,7 +63,7 @@ class RaftFlow:
     ) -> torch.Tensor:
         """[1 2 H W] px, with gradients."""
         height, width = rgb_a.shape[:2]
-        factor = max(1, round(min(height, width) / _SIDE))
+        factor = self.factor or reduction(height, width)
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
         scale = np.array([width / small[0], height / small[1]], np.float32)
         device = next(self.network.parameters()).device
@@ -74,6 +79,11 @@ class RaftFlow:
                              mode="bilinear", align_corners=False)
         by = torch.from_numpy(scale).to(device)[:, None, None]
         return padded(start, 1).to(device) + full * by
+
+
+def reduction(height: int, width: int) -> int:
+    """How much smaller the network sees images of that size."""
+    return max(1, round(min(height, width) / _SIDE))
 
 
 def device_named(name: str) -> torch.device:

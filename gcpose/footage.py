@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..robots.geometry import Array
 from .depth import Depth
-from .flow import Flow
+from .flow import Flow, for_cuts_of
 from .surface import Image
 
 CONTRAST = 60.0
@@ -75,7 +75,8 @@ def footage(
     if isinstance(flow, np.ndarray):
         flows = np.nan_to_num(flow[:, box[0], box[1]])
     else:
-        flows = np.stack([flow(cut[t], cut[t + 1]) for t in range(len(cut) - 1)])
+        sized = for_cuts_of(flow, *rgb.shape[1:3])
+        flows = np.stack([sized(cut[t], cut[t + 1]) for t in range(len(cut) - 1)])
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in cut])
     relief = None
     if depth is not None:

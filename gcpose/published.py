@@ -19,7 +19,7 @@ from .articulation import Articulation
 from .beam import axes
 from .depth import depth_named
 from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_depth
-from .flow import Flow, fine_dis_flow, flow_named, training_of
+from .flow import Flow, fine_dis_flow, flow_named, for_cuts_of, training_of
 from .footage import Footage, footage
 from .knowledge import knowledge
 from .ray_evidence import observed
@@ -43,7 +43,7 @@ class FlowOnly:
     name = "gcpose-flow"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    version = "1"
+    version = "2"
 
     def __init__(self, flow: str = "") -> None:
         """The name of a flow (see flow.py); default: OpenCV's DIS.
@@ -102,11 +102,11 @@ class FlowOnly:
 class Epipolar(FlowOnly):
     """The same with a flow network that is tuned to the video by the epipolar constraint.
 
-    Default: the network whose weights come with gcbench. A sequence takes minutes on a CPU.
+    Default: the network whose weights come with gcbench. It takes a minute or more a sequence.
     """
 
     name = "gcpose-epipolar"
-    version = "2"
+    version = "3"
 
     def __init__(self, flow: str = "") -> None:
         """The name of a flow that is a network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".
@@ -141,7 +141,8 @@ class Epipolar(FlowOnly):
             return pair_of(points[k], flow, seen.intrinsics, observation.n_joints, bases[k])
 
         focal = float(seen.intrinsics[0, 0])
-        return replace(seen, flow=self.tuned(self.network, cut, seen.moving, focal, parts))
+        network: Any = for_cuts_of(self.network, *rgb.shape[1:3])
+        return replace(seen, flow=self.tuned(network, cut, seen.moving, focal, parts))
 
 
 class WithDepth(Epipolar):

@@ -10,7 +10,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods import load, with_options
 from gcbench.gcpose.depth import depth_named
-from gcbench.gcpose.flow import dis_flow, fine_dis_flow, flow_named, training_of
+from gcbench.gcpose.flow import dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 pytest.importorskip("safetensors", reason="weights need safetensors")
@@ -96,6 +96,18 @@ def test_raft_takes_any_size(network: raft.Raft, size: tuple[int, int]) -> None:
     factor = max(1, round(min(size) / 240))
     expected = np.broadcast_to([2.0 * factor, -4.0 * factor], moved.shape)
     np.testing.assert_allclose(moved, expected, rtol=0.01)
+
+
+def test_raft_sees_a_cut_as_small_as_the_whole() -> None:
+    biased = raft.Raft()
+    with torch.no_grad():
+        biased.step.bias += torch.tensor([0.25, -0.5])  # cells of 4 px, once an iteration
+    rng = np.random.default_rng(0)
+    a, b = picture(rng, 96, 128), picture(rng, 96, 128)
+    cut = for_cuts_of(RaftFlow(biased, iterations=2), 480, 640)
+    moved = cut(a, b) - fine_dis_flow(a, b)
+    np.testing.assert_allclose(moved, np.broadcast_to([4.0, -8.0], moved.shape), rtol=0.01)
+    assert for_cuts_of(fine_dis_flow, 480, 640) is fine_dis_flow
 
 
 @pytest.mark.parametrize("flow", [dis_flow, fine_dis_flow])

@@ -13,6 +13,7 @@ from gcbench.benchmark.methods import load, with_options
 from gcbench.gcpose.articulation import Articulation
 from gcbench.gcpose.beam import Beam, beamed, unlike
 from gcbench.gcpose.chain import part_motions
+from gcbench.gcpose.flow import Flow, dis_flow
 from gcbench.gcpose.footage import CONTRAST, appearance, footage, moving_foreground
 from gcbench.gcpose.knowledge import Known
 from gcbench.gcpose.method import GCPose
@@ -363,6 +364,22 @@ def test_the_foreground_is_what_moves() -> None:
     found = moving_foreground(video)
     assert np.mean(found != truth) < 0.003
     assert not moving_foreground(np.repeat(wall[None], 4, axis=0)).any()
+
+
+def test_a_flow_of_cuts_is_told_how_large_the_images_are() -> None:
+    observation, told = door(0.3), list[tuple[int, int]]()
+
+    class Sized:
+        def for_cuts_of(self, height: int, width: int) -> Flow:
+            told.append((height, width))
+            return dis_flow
+
+        def __call__(self, rgb_a: np.ndarray, rgb_b: np.ndarray) -> np.ndarray:
+            raise AssertionError("seen at another scale")
+
+    seen = footage(observation.rgb, observation.intrinsics, Sized())
+    assert told == [(180, 240)] and seen is not None
+    assert seen.flow.shape[1:3] < (180, 240)
 
 
 def test_a_door_opens_without_depth() -> None:
