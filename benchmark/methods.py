@@ -47,6 +47,8 @@ class Declaration:
     training: str
     inputs: tuple[Inputs, ...]
     knowledge: tuple[Knowledge, ...]
+    hint: str = ""
+    """What would make it support more"""
 
 
 def available() -> dict[str, str]:
@@ -136,8 +138,9 @@ def declare(method: Any, source: str) -> Declaration:
         if wrong := [v for v in cast("list[Any]", values) if v not in known]:
             raise GcbenchError(f"{source}: {name} has {wrong[0]!r}; there are {', '.join(known)}")
     return Declaration(
-        method.name, method.version, method.training, tuple(method.inputs), tuple(method.knowledge)
-    )
+        method.name, method.version, method.training, tuple(method.inputs),
+        tuple(method.knowledge), str(getattr(method, "hint", "")),
+    )  # fmt: skip
 
 
 def plan_rows(
@@ -155,9 +158,10 @@ def plan_rows(
         (knowledge, declared.knowledge, "knowledge"),
     ):
         if missing := [value for value in asked if value not in supported]:
+            hint = f"; {declared.hint}" if declared.hint else ""
             raise GcbenchError(
                 f"{declared.name} does not support {what} {missing[0]}; "
-                f"it supports {', '.join(supported)}"
+                f"it supports {', '.join(supported)}{hint}"
             )
     rows = [
         Row(declared.name, declared.version, i, k, declared.training, oracles)

@@ -150,6 +150,7 @@ class WithDepth(Epipolar):
 
     name = "gcpose-depth"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
+    hint = ""
 
     def __init__(self, flow: str = "", depth: str = "") -> None:
         """Also the name of a depth network (see depth.py), without which `rgb` is no track."""
@@ -157,6 +158,7 @@ class WithDepth(Epipolar):
         self.depth = depth_named(depth) if depth else None
         if self.depth is None:
             self.inputs = ("rgbd", "rgbd-noise")
+            self.hint = "with --depth mono:FOLDER (Monodepth2's weights) rgb, too"
         if depth not in ("", "none"):
             self.name += f" depth={depth.partition(':')[0]}"
             self.training = f"{training_of(depth)}; {self.training}"

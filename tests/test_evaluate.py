@@ -131,8 +131,11 @@ def test_rows_are_what_is_supported(data: Path) -> None:
     rows = methods.plan_rows(declared)
     assert [(r.inputs, r.knowledge) for r in rows] == [
         ("rgb", "free"), ("rgb", "axes"), ("rgbd", "free"), ("rgbd", "axes")]
-    with pytest.raises(GcbenchError, match="m does not support inputs rgbd-noise"):
+    with pytest.raises(GcbenchError, match=r"support inputs rgbd-noise; it supports rgb, rgbd$"):
         methods.plan_rows(declared, (), ("rgbd-noise",))
+    hinting = dataclasses.replace(declared, hint="more with --depth")
+    with pytest.raises(GcbenchError, match=r"rgb, rgbd; more with --depth$"):
+        methods.plan_rows(hinting, (), ("rgbd-noise",))
     assert len(methods.plan_rows(declared, ("true-parts",), ("rgb",), ("free",))) == 1
 
 
