@@ -48,7 +48,7 @@ class Declaration:
     inputs: tuple[Inputs, ...]
     knowledge: tuple[Knowledge, ...]
     hint: str = ""
-    """What would make it support more"""
+    """What would make it support more inputs"""
 
 
 def available() -> dict[str, str]:
@@ -158,7 +158,7 @@ def plan_rows(
         (knowledge, declared.knowledge, "knowledge"),
     ):
         if missing := [value for value in asked if value not in supported]:
-            hint = f"; {declared.hint}" if declared.hint else ""
+            hint = f"; {declared.hint}" if declared.hint and what == "inputs" else ""
             raise GcbenchError(
                 f"{declared.name} does not support {what} {missing[0]}; "
                 f"it supports {', '.join(supported)}{hint}"

@@ -150,7 +150,6 @@ class WithDepth(Epipolar):
 
     name = "gcpose-depth"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
-    hint = ""
 
     def __init__(self, flow: str = "", depth: str = "") -> None:
         """Also the name of a depth network (see depth.py), without which `rgb` is no track."""

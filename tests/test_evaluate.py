@@ -136,6 +136,8 @@ def test_rows_are_what_is_supported(data: Path) -> None:
     hinting = dataclasses.replace(declared, hint="more with --depth")
     with pytest.raises(GcbenchError, match=r"rgb, rgbd; more with --depth$"):
         methods.plan_rows(hinting, (), ("rgbd-noise",))
+    with pytest.raises(GcbenchError, match=r"supports free, axes$"):
+        methods.plan_rows(hinting, (), (), ("kinematics",))
     assert len(methods.plan_rows(declared, ("true-parts",), ("rgb",), ("free",))) == 1
 
 

@@ -7,13 +7,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 from gcbench.gcpose.ray_costs import patch_costs
-from gcbench.gcpose.ray_labels import (
-    Spots,
-    along_chain,
-    along_tracks,
-    disorder,
-    labelled,
-)
+from gcbench.gcpose.ray_labels import Spots, along_chain, along_tracks, disorder, labelled
 from gcbench.gcpose.ray_points import places
 from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array

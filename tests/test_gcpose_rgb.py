@@ -12,9 +12,7 @@ from gcbench.gcpose.flow import Flow, dis_flow
 from gcbench.gcpose.footage import footage, moving_foreground
 from gcbench.gcpose.knowledge import Known
 from gcbench.gcpose.method import GCPose
-from gcbench.gcpose.ray_labels import (
-    spots,
-)
+from gcbench.gcpose.ray_labels import spots
 from gcbench.gcpose.ray_points import Rays
 from gcbench.gcpose.ray_search import judged
 from gcbench.gcpose.ray_tracker import Guess, RayTracker
