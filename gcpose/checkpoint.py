@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
-
 from .. import GcbenchError
 from ..renderer.atomic import temporary_name
+from .tensors import torch
 from .weights_file import read_weights
 
 _FILE = "checkpoint.safetensors"

@@ -42,9 +42,8 @@ def depth_named(name: str) -> Depth | None:
 
 
 def _mono(folder: Path, device: str = "auto") -> Depth:
-    from .flow_raft import device_named
-    from .image_tensor import padded, unit
-    from .monodepth2 import HEIGHT, WIDTH, Decoder, Encoder, depth_from_disparity, torch
+    from .monodepth2 import HEIGHT, WIDTH, Decoder, Encoder, depth_from_disparity
+    from .tensors import device_named, padded, torch, unit
     from .weights_file import read_weights
 
     place = device_named(device)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .epipolar import Pair
-from .raft import torch, warped
 from .surface import Image
+from .tensors import torch, warped
 
 _ROUNDS = 10
 _SETTLED = 0.99  # of the points keep their part

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .flow import Flow
-from .flow_raft import device_named
-from .flownet2 import MULTIPLE, FlowNet2, torch
-from .image_tensor import padded, unit
+from .flownet2 import MULTIPLE, FlowNet2
+from .tensors import device_named, padded, torch, unit
 from .weights_file import read_weights
 
 

@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import GcbenchError
 from .flow import fine_dis_flow
-from .image_tensor import padded, unit
-from .raft import MULTIPLE, F, Raft, torch
+from .raft import MULTIPLE, Raft
+from .tensors import F, device_named, padded, torch, unit
 from .weights_file import read_weights
 
 SHIPPED = Path(__file__).parent / "weights" / "raft.safetensors"
@@ -84,17 +83,3 @@ class RaftFlow:
 def reduction(height: int, width: int) -> int:
     """How much smaller the network sees images of that size."""
     return max(1, round(min(height, width) / _SIDE))
-
-
-def device_named(name: str) -> torch.device:
-    """"cpu", "cuda", "mps", ... or "auto", which prefers what is fastest.
-
-    Raises GcbenchError where there is none.
-    """
-    if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "cpu"
-    try:
-        return torch.zeros(1, device=name).device
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reason = str(error).splitlines()[0]
-        raise GcbenchError(f"--device {name}: {reason}; cpu works everywhere") from error

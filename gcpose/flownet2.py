@@ -12,16 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .. import GcbenchError
-
-try:
-    import torch
-    import torch.nn.functional as F  # noqa: N812
-    from torch import Tensor, nn
-except ImportError as error:
-    raise GcbenchError("FlowNet2 needs PyTorch: pip install 'gcbench[learn]'") from error
-
-from .raft import warped
+from .tensors import F, Tensor, nn, torch, warped
 
 MULTIPLE = 64
 """Sides of the images must be multiples of this."""

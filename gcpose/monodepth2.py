@@ -10,14 +10,7 @@ non-commercial use, and not ours to give.
 
 from __future__ import annotations
 
-from .. import GcbenchError
-
-try:
-    import torch
-    import torch.nn.functional as F  # noqa: N812
-    from torch import Tensor, nn
-except ImportError as error:
-    raise GcbenchError("Monodepth2 needs PyTorch: pip install 'gcbench[learn]'") from error
+from .tensors import F, Tensor, nn, torch
 
 WIDTH, HEIGHT = 640, 192
 """px that it was trained with."""

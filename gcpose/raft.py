@@ -16,14 +16,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .. import GcbenchError
-
-try:
-    import torch
-    import torch.nn.functional as F  # noqa: N812
-    from torch import Tensor, nn
-except ImportError as error:
-    raise GcbenchError("a flow network needs PyTorch: pip install 'gcbench[learn]'") from error
+from .tensors import F, Tensor, nn, torch, warped
 
 CELL = 4
 """Pixels along a cell of features."""
@@ -200,19 +193,6 @@ def upsampled(flow: Tensor, mask: Tensor) -> Tensor:
     cells = F.unfold(F.pad(CELL * flow, (1, 1, 1, 1), mode="replicate"), 3)
     out = (share * cells.reshape(batch, 2, 9, 1, 1, h, w)).sum(2)
     return out.permute(0, 1, 4, 2, 5, 3).reshape(batch, 2, CELL * h, CELL * w)
-
-
-def warped(image: Tensor, flow: Tensor) -> Tensor:
-    """The image [B C H W] as seen at x + flow(x) [B 2 H W] px, its edge repeated outside."""
-    _, _, h, w = image.shape
-    v, u = torch.meshgrid(
-        torch.arange(h, device=flow.device), torch.arange(w, device=flow.device), indexing="ij"
-    )
-    x = 2 * (u + flow[:, 0]) / max(w - 1, 1) - 1
-    y = 2 * (v + flow[:, 1]) / max(h - 1, 1) - 1
-    return F.grid_sample(
-        image, torch.stack([x, y], -1), padding_mode="border", align_corners=True
-    )
 
 
 def _normalised(features: Tensor) -> Tensor:

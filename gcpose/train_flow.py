@@ -23,8 +23,9 @@ from ..renderer.lock import locked
 from .checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from .flow import dis_flow, fine_dis_flow
 from .flow_errors import FlowErrors, flow_errors
-from .flow_raft import RaftFlow, device_named
-from .raft import Raft, torch
+from .flow_raft import RaftFlow
+from .raft import Raft
+from .tensors import device_named, torch
 from .train_config import TrainConfig
 from .train_data import rendered
 from .train_loss import flow_loss

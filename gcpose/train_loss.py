@@ -6,11 +6,8 @@
 
 from __future__ import annotations
 
-import torch
-import torch.nn.functional as F  # noqa: N812
-from torch import Tensor
-
 from .raft import CELL, REACH, Refined
+from .tensors import F, Tensor, torch
 from .train_pairs import MOST_PARTS
 
 _DECAY = 0.8  # weight of an iteration against the next

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -17,6 +19,7 @@ pytest.importorskip("safetensors", reason="weights need safetensors")
 
 from gcbench.gcpose import flownet2, monodepth2, raft  # noqa: E402
 from gcbench.gcpose.flow_raft import SHIPPED, RaftFlow, raft_flow  # noqa: E402
+from gcbench.gcpose.tensors import warped  # noqa: E402
 
 
 def picture(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
@@ -74,7 +77,7 @@ def test_look_interpolates_where_the_flow_points() -> None:
 def test_warping_undoes_a_shift() -> None:
     image = torch.rand(1, 2, 9, 11)
     flow = torch.tensor([2.0, -1.0])[None, :, None, None].expand(1, 2, 9, 11)
-    there = raft.warped(image, flow)
+    there = warped(image, flow)
     torch.testing.assert_close(there[:, :, 1:, :-2], image[:, :, :-1, 2:], atol=1e-5, rtol=0)
 
 
@@ -177,6 +180,25 @@ def test_monodepth2_is_the_official_one(tmp_path: Path) -> None:
     assert out.shape == (96, 128) and 0.1 <= out.min() < out.max() <= 100
     ends = monodepth2.depth_from_disparity(torch.tensor([0.0, 1.0]))
     torch.testing.assert_close(ends, torch.tensor([100.0, 0.1]))
+
+
+@pytest.mark.parametrize("asked", [
+    "flow.flow_named('raft')", "flow.flow_named('flownet2:x')", "depth.depth_named('mono:x')",
+    "train_flow", "published.Epipolar()", "fine_tune",
+])
+def test_without_pytorch_the_error_says_how_to_get_it(asked: str) -> None:
+    module = asked.partition(".")[0]
+    code = f"""import sys
+sys.modules["torch"] = None
+from gcbench import GcbenchError
+try:
+    from gcbench.gcpose import {module}
+    {asked}
+except GcbenchError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "a network needs PyTorch: pip install 'gcbench[learn]'\n", done.stderr
 
 
 def test_depth_none_is_none() -> None:
