@@ -29,7 +29,6 @@ class Printed:
     """deg"""
     pcp5: float | None = None
     """percent"""
-    note: str = ""
 
 
 FULL = "GC-Pose, true depth"
@@ -65,7 +64,7 @@ PRINTED: tuple[Printed, ...] = (
     *(Printed(1, method, robot, 0, mean, std)
       for method, cells in _OBJECTS.items()
       for robot, (mean, std) in zip(OBJECTS, cells, strict=True)),
-    *(Printed(1, f"{method} ({ACROSS})", "oven", 0, mean, std, note="other classes")
+    *(Printed(1, f"{method} ({ACROSS})", "oven", 0, mean, std)
       for method, (mean, std) in _ACROSS.items()),
     *(Printed(2, method, OWI, joint, mean, std)
       for method, cells in _OWI.items()

@@ -15,7 +15,6 @@ import csv
 import dataclasses
 import hashlib
 import io
-import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -132,7 +131,7 @@ class Run:
     sequences: tuple[str, ...]
     """That are scored, in order."""
     left_out: int
-    """Sequences of the dataset whose motion cannot be seen."""
+    """Sequences of the dataset whose motion cannot be seen, or without a scored joint."""
     limits: Mapping[str, Any]
     """seconds_per_sequence, workers, threads (of one worker)."""
     environments: tuple[Mapping[str, Any], ...]
@@ -240,11 +239,6 @@ def read_run(path: Path) -> Run:
     if not all(re.fullmatch(r"\d{6,}", name) for name in run["sequences"]):
         raise GcbenchError(f"{path}: sequences are not names of sequences")
     return Run(row=Row(oracles=oracles, **row), **run)
-
-
-def finite(value: float) -> bool:
-    """Whether a value may be written as a result."""
-    return math.isfinite(value)
 
 
 def _read(path: Path, limit: int) -> bytes:

@@ -87,7 +87,7 @@ def bootstrap_mean(
 ) -> tuple[float, float]:
     """Percentile interval of the mean of [N] values when whole clusters are drawn again.
 
-    With one cluster the interval is that mean, which says nothing: look at `sequences`.
+    With one cluster the interval is that mean, which says nothing.
     """
     v = np.asarray(value, np.float64)
     number = {key: k for k, key in enumerate(dict.fromkeys(cluster))}

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robots.geometry import Array, apply, transform
+from ..robots.geometry import Array, transform
 from .chain_kernels import (
     fill_bases,
     fill_derivatives,
@@ -152,8 +152,3 @@ def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:
     out = np.zeros_like(flat)
     fill_displaced(flat, exponential(by).reshape(-1, 4, 4), prismatic, out)
     return out.reshape(twist.shape)
-
-
-def move(motion: Array, points: Array) -> Array:
-    """Points [N 3] under motions [T 4 4]: [T N 3]."""
-    return apply(motion, points[None])

@@ -32,8 +32,6 @@ class Fit:
     state: Articulation
     inverse_depth: Array
     """[N]"""
-    cost: Array
-    """[N] robust sum of squares of each point"""
     hessian: Array
     """[U U] of displacements and axes, depths eliminated"""
 
@@ -56,14 +54,14 @@ def adjust_rays(
     frames, joints = state.angle.shape
     held = (frames - 1) * joints
     depth = rays.inverse_depth.copy()
-    cost, hessian = np.zeros(len(depth)), np.zeros((0, 0))
+    hessian = np.zeros((0, 0))
     blocks = _roughness(rays)
     for scale in scales:
         basis = tuple(
             axis_basis(state.twist[j], bool(state.prismatic[j]), hinges.point[j], freedom)
             for j in range(joints)
         )
-        matrix, vector, coupling, h, g, cost = _assemble(
+        matrix, vector, coupling, h, g = _assemble(
             state, replace(rays, inverse_depth=depth), intrinsics, basis, scale
         )
         prior = smoothness(state.angle, frames - 1)
@@ -91,7 +89,7 @@ def adjust_rays(
         angle = state.angle.copy()
         angle[1:] += step[:held].reshape(frames - 1, joints)
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
-    return Fit(state, depth, cost, hessian)
+    return Fit(state, depth, hessian)
 
 
 def _roughness(rays: Rays) -> list[tuple[NDArray[np.intp], Array]]:
@@ -113,8 +111,8 @@ def _roughness(rays: Rays) -> list[tuple[NDArray[np.intp], Array]]:
 
 def _assemble(
     state: Articulation, rays: Rays, intrinsics: Array, basis: tuple[Array, ...], scale: float
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Matrix [U U], vector [U], coupling with the depths [N U], their h, g [N] and costs [N]."""
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Matrix [U U], vector [U], coupling with the depths [N U], and their h, g [N]."""
     frames, joints = state.angle.shape
     motion = state.motions(frames)
     derivative = state.derivatives(motion, basis)
@@ -122,7 +120,7 @@ def _assemble(
     keys = np.unique(rays.frame)
     key = np.searchsorted(keys, rays.frame)
     from_key = np.stack([motion @ inverse(motion[k]) for k in keys])
-    a, b, c, h, g, cost = accumulate(
+    a, b, c, h, g = accumulate(
         rays.ray, rays.inverse_depth, rays.label, key, from_key,
         float(intrinsics[0, 0]), intrinsics[:2, 2].astype(np.float64),
         rays.step, rays.step_information, rays.spot, rays.spot_information, scale,
@@ -141,4 +139,4 @@ def _assemble(
             vector += flat.T @ b[k, p].reshape(-1)
             mine = (key == k) & (rays.label == p)
             coupling[mine] = c[mine].reshape(np.count_nonzero(mine), 12 * frames) @ flat
-    return matrix, vector, coupling, h, g, cost
+    return matrix, vector, coupling, h, g

@@ -14,14 +14,14 @@ def accumulate(
     ray: Array, inverse_depth: Array, label: NDArray[np.int64], key: NDArray[np.int64],
     relative: Array, focal: float, centre: Array, step_obs: Array, step_info: Array,
     spot_obs: Array, spot_info: Array, scale: float,
-) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Normal equations of N points over T frames.
 
     ray [N 3] (z = 1), key [N] index into `relative` [K T P 4 4] (frame from key frame).
     step_obs [N T-1 2] px flow at the point's place in frame t, step_info [N T-1 2 2];
     spot_obs [N T 2] px place in frame t, spot_info [N T 2 2].
     Returns matrix [K P T 12 12] (twists of t and t + 1), b [K P T 12], c [N T 12] (twists by
-    depth), h [N], g [N], cost [N].
+    depth), h [N], g [N].
     """
     n, frames = len(ray), relative.shape[1]
     keys, parts = relative.shape[0], relative.shape[2]
@@ -30,7 +30,6 @@ def accumulate(
     c = np.zeros((n, frames, 12))
     h = np.zeros(n)
     g = np.zeros(n)
-    cost = np.zeros(n)
     slope = np.zeros((frames, 2, 6))
     by_depth = np.zeros((frames, 2))
     at = np.zeros((frames, 2))
@@ -81,7 +80,6 @@ def accumulate(
                     d0, d1 = by_depth[t, 0], by_depth[t, 1]
                 e = (w00 * r0 * r0 + 2 * w01 * r0 * r1 + w11 * r1 * r1) / (scale * scale)
                 robust = 1.0 / ((1.0 + e) * (1.0 + e))
-                cost[i] += scale * scale * e / (1.0 + e)
                 w00, w01, w11 = w00 * robust, w01 * robust, w11 * robust
                 a0, a1 = w00 * r0 + w01 * r1, w01 * r0 + w11 * r1
                 h[i] += w00 * d0 * d0 + 2 * w01 * d0 * d1 + w11 * d1 * d1
@@ -106,4 +104,4 @@ def accumulate(
                 for m in range(12):
                     for l in range(m):
                         matrix[k, p, t, l, m] = matrix[k, p, t, m, l]
-    return matrix, b, c, h, g, cost
+    return matrix, b, c, h, g

@@ -23,8 +23,6 @@ UNITS = {
     "angle": "rad",
     "time": "s",
     "flow": "px",
-    "depth": "depth_unit * value, m, z in the camera frame",
-    "pixel": "(u, v), centre of the top-left pixel at (0, 0)",
 }
 JOINT_TYPES = ("revolute", "continuous", "prismatic")
 

@@ -14,13 +14,13 @@ from ..robots.model import ArticulatedModel, joint_screws
 from .config import RenderConfig, resolved
 from .draw import Draw, DrawSampler
 from .instances import cast_of, dataset_asset
+from .metadata import UNITS
 from .randomize import Streams, draw_scene
 from .rasterizer import Rasterizer
 from .scene import Scene
 from .sequence import Frame, Meta, State
 from .truth import SequenceTruth, needs_faces, room_normal
 
-UNITS = {"length": "m", "angle": "rad", "time": "s", "flow": "px"}
 DEPTH_UNIT = 0.0001
 
 

@@ -29,7 +29,7 @@ def microwave(dice: Dice, number: int) -> Thing:
                     dice.length(0.003, 0.014), 0.012)
     body += feet(dice, look, (w / 2 - 0.05, d / 2 - 0.05), foot)
     body += _turntable(dice, hole, middle, (front - d + 0.06, front))
-    body += [vents(dice, (s * w / 2, middle + dice.length(-0.05, 0.05), -dice.length(0.0, 0.08)),
+    body += [vents((s * w / 2, middle + dice.length(-0.05, 0.05), -dice.length(0.0, 0.08)),
                    (dice.length(0.08, 0.14), dice.length(0.01, 0.04)), "right" if s > 0 else "left",
                    dice.number(5, 12)) for s in (-1, 1)]
 

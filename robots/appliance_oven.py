@@ -42,7 +42,7 @@ def _big_oven(dice: Dice, number: int) -> Thing:
     body.append(Shape("drawer", at(drawer, 0.0, foot + below / 2, front),
                       dice.pick((look.front, look.trim, look.body))))
     if dice.chance(40):
-        body.append(vents(dice, (0.0, foot + below - 0.03, front + t),
+        body.append(vents((0.0, foot + below - 0.03, front + t),
                           (w * 0.7, 0.012), "front", dice.number(8, 20)))
     top = h - strip / 2
     plate = slab(w - 2 * GAP, strip - GAP, (0.0, t), dice.length(0.002, 0.01), 0.004)
@@ -73,7 +73,7 @@ def _toaster(dice: Dice, number: int) -> Thing:
     px = side * (w / 2 - pw / 2)
     body.append(Shape("panel", at(slab(pw - 0.012, cabinet - 0.02, (0.0, t), 0.008, 0.003), px,
                                   middle, front), look.panel))
-    body += [vents(dice, (s * w / 2, middle, 0.0), (d * 0.5, 0.03),
+    body += [vents((s * w / 2, middle, 0.0), (d * 0.5, 0.03),
                    "right" if s > 0 else "left", dice.number(6, 14)) for s in (-1, 1)]
     body += heating(dice, hole, middle, d)
     count = dice.number(2, 4)

@@ -56,7 +56,7 @@ def feet(dice: Dice, look: Finish, spots: tuple[float, float], high: float) -> l
                                   for sx in (-1, 1) for sz in (-1, 1)]), look.rubber)]
 
 
-def vents(dice: Dice, center: tuple[float, float, float], size: tuple[float, float], where: str,
+def vents(center: tuple[float, float, float], size: tuple[float, float], where: str,
           slots: int) -> Shape:
     """Dark slots in a row, on the side that looks `where`; size is along the row and across."""
     step = size[0] / slots

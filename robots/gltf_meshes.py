@@ -131,7 +131,7 @@ class Meshes:
             if kept and any(b is not None for b in bends):
                 bend = np.stack([(zero if b is None else b)[source] for b in bends])
             else:
-                bend = _bent(positions[source], faces, new_normals, displacement)
+                bend = _bent(positions[source], faces, displacement)
         material, key = self._materials.material(primitive.material, uv is not None)
         return Patch(
             positions[source], faces, _filled(new_normals), None if uv is None else uv[source],
@@ -332,7 +332,7 @@ def _visual(
         made_skin, made_morph, None if patch.color is None else patch.color[used])
 
 
-def _bent(vertices: Array, faces: NDArray[np.int64], normals: Array, displacement: Array) -> Array:
+def _bent(vertices: Array, faces: NDArray[np.int64], displacement: Array) -> Array:
     """[M V 3] how the normals that were made for vertices at rest change with each target."""
     def made(points: Array) -> Array:
         flat, area = face_normals(points, faces)

@@ -42,7 +42,6 @@ def with_joint(inner: str, attributes: str = 'name="j" type="revolute"') -> str:
 
 
 ENDS = '<parent link="a"/><child link="b"/>'
-LINKS = '<link name="a"/>'
 
 
 @pytest.mark.parametrize(("text", "reason"), [
