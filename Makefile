@@ -23,7 +23,7 @@ $(shell test -x $(PY) || rm -f $(VENV)/.base-*)
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*  ## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
 
-demo: package  ## render a small UR5 dataset, verify it, make a contact sheet and a page
+demo: package  ## render a small UR5 dataset, verify it, show it, GC-Pose beside ICP, the leaderboard
 	@.ci/system-libraries $(PY)
 	@.ci/demo $(PY)
 

@@ -93,7 +93,7 @@ def _datasets(folders: Iterable[RunFolder]) -> list[Section]:
         config = run.config
         rows = [("folder", run.data), ("sequences", str(len(run.sequences)))]
         if run.left_out:
-            rows.append(("left out", f"{run.left_out}, whose motion cannot be seen"))
+            rows.append(("left out", f"{run.left_out}, unobservable or without a scored joint"))
         rows += [(key, _words(config[key])) for key in
                  ("robot", "seed", "stream", "frames", "width", "height", "keep_unobservable")
                  if key in config]  # fmt: skip

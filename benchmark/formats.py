@@ -74,8 +74,9 @@ def leaderboard_md(lines: Sequence[Line], ranks: Sequence[int], version: str) ->
         "# Leaderboard",
         "",
         "Error of each scored joint at the last frame: mean over all pairs of sequence and joint, "
-        "with its 95 % interval (bootstrap by sequence). Rows that paired differences on the same "
-        "sequences cannot tell apart share a rank. A failed joint counts as no motion at all. "
+        "with its 95 % interval (bootstrap by sequence, or by object where there are several). "
+        "Rows that paired differences on the same sequences cannot tell apart share a "
+        "rank. A failed joint counts as no motion at all. "
         "(best sign): the better of the two signs of each joint, where none is known or returned.",
     ]
     labels = labels_of(lines)

@@ -40,7 +40,7 @@ class Footage:
     """[T h w 3] uu, uv, vv of how well flow is determined: 1 along a gradient, 0 across none"""
 
     relief: Image | None = None
-    """[T h w] inverse depth of a depth network, about 1"""
+    """[T h w] inverse depth, a network's or measured, about 1"""
     part: NDArray[np.uint8] | None = None
     """[T h w] true parts, for an oracle"""
 

@@ -42,7 +42,7 @@ def flow_costs(
 ) -> tuple[Array, Array]:  # fmt: skip
     """[N J] cost a frame of each part, and [N J] the inverse depth that goes with it.
 
-    ray [N 3], key [N] index into `relative` [K T J+1 4 4]; flow [T-1 H W 2] px, hold [T-1 H W 3].
+    ray [N 3], key [N] index into `relative` [K T J+1 4 4]; flow [T-1 H W 2] px, hold [T H W 3].
     The depth is found in `steps` steps from start [N J]. A part that takes a foreground pixel to
     where the background is seen is wrong.
     """

@@ -22,7 +22,7 @@ __all__ = ["F", "Tensor", "device_named", "nn", "padded", "torch", "unit", "warp
 
 
 def device_named(name: str) -> torch.device:
-    """"cpu", "cuda", "mps", ... or "auto", which prefers what is fastest.
+    """"cpu", "cuda", "mps", ... or "auto": "cuda" if there is one, else "cpu".
 
     Raises GcbenchError where there is none.
     """

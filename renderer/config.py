@@ -181,7 +181,8 @@ class RenderConfig:
     animation: str = ""
     """Animation of the model to play; default: its first, if it has any; none: joints move."""
     scored_joints: tuple[str, ...] = ()
-    """Joints that move and are scored; default: the bottom three (or those of the catalogue)."""
+    """Joints that move and are scored; default: the bottom three, those of the catalogue, an
+    object's doors (three at most), or its first drawer."""
     vary: tuple[str, ...] = FACTORS
     """Factors that change from sequence to sequence; the others keep the draw of sequence 0."""
     keep_unobservable: bool = False

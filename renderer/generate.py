@@ -69,7 +69,7 @@ class Summary:
         if self.unobservable:
             lines.append(
                 f"{self.unobservable} sequences are not observable (kept, and marked in "
-                "their meta.json: no draw met the rule)"
+                "their meta.json)"
             )
         return "\n".join(lines)
 

@@ -2,7 +2,7 @@
 
 A sequence is observable if every scored joint moves far enough, shows enough pixels of what it
 moves, unoccluded enough, and moves them by enough pixels, in images of 640 x 480 (other sizes:
-counts scale with the area, motion with the smaller side); and if nothing touches.
+counts scale with the area, motion with the smaller ratio of sides); and if nothing touches.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""All randomness of a sequence, in named streams: motion, camera, lights, materials, textures,
-background, image. Factors do not see each other's draws, so that datasets can differ in one only.
+"""All randomness of a sequence, in named streams: instance, motion, camera, lights, materials,
+textures, background, image. Factors do not see each other's draws, so that datasets can differ in
+one only.
 """
 
 from __future__ import annotations

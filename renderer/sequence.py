@@ -118,7 +118,7 @@ class Meta:
     seed: int
     index: int
     randomization: Mapping[str, Any]
-    """Every drawn value."""
+    """What was drawn (docs/dataset.md)."""
     renderer: Mapping[str, str]
     """GL renderer and version strings."""
     observability: Mapping[str, Any]

@@ -113,7 +113,7 @@ def reference_of(
 
     robot = robot or config.robot
     pairs = (text.partition("=") for text in config.package)
-    packages = {name: Path(folder) for name, _, folder in pairs}
+    packages = {name: Path(folder).expanduser() for name, _, folder in pairs}
     try:
         if objects.is_object(robot):
             folder = objects.folder_of(robot, packages, download=False)

@@ -1,7 +1,8 @@
-"""Checks of `state.npz` and `meta.json`: shapes, kinematics, screws, limits, observability.
+"""Checks of `state.npz` and `meta.json`: shapes, kinematics, screws, limits.
 
-Nothing here calls the code that made the truth: motions are matrix exponentials, and the forward
-kinematics is written a second time, once from the model's arrays and once from the URDF itself.
+Nothing here calls the code that made the truth, but for the times of an animation: motions are
+matrix exponentials, and the forward kinematics is written a second time, once from the model's
+arrays and once from the URDF itself.
 """
 
 from __future__ import annotations
