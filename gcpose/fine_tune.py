@@ -30,11 +30,7 @@ class Tunable(Protocol):
     network: torch.nn.Module
     rate: float
 
-    def start(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> Image | None: ...
-
-    def tensor(
-        self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8], start: Image | None
-    ) -> torch.Tensor: ...
+    def tensor(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> torch.Tensor: ...
 
 
 def tuned(
@@ -49,7 +45,6 @@ def tuned(
     kept = {name: value.clone() for name, value in flow.network.state_dict().items()}
     optimizer = torch.optim.Adam(flow.network.parameters(), flow.rate)
     last = len(images) - 1
-    begin = [flow.start(images[k], images[k + 1]) for k in range(last)]
     colour = torch.from_numpy(images).to(device).permute(0, 3, 1, 2).float()
     inside = torch.from_numpy(moving).to(device)
     out = np.zeros((last, *images.shape[1:3], 2), np.float32)
@@ -58,7 +53,7 @@ def tuned(
         for _ in range(_ROUNDS):
             same, many = 0, 1
             for k in range(last):
-                field = flow.tensor(images[k], images[k + 1], begin[k])
+                field = flow.tensor(images[k], images[k + 1])
                 out[k] = field.detach()[0].permute(1, 2, 0).cpu().numpy()
                 pair = parts(k, out[k])
                 if pair is None:
@@ -76,7 +71,7 @@ def tuned(
                 break
         for k in range(last):
             with torch.no_grad():
-                field = flow.tensor(images[k], images[k + 1], begin[k])
+                field = flow.tensor(images[k], images[k + 1])
             out[k] = field[0].permute(1, 2, 0).cpu().numpy()
     finally:
         flow.network.load_state_dict(kept)

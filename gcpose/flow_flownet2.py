@@ -41,15 +41,10 @@ class FlowNet2Flow:
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """[H W 2] px."""
         with torch.no_grad():
-            out = self.tensor(rgb_a, rgb_b, None)
+            out = self.tensor(rgb_a, rgb_b)
         return out[0].permute(1, 2, 0).cpu().numpy()
 
-    def start(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> None:
-        """It begins with nothing."""
-
-    def tensor(
-        self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8], start: None
-    ) -> torch.Tensor:
+    def tensor(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> torch.Tensor:
         """[1 2 H W] px, with gradients."""
         height, width = rgb_a.shape[:2]
         place = next(self.network.parameters()).device

@@ -38,7 +38,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "12"
+    version = "13"
 
     def __init__(self, flow: Flow | str = "", depth: str = "") -> None:
         """A flow, or the name of one (see flow.py), and of a depth network (see depth.py).

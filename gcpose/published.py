@@ -43,7 +43,7 @@ class FlowOnly:
     name = "gcpose-flow"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    version = "2"
+    version = "3"
 
     def __init__(self, flow: str = "") -> None:
         """The name of a flow (see flow.py); default: OpenCV's DIS.
@@ -102,11 +102,11 @@ class FlowOnly:
 class Epipolar(FlowOnly):
     """The same with a flow network that is tuned to the video by the epipolar constraint.
 
-    Default: the network whose weights come with gcbench. It takes a minute or more a sequence.
+    Default: the network whose weights come with gcbench. It takes two minutes of processor time a sequence.
     """
 
     name = "gcpose-epipolar"
-    version = "3"
+    version = "4"
 
     def __init__(self, flow: str = "") -> None:
         """The name of a flow that is a network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".

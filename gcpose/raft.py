@@ -1,11 +1,9 @@
-"""A small recurrent network that refines optical flow (after RAFT, Teed and Deng 2020).
+"""A small recurrent network for optical flow (after RAFT, Teed and Deng 2020).
 
 Features at a quarter of the resolution; a window of correlations around each cell at two scales
 (20 and 40 px to each side); a gated unit that looks them up where the flow points, and corrects
-it, a few times; a convex upsampling of the whole correction. It starts from another flow, whose
-detail it keeps where it finds nothing wrong, and what it sees of that (the flow, and the image that
-it predicts) tells it where to trust it. Plain surfaces say
-nothing inside: the context is a U-Net, so that outlines are heard of far away from them.
+it, a few times, beginning with none; a convex upsampling. Plain surfaces say nothing inside: the
+context is a U-Net, so that outlines are heard of far away from them.
 """
 
 # torch is an extra: without it there is nothing to check types against.
@@ -16,7 +14,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .tensors import F, Tensor, nn, torch, warped
+from .tensors import F, Tensor, nn, torch
 
 CELL = 4
 """Pixels along a cell of features."""
@@ -41,13 +39,13 @@ class Refined(NamedTuple):
 
 
 class Raft(nn.Module):
-    """About 1.1 million parameters."""
+    """About 1.2 million parameters."""
 
     def __init__(self) -> None:
         super().__init__()
         looked = len(_DILATIONS) * (2 * _LOOK + 1) ** 2
         self.features = Encoder(3, _FEATURES)
-        self.context = Context(9, 5, 2 * _HIDDEN)
+        self.context = Context(9, 3, 2 * _HIDDEN)
         self.seen = nn.Conv2d(looked, 80, 1)
         self.moved = nn.Conv2d(2, 32, 3, padding=1)
         self.both = nn.Conv2d(112, 62, 3, padding=1)
@@ -60,16 +58,16 @@ class Raft(nn.Module):
         self.mask = nn.Sequential(
             nn.Conv2d(_HIDDEN, 64, 3, padding=1), nn.ReLU(), nn.Conv2d(64, 9 * CELL**2, 1)
         )
-        for parameter in self.step.parameters():  # untrained, it returns what it was given
+        for parameter in self.step.parameters():  # untrained, it sees no motion
             nn.init.zeros_(parameter)
 
-    def forward(self, a: Tensor, b: Tensor, start: Tensor, iterations: int = 6) -> Refined:
-        """Flow from images a to b [B 3 H W] in 0..1, beginning with `start` [B 2 H W] px."""
+    def forward(self, a: Tensor, b: Tensor, iterations: int = 6) -> Refined:
+        """Flow from images a to b [B 3 H W] in 0..1."""
         a, b = 2 * a - 1, 2 * b - 1
-        flow = given = F.avg_pool2d(start, CELL) / CELL
-        missed = F.avg_pool2d((warped(b, start) - a).abs(), CELL)
+        changed = F.avg_pool2d((b - a).abs(), CELL)
+        flow = torch.zeros_like(changed[:, :2])
         hidden, context = self.context(
-            torch.cat([a, b, 2 * (b - a)], 1), torch.cat([flow, missed], 1)
+            torch.cat([a, b, 2 * (b - a)], 1), changed
         ).split(_HIDDEN, 1)
         hidden, known = torch.tanh(hidden), self.known(F.relu(context))
         fa, fb = _normalised(self.features(torch.cat([a, b]))).chunk(2)
@@ -89,8 +87,7 @@ class Raft(nn.Module):
             around = _enlarged(F.relu(self.wide(F.avg_pool2d(hidden, 2))), hidden)
             flow = flow + self.step(F.relu(self.near(hidden) + around)).float()
             coarse.append(flow)
-        correction = upsampled(flow - given, self.mask(hidden).float() / 4)
-        return Refined(coarse, start + correction, windows[0])
+        return Refined(coarse, upsampled(flow, self.mask(hidden).float() / 4), windows[0])
 
 
 class Residual(nn.Module):

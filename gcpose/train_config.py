@@ -17,6 +17,8 @@ class TrainConfig:
     out: Path = Path("raft")
     """Folder of the weights (raft.safetensors), the checkpoint and the log (log.jsonl); a run
     that was stopped continues from there."""
+    start_from: Path | None = None
+    """Weights to go on from, with a new cycle of rates; default: drawn at random."""
     held_out: tuple[Path, ...] = ()
     """Datasets on which the errors are measured, against DIS."""
     steps: int = 60_000
@@ -27,7 +29,7 @@ class TrainConfig:
     crop: tuple[int, int] = (176, 144)
     """Width and height of what is learned from at a time, px; multiples of 16."""
     iterations: int = 4
-    """Corrections that the network makes; in use it makes six."""
+    """Corrections that the network makes; in use it makes six, tuned to a video three."""
     models: int = 300
     """Objects to render if no data are given."""
     robots: tuple[str, ...] = ()
@@ -37,7 +39,8 @@ class TrainConfig:
     precision: Literal["bfloat16", "float32"] = "bfloat16"
     """Of the arithmetic while training; weights are float32."""
     workers: int = 0
-    """Processes that prepare samples beside the one that trains; a GPU waits for 8 and more."""
+    """Processes that prepare samples beside the one that trains (a GPU waits for 8 and more), and
+    that render; 0: none, and one for each core."""
     threads: int = 0
     """Of the arithmetic on a CPU; default: all cores."""
     every: int = 1000

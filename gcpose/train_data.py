@@ -43,7 +43,7 @@ def recipe(models: int, seed: int, robots: tuple[str, ...] = ()) -> Iterator[Sho
     """`models` datasets of the stream "train", plain for the most part: random objects, and
     appliances, another one in each sequence. Every other one is of the `robots`, if there are any.
 
-    At half of the benchmark's resolution, where the network works; motions of up to 14 deg a step,
+    At half of the benchmark's resolution (crops are enlarged, too); motions of up to 14 deg a step,
     more than twice the benchmark's.
     """
     for number in range(models):

@@ -30,6 +30,7 @@ from .train_config import TrainConfig
 from .train_data import rendered
 from .train_loss import flow_loss
 from .train_pairs import Pairs
+from .weights_file import read_weights
 
 _WARM_UP = 0.05  # share of the steps in which the rate rises
 _MOST_GRADIENT = 1.0
@@ -52,7 +53,10 @@ def train(config: TrainConfig) -> dict[str, dict[str, FlowErrors]]:
         torch.set_num_threads(config.threads)
         cv2.setNumThreads(config.threads)
     torch.manual_seed(config.seed)
-    network = Raft().to(device)
+    network = Raft()
+    if config.start_from is not None:
+        network.load_state_dict(read_weights(config.start_from, network.state_dict(), "raft"))
+    network.to(device)
     optimizer = torch.optim.AdamW(network.parameters(), config.rate, (0.9, 0.99), weight_decay=1e-4)
     checks = [Check(path) for path in folders(config.held_out)]
     given = folders(config.data)
@@ -81,11 +85,11 @@ def _loop(
     step, mean = at.step, float("nan")
     bar = tqdm(total=config.steps, initial=step, unit="step", dynamic_ncols=True)
     try:
-        for a, b, start, flow, part, weight in _batches(pairs, config, step, device):
+        for a, b, flow, part, weight in _batches(pairs, config, step, device):
             for group in optimizer.param_groups:
                 group["lr"] = config.rate * one_cycle(step / config.steps)
             with torch.autocast(device.type, kind, enabled=kind != torch.float32):
-                out = network.train()(a, b, start, config.iterations)
+                out = network.train()(a, b, config.iterations)
             loss = flow_loss(out, flow, part, weight, step / config.steps)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
@@ -121,7 +125,7 @@ class _Numbered(torch.utils.data.Dataset[tuple[torch.Tensor, ...]]):
     def __getitem__(self, number: int) -> tuple[torch.Tensor, ...]:
         cv2.setNumThreads(1)
         s = self.pairs.sample(number)
-        return tuple(torch.from_numpy(x) for x in (s.a, s.b, s.start, s.flow, s.part, s.weight))
+        return tuple(torch.from_numpy(x) for x in (s.a, s.b, s.flow, s.part, s.weight))
 
 
 def _batches(

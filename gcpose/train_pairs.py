@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from .. import GcbenchError
 from ..renderer.dataset import Dataset, open_dataset
 from ..renderer.sequence import OCCLUDED, OUT_OF_IMAGE, Sequence
-from .flow import dis_flow, fine_dis_flow
 
 STILL = 0.05  # px; parts that move less count as background
-_STARTS = ((fine_dis_flow, 0.25), (dis_flow, 0.1))  # the rest begins with no motion
 _MOVING = 0.8  # weight of all moving parts together
 _HIDDEN = 0.2  # weight of a pixel that the other image does not show
 MOST_PARTS = 64
@@ -57,8 +55,6 @@ class Sample:
     """[3 h w] 0..1"""
     b: NDArray[np.float32]
     """[3 h w]"""
-    start: NDArray[np.float32]
-    """[2 h w] px, the flow to refine"""
     flow: NDArray[np.float32]
     """[2 h w] px, the truth"""
     part: NDArray[np.int64]
@@ -120,15 +116,10 @@ def drawn(pair: Pair, crop: tuple[int, int], rng: np.random.Generator) -> Sample
     """A crop about something that moves: scaled, mirrored, its colours changed."""
     pair = _mirrored(_cropped(pair, crop, rng), rng)
     a, b = _colored(pair.a, pair.b, rng)
-    chance, start = rng.random(), np.zeros_like(pair.flow)
-    for estimate, share in _STARTS:
-        if 0 <= chance < share:
-            start = estimate(a, b)
-        chance -= share
     part, weight = weighted(pair)
     first, second = (_channels(np.multiply(x, 1 / 255, dtype=np.float32)) for x in (a, b))
     flow = np.nan_to_num(pair.flow)
-    return Sample(first, second, _channels(start), _channels(flow), part, weight)
+    return Sample(first, second, _channels(flow), part, weight)
 
 
 def _channels(image: NDArray[np.float32]) -> NDArray[np.float32]:

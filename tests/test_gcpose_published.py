@@ -170,10 +170,7 @@ def test_tuning_lowers_both_losses_and_leaves_the_network() -> None:
         def __init__(self) -> None:
             self.network = torch.nn.ParameterList([torch.zeros(1, 2, 20, 20)])
 
-        def start(self, a: np.ndarray, b: np.ndarray) -> None:
-            return None
-
-        def tensor(self, a: np.ndarray, b: np.ndarray, start: None) -> object:
+        def tensor(self, a: np.ndarray, b: np.ndarray) -> object:
             return self.network[0] + 0.0
 
     found, flow, _, part = matched(3, noise=0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -239,6 +240,21 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
         train(config(folder, tmp_path / "parts", 4))
 
 
+def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> None:
+    from gcbench.gcpose.flow_raft import SHIPPED
+    from gcbench.gcpose.train_flow import train
+    from gcbench.gcpose.weights_file import read_tensors
+
+    begun = replace(config(to_learn_from(tmp_path / "d"), tmp_path / "out", 1), start_from=SHIPPED)
+    train(begun)
+    before, after = read_tensors(SHIPPED), read_tensors(tmp_path / "out/raft.safetensors")
+    moved = [float((after[key] - before[key].float()).abs().max()) for key in before]
+    assert 0 < max(moved) < 1e-3  # one step at the rate of a beginning
+    train(begun)  # a run that is done stays as it is
+    with pytest.raises(GcbenchError, match=r"none\.safetensors: there is no such file"):
+        train(replace(begun, start_from=tmp_path / "none.safetensors"))
+
+
 def test_what_suites_score_on_is_not_learned_from(torch, tmp_path: Path) -> None:
     from gcbench.gcpose.train_flow import train
 
@@ -270,11 +286,11 @@ def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
 
     torch.manual_seed(0)
     network, sample = Raft(), drawn(shifted(), (64, 48), np.random.default_rng(4))
-    a, b, _, flow, part, weight = (torch.from_numpy(x)[None] for x in vars(sample).values())
+    a, b, flow, part, weight = (torch.from_numpy(x)[None] for x in vars(sample).values())
     optimizer = torch.optim.AdamW(network.parameters(), 2e-3)
     losses: list[float] = []
     for _ in range(25):
-        loss = flow_loss(network(a, b, torch.zeros_like(flow), 2), flow, part, weight, 0.0)
+        loss = flow_loss(network(a, b, 2), flow, part, weight, 0.0)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
