@@ -31,7 +31,8 @@ def make_dataset(folder: Path, n: int = 3, unobservable: tuple[int, ...] = ()) -
 
 
 def save(base: Sequence, folder: Path, index: int, faster: float, observable: bool) -> None:
-    """The sequence with joint positions that move `faster` times (images as they are)."""
+    """The sequence with joint positions that move `faster` times (images as they are,
+    but for the first pixel, which is `index`)."""
     q = base.state.joint_positions
     state = dataclasses.replace(base.state, joint_positions=q[:1] + faster * (q - q[:1]))
     seen = {**base.meta.observability, "observable": observable}
@@ -40,7 +41,9 @@ def save(base: Sequence, folder: Path, index: int, faster: float, observable: bo
     )
     with SequenceWriter(folder, index, meta.depth_unit) as writer:
         for frame in dataclasses.replace(base, meta=meta, state=state):
-            writer.add(frame)
+            rgb = frame.rgb.copy()
+            rgb[0, 0] = index
+            writer.add(dataclasses.replace(frame, rgb=rgb))
         writer.finish(meta, state)
 
 

@@ -264,8 +264,9 @@ def test_the_root_is_never_the_home_or_the_file_system(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HOME", str(tmp_path / "u"))
-    for place in ("u/m.urdf", "u/d/m.urdf", "u/d/e/m.urdf"):
-        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
-        root = references.asset_finder(tmp_path / place).root
-        assert root not in (tmp_path / "u", tmp_path) or place == "u/m.urdf"
+    (tmp_path / "u/d/e").mkdir(parents=True)
+    for package in ("u/d/e/package.xml", "u/package.xml"):
+        for place, root in (("u/m.urdf", "u"), ("u/d/m.urdf", "u/d"), ("u/d/e/m.urdf", "u/d")):
+            assert references.asset_finder(tmp_path / place).root == tmp_path / root, package
+        (tmp_path / package).touch()
     assert references.asset_finder(Path("/m.urdf")).root == Path("/")  # its own folder, no other

@@ -9,6 +9,7 @@ import gcbench.renderer.verify_state as verify_state
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.__main__ import main
 from gcbench.renderer.config import RenderConfig
 from gcbench.renderer.provenance import describe, write_provenance
 from gcbench.renderer.residual import check, merge, share
@@ -315,7 +316,7 @@ def test_leftovers_only_warn(dataset):
     assert report.ok and any(".000002.17.tmp" in w for w in report.warnings)
 
 
-def test_dataset_failures_are_named(dataset, right):
+def test_dataset_failures_are_named(dataset, right, capsys):
     folder = dataset / "sequences"
     write(dataset, images(right, flow=lambda f: f * np.float32(1.01)), 3)
     write(dataset, right, 4, seed=4)
@@ -326,6 +327,8 @@ def test_dataset_failures_are_named(dataset, right):
     assert set(where) >= {"readable", "no sequence missing", "flow forward", "seed and index"}
     assert where["readable"].startswith("000001") and where["flow forward"].startswith("000003")
     assert "000002" in where["no sequence missing"] and where["seed and index"].startswith("000004")
+    assert main(["verify", str(dataset), "--workers", "1"]) == 1
+    assert "FAIL" in capsys.readouterr().out
 
 
 def test_several_processes_find_the_same(dataset, right):
