@@ -382,8 +382,8 @@ def _fetch(args: Sequence[str]) -> int:
 
     if not options.names and not options.all:
         raise GcbenchError("name the robots to fetch, or give --all")
-    if made := [name for name in options.names if objects.is_object(name)]:
-        raise GcbenchError(f"{made[0]}: an object has nothing to fetch; name robots")
+    for name in filter(objects.is_object, options.names):
+        raise GcbenchError(f"{name}: an object has nothing to fetch; name robots")
     entries = catalog.CATALOG if options.all else [catalog.find(name) for name in options.names]
     for entry in entries:
         made = isinstance(entry, catalog.Generated)
