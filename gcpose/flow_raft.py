@@ -18,8 +18,8 @@ from .weights_file import read_weights
 
 SHIPPED = Path(__file__).parent / "weights" / "raft.safetensors"
 _SIDE = 320
-"""Pixels of the smaller side; larger images are reduced to this. It was trained at 240 and a little
-more, but there it sees less exactly."""
+"""Pixels of the smaller side; larger images are reduced to this. Of what it was trained at, 0.75 to
+1.6 times 240, here it errs least."""
 
 
 def raft_flow(weights: Path = SHIPPED, device: str = "auto", iterations: int = 6) -> RaftFlow:

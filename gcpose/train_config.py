@@ -18,7 +18,8 @@ class TrainConfig:
     """Folder of the weights (raft.safetensors), the checkpoint and the log (log.jsonl); a run
     that was stopped continues from there."""
     start_from: Path | None = None
-    """Weights to go on from, with a new cycle of rates; default: drawn at random."""
+    """Weights to begin a run with (one that is in OUT goes on from its own); default: drawn at
+    random."""
     held_out: tuple[Path, ...] = ()
     """Datasets on which the errors are measured, against DIS."""
     steps: int = 60_000
