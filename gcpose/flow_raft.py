@@ -22,14 +22,18 @@ _SIDE = 320
 1.6 times 240, here it errs least."""
 
 
-def raft_flow(weights: Path = SHIPPED, device: str = "auto", iterations: int = 6) -> RaftFlow:
+def raft_flow(
+    weights: Path = SHIPPED, device: str = "auto", iterations: int = 6, side: int = _SIDE
+) -> RaftFlow:
     """The flow with the weights of a file; default: those that come with gcbench.
+
+    Images are reduced to `side` px, the smaller of their sides.
 
     Raises GcbenchError if there is no such file or it is of another network.
     """
     network = Raft()
     network.load_state_dict(read_weights(weights, network.state_dict(), "raft"))
-    return RaftFlow(network.to(device_named(device)), iterations)
+    return RaftFlow(network.to(device_named(device)), iterations, side)
 
 
 class RaftFlow:
@@ -38,14 +42,16 @@ class RaftFlow:
     rate = 1e-4
     """At which it is tuned to a video."""
 
-    def __init__(self, network: Raft, iterations: int = 6, factor: float = 0) -> None:
-        """`factor`: how much smaller it sees images; default: as suits their size."""
+    def __init__(
+        self, network: Raft, iterations: int = 6, side: int = _SIDE, factor: float = 0
+    ) -> None:
+        """`factor`: how much smaller it sees images; default: so much that `side` px are left."""
         self.network = network.eval()
-        self.iterations, self.factor = iterations, factor
+        self.iterations, self.side, self.factor = iterations, side, factor
 
     def for_cuts_of(self, height: int, width: int) -> RaftFlow:
         """The same for cuts of images of that size, which it sees as small as whole ones."""
-        return RaftFlow(self.network, self.iterations, reduction(height, width))
+        return RaftFlow(self.network, self.iterations, self.side, self.reduction(height, width))
 
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """[H W 2] px."""
@@ -56,7 +62,7 @@ class RaftFlow:
     def tensor(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> torch.Tensor:
         """[1 2 H W] px, with gradients."""
         height, width = rgb_a.shape[:2]
-        factor = self.factor or reduction(height, width)
+        factor = self.factor or self.reduction(height, width)
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
         device = next(self.network.parameters()).device
         a, b = (
@@ -69,7 +75,6 @@ class RaftFlow:
         by = torch.tensor([width / small[0], height / small[1]], device=device)
         return full * by[:, None, None]
 
-
-def reduction(height: int, width: int) -> float:
-    """How much smaller the network sees images of that size."""
-    return max(1.0, min(height, width) / _SIDE)
+    def reduction(self, height: int, width: int) -> float:
+        """How much smaller the network sees images of that size."""
+        return max(1.0, min(height, width) / self.side)
