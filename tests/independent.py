@@ -257,3 +257,53 @@ def _flow_error(video, kind, t, other, poses, k, points, part, u, v, use):
     there = (moved @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]) @ k.T
     expected = there[:, :2] / there[:, 2:] - np.stack([u, v], axis=1)[use]
     return np.linalg.norm(flow[v[use], u[use]] - expected, axis=1)
+
+
+def visibility(path: Path, robot: Robot) -> dict[str, tuple[float, int, float, float]]:
+    """By scored joint: displacement, and of what it carries the fewest pixels and the smallest
+    share of those it would show alone in a frame, and how far its own step moves them, px."""
+    video, out = Video(path), {}
+    s, names, joints = video.state, video.meta["part_names"], video.meta["joint_names"]
+    size = video.meta["height"], video.meta["width"]
+    v, u = np.divmod(np.arange(size[0] * size[1]), size[1])
+    root = names.index(robot.urdf.base_link)
+    for joint in video.meta["scored_joints"]:
+        carried = _carried(robot.urdf, robot.urdf.joint_map[joint].child)
+        number = [i + 1 for i, name in enumerate(names) if name in carried]
+        q = s["joint_positions"][:, joints.index(joint)]
+        pixels, share, motion = [], [], []
+        for t, view in enumerate(s["cam_from_world"]):
+            standing = s["world_from_part"][t][root]
+
+            def posed(values, standing=standing):
+                links = robot.poses(joints, values)
+                return np.stack([standing @ links[n] for n in names])
+
+            here = posed(s["joint_positions"][t])
+            z, part = _cast(*_intersector(robot, names, here), s["intrinsics"], view, u, v)
+            alone = Robot(robot.urdf, {n: m for n, m in robot.meshes.items() if n in carried})
+            _, bare = _cast(*_intersector(alone, names, here), s["intrinsics"], view, u, v)
+            mine = np.isin(part, number)
+            pixels.append(int(mine.sum()))
+            share.append(mine.sum() / max(1, (bare > 0).sum()))
+            if t + 1 == len(q):
+                break
+            values = s["joint_positions"][t].copy()
+            values[joints.index(joint)] = q[t + 1]
+            move = (posed(values) @ np.linalg.inv(here))[part[mine] - 1]
+            points = _unproject(s["intrinsics"], view, u[mine], v[mine], z[mine])
+            moved = np.einsum("nij,nj->ni", move[:, :3, :3], points) + move[:, :3, 3]
+            there = (moved @ view[:3, :3].T + view[:3, 3]) @ s["intrinsics"].T
+            away = there[:, :2] / there[:, 2:] - np.stack([u, v], axis=1)[mine]
+            motion.append(np.median(np.linalg.norm(away, axis=1)) if mine.any() else 0.0)
+        out[joint] = q[-1] - q[0], min(pixels), min(share), float(np.mean(motion))
+    return out
+
+
+def _carried(urdf, link):
+    """The names of a link and all that hang on it."""
+    out = {link}
+    for joint in urdf.robot.joints:
+        if joint.parent == link:
+            out |= _carried(urdf, joint.child)
+    return out
