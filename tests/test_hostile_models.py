@@ -8,12 +8,15 @@ import os
 import zipfile
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from gcbench.robots import mesh, references
-from gcbench.robots.model import ModelError
+from gcbench.robots.model import ArticulatedModel, ModelError
 from gcbench.robots.urdf import load_urdf
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+OBJ_UV = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 BOMB = ('<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;">]>')
 COLLADA = ('<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset/>'
            "{}</COLLADA>")
@@ -177,16 +180,24 @@ def test_pipes_are_not_opened(tmp_path: Path) -> None:
     refuse(tmp_path / "m.urdf", "missing", with_mesh("a.obj"))
 
 
-@pytest.mark.parametrize("reference", ["/etc/x.png", "../../../../../x.png", "C:\\x\\x.png",
-                                       "http://example.org/x.png", "x.txt", "x.png"])
+@pytest.mark.parametrize("reference", ["{outside}/x.png", "../x.png", "C:\\x\\x.png",
+                                       "http://example.org/x.png", "x.txt", "lost.x.png"])
 def test_textures_of_materials_cannot_reach_out(tmp_path: Path, reference: str) -> None:
-    (tmp_path / "x.txt").write_text("secret")
-    (tmp_path / "in").mkdir()
-    (tmp_path / "in/m.mtl").write_text(f"newmtl a\nKd 1 0 0\nmap_Kd {reference}\n")
-    (tmp_path / "in/a.obj").write_text("mtllib m.mtl\nusemtl a\n" + OBJ)
-    path = tmp_path / "in/m.urdf"
-    path.write_text(with_mesh("a.obj"))
-    m = load_urdf(path, asset_root=tmp_path / "in")
+    """A picture lies outside, a text inside; a picture inside is shown."""
+    inside = tmp_path / "in"
+    inside.mkdir()
+    (inside / "x.txt").write_text("secret")
+    for path in (tmp_path / "x.png", inside / "inside.png"):
+        cv2.imwrite(str(path), np.full((4, 4, 3), 200, np.uint8))
+
+    def loaded(image: str) -> ArticulatedModel:
+        (inside / "m.mtl").write_text(f"newmtl a\nKd 1 0 0\nmap_Kd {image}\n")
+        (inside / "a.obj").write_text("mtllib m.mtl\nusemtl a\n" + OBJ_UV)
+        (inside / "m.urdf").write_text(with_mesh("a.obj"))
+        return load_urdf(inside / "m.urdf", asset_root=inside)
+
+    assert loaded("inside.png").visuals[0].material.texture is not None
+    m = loaded(reference.format(outside=tmp_path))
     assert m.visuals[0].material.texture is None
     assert any("x.png" in n or "x.txt" in n for n in m.notes)
     assert str(tmp_path) not in " ".join(m.notes)  # notes are stored in datasets

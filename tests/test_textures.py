@@ -58,6 +58,14 @@ def test_tileable_noise_is_as_smooth_across_the_seam_as_elsewhere() -> None:
             assert np.take(steps, -1, axis).mean() < 1.5 * steps.mean()
 
 
+def test_tileable_checkers_alternate_across_the_seam() -> None:
+    for seed in range(8):
+        value = draw_texture("checker", (256, 256), np.random.default_rng(seed), True).max(axis=2)
+        light = value > np.median(value)
+        assert np.mean(light[:, -1] != light[:, 0]) > 0.75
+        assert np.mean(light[-1] != light[0]) > 0.75
+
+
 @pytest.mark.parametrize("tileable", [False, True])
 def test_there_is_a_gradient_everywhere(kind: str, tileable: bool) -> None:
     for seed in range(8):
