@@ -20,7 +20,8 @@ from ..robots.fetch import cache_folder
 
 PACKAGES = ("numpy", "opencv-python-headless", "scikit-robot-pyrender", "PyOpenGL", "trimesh",
             "yourdfpy", "python-fcl", "pygltflib")
-EXTRAS = {"torch": "learn", "safetensors": "learn", "sapien": "sapien", "playwright": "test"}
+EXTRAS = {"torch": "learn", "safetensors": "learn", "sapien": "sapien", "pycocotools": "export",
+          "rerun-sdk": "export", "playwright": "test"}
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import COMMANDS, main
 from gcbench.renderer.config import FACTORS, STUDIO, RenderConfig
+from gcbench.renderer.doctor import EXTRAS, PACKAGES
 from gcbench.renderer.sequence import Sequence
 from gcbench.robots import catalog
 from gcbench.robots.appliances import GENERATED
@@ -370,6 +371,8 @@ def test_doctor_is_content_with_this_machine(capsys: Lines) -> None:
     said = capsys.readouterr().out
     assert re.search(r"^  ok +drew and checked a frame in .*OpenGL", said, re.MULTILINE)
     assert "ur5" in said
+    for name in (*PACKAGES, *EXTRAS):
+        assert re.search(rf"^  (ok|none)  +{name}[ :]", said, re.MULTILINE), name
 
 
 def test_doctor_fails_where_nothing_renders(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:

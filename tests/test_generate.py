@@ -149,9 +149,12 @@ def test_an_unpacked_sequence_counts_as_there(tmp_path: Path) -> None:
 def test_workers_are_replaced(
     tmp_path: Path, expected: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    started, start_one = list[object](), crew._start
+    monkeypatch.setattr(crew, "_start", lambda task: started.append(task) or start_one(task))
     monkeypatch.setattr(crew, "LIFETIME", 3)
     run(tmp_path, workers=2)
     assert content(tmp_path) == expected
+    assert len(started) >= N / 3
 
 
 @pytest.mark.parametrize("only_parent", [False, True])
