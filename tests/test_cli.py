@@ -238,7 +238,8 @@ def test_defaults(asked: Asked) -> None:
 def test_options_reach_the_config(asked: Asked) -> None:
     options = """--robot iiwa14 --n 3 --seed 0 --workers 2 --out x --vary lights motion
         --camera.fov 30 31 --lights.shadows --scored-joints joint_a2 --background.room 1
-        --background.kinds plain wood --keep-unobservable"""
+        --background.kinds plain wood --keep-unobservable --package a=b c=d --animation swing
+        --layers normal keypoints --track-points 7 --samples 9"""
     assert main(["render", *options.split()]) == 0
     ((config, n, out, workers),) = asked
     assert (config.robot, n, out, workers) == ("iiwa14", 3, Path("x"), 2)
@@ -248,6 +249,8 @@ def test_options_reach_the_config(asked: Asked) -> None:
     assert config.randomization.background.kinds == ("plain", "wood")
     assert config.scored_joints == ("joint_a2",)
     assert config.keep_unobservable
+    assert (config.package, config.animation) == (("a=b", "c=d"), "swing")
+    assert (config.layers, config.track_points, config.samples) == (("normal", "keypoints"), 7, 9)
 
 
 TOML = """
@@ -477,8 +480,10 @@ def test_show_writes_what_is_asked_for(
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     args = ["show", "out", "--index", "1", "--out", "a.html", "--contact-sheet", "a.png"]
-    assert main([*args, "--open"]) == 0
-    assert capsys.readouterr().out.split() == ["a.html", "a.png"]
+    assert main([*args, "--gif", "a.gif", "--mp4", "a.mp4", "--open"]) == 0
+    assert capsys.readouterr().out.split() == ["a.html", "a.png", "a.gif", "a.mp4"]
+    assert Path("a.gif").read_bytes()[:3] == b"GIF"
+    assert Path("a.mp4").read_bytes()[4:8] == b"ftyp"
     assert opened == [(tmp_path / "a.html").as_uri()]
     assert main(["show", "out"]) == 0
     assert capsys.readouterr().out.split() == ["ur5_7_000000.html"]

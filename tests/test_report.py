@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.__main__ import main
 from gcbench.benchmark import paper
 from gcbench.benchmark.board import compare, labels_of, ranks, read_board, sequence_errors
 from gcbench.benchmark.formats import CSV_COLUMNS, csv_cell, latex, leaderboard_csv, markdown
@@ -52,6 +53,20 @@ def test_a_report_is_four_files(results: Path, tmp_path: Path) -> None:
     assert [p.name for p in written] == list(FILES)
     assert all(p.read_bytes() for p in written)
     assert sorted(p.name for p in (tmp_path / "deep" / "report").iterdir()) == sorted(FILES)
+
+
+def test_the_command_names_its_files_and_opens_the_page(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened = list[str]()
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    out = tmp_path / "out"
+    assert main(["report", str(results), "--out", str(out), "--no-pictures", "--open"]) == 0
+    assert capsys.readouterr().out.split() == [str(out / name) for name in FILES]
+    assert opened == [(out / "index.html").as_uri()]
+    assert main(["report", str(tmp_path / "lost")]) == 2
+    assert "lost" in capsys.readouterr().err
 
 
 def test_the_same_results_give_the_same_bytes(results: Path, tmp_path: Path) -> None:

@@ -255,6 +255,21 @@ def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> No
         train(replace(begun, start_from=tmp_path / "none.safetensors"))
 
 
+def test_the_command_measures_weights_without_a_step(
+    torch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from gcbench.gcpose.flow_raft import SHIPPED
+
+    held, out = to_learn_from(tmp_path / "held"), tmp_path / "out"
+    args = f"train flow --steps 0 --start-from {SHIPPED} --held-out {held} --out {out} --workers 1"
+    assert main(args.split()) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith(str(held)) and said[-1] == str(out)
+    rows = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in said[2:-1]}
+    assert set(rows) == {"dis", "dis-fine", "raft"}
+    assert all(len(row) == 4 and min(row) > 0 for row in rows.values())
+
+
 def test_what_suites_score_on_is_not_learned_from(torch, tmp_path: Path) -> None:
     from gcbench.gcpose.train_flow import train
 
