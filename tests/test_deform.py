@@ -215,10 +215,11 @@ def test_an_animation_moves_the_model_and_nothing_is_scored(
         for name, value in vars(a).items():
             np.testing.assert_array_equal(value, getattr(b, name))
     assert verify_sequence(first, bar).ok
-    late = replace(first.meta, randomization={
-        **first.meta.randomization, "animation": {**drawn, "start": drawn["start"] + 0.01}})
-    assert "poses from the animation: rotation" in verify_sequence(
-        replace(first, meta=late), bar).failures
+    for wrong, name in (({"start": drawn["start"] + 0.01}, "poses from the animation: rotation"),
+                        ({"name": "sway"}, "animation known to the model")):
+        said = {**first.meta.randomization, "animation": {**drawn, **wrong}}
+        other = replace(first, meta=replace(first.meta, randomization=said))
+        assert name in verify_sequence(other, bar).failures
 
 
 @pytest.mark.gl

@@ -304,6 +304,10 @@ CORRUPTIONS = {
     "none visible": (state(track_visible=np.zeros_like), "track: visible"),
     "query frame": (state(track_query=lambda q: (q + 1) % 4), "track: begins at a pixel"),
     "query beyond": (state(track_query=lambda q: q + 4), "track: query frames"),
+    "track of no part": (state(track_part=put((5,), 99)), "track: part numbers"),
+    "track unknown": (state(track_image=put((1, 5, 0), np.nan)), "track: known where it should be"),
+    "track under the surface": (images("depth", lambda d: d - np.float32(2e-3)),
+                                "track: begins on the surface"),
 }
 
 
@@ -345,6 +349,7 @@ ON_THE_BAR = {
     "keypoint visibility": (state(keypoint_visible=np.logical_not), "keypoint: visible"),
     "keypoint unknown": (state(keypoint_image=put((2, 0, 1), np.nan)),
                          "keypoint: known where it should be"),
+    "keypoint of no part": (state(keypoint_part=put((0,), -9)), "keypoint: part numbers"),
     "keypoint names": (
         lambda s: replace(s, meta=replace(s.meta, keypoint_names=("tip", "foot"))),
         "keypoints of the model"),

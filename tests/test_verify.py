@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import zipfile
 from dataclasses import replace
 
@@ -15,6 +17,8 @@ from gcbench.renderer.provenance import describe, write_provenance
 from gcbench.renderer.residual import check, merge, share
 from gcbench.renderer.storage import SequenceWriter
 from gcbench.renderer.verify import Report, verify_dataset, verify_sequence
+from gcbench.robots.geometry import transform
+from scipy.spatial.transform import Rotation
 
 from . import analytic
 
@@ -113,6 +117,7 @@ CORRUPTIONS = {
     "depth off in one frame": (
         lambda s: images(s, 1, depth=lambda d: d + np.float32(2e-3)), "depth where the flow leads"),
     "depth unit wrong": (lambda s: meta(s, depth_unit=1e-5), "depth in range"),
+    "depth unit of no length": (lambda s: meta(s, depth_unit=0.0), "depth unit"),
     "depth infinite": (lambda s: images(s, depth=put(3, 4, value=np.inf)), "depth in range"),
     "a hole in the room": (one_hole, "surface where there is a part or room"),
     "a room in one frame only": (
@@ -272,6 +277,59 @@ def test_poses_come_from_the_urdf_itself(tmp_path):
         np.testing.assert_allclose(poses["e"][t, :3, 0], along, atol=1e-12)
 
 
+def urdf_of(model):
+    """The same chain as text; axes that pass beside a part turn a link of their own."""
+    text = "".join(f'<link name="{n}"/><link name="{n}_axis"/>' for n in model.part_names)
+    for c in range(1, len(model.parent)):
+        name, parent = model.part_names[c], model.part_names[model.parent[c]]
+        origin, (axis, moment) = model.parent_from_part_at_zero[c], np.split(model.screw[c], 2)
+        foot = np.cross(axis, moment)
+        to_axis = origin_of(origin @ transform(np.eye(3), foot))
+        back = origin_of(transform(np.eye(3), -foot))
+        joint, kind = model.joint_names[model.joint[c]], "revolute"
+        mimic = f'<mimic joint="{joint}" multiplier="{model.gear[c]}" offset="{model.offset[c]}"/>'
+        if c in model.joint_child:
+            mimic, kind = "", model.joint_types[model.joint[c]]
+        else:
+            joint = name
+        text += (
+            f'<joint name="{joint}" type="{kind}"><parent link="{parent}"/><child '
+            f'link="{name}_axis"/>{to_axis}<axis xyz="{words(axis)}"/>{mimic}'
+            '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+            f'<joint name="{name}_fixed" type="fixed"><parent link="{name}_axis"/><child '
+            f'link="{name}"/>{back}</joint>')
+    return f'<robot name="arm">{text}</robot>'
+
+
+def origin_of(pose):
+    rpy = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
+    return f'<origin xyz="{words(pose[:3, 3])}" rpy="{words(rpy)}"/>'
+
+
+def words(numbers):
+    return " ".join(map(str, numbers))
+
+
+def test_poses_of_another_urdf_or_model_are_not_these(right, tmp_path):
+    def found(model):
+        urdf = tmp_path / "arm.urdf"
+        urdf.write_text(urdf_of(model))
+        return verify_sequence(right, urdf=urdf).failures
+
+    def changed(change):
+        return replace(MODEL, parent_from_part_at_zero=change(
+            MODEL.parent_from_part_at_zero.copy()))
+
+    other = replace(MODEL, part_names=("base", "turret", "upper", "post", "claw"))
+    turned = Rotation.from_rotvec([0, 0, 1e-3]).as_matrix()
+    assert not found(MODEL)
+    assert "poses from the URDF: position" in found(changed(put(3, 0, 3, value=1e-4)))
+    assert "poses from the URDF: rotation" in found(
+        changed(lambda x: np.stack([*x[:4], x[4] @ transform(turned, np.zeros(3))])))
+    assert "parts known to the URDF" in found(other)
+    assert "parts known to the model" in verify_sequence(right, other).failures
+
+
 @pytest.fixture
 def dataset(right, tmp_path):
     """Two sequences on disk."""
@@ -329,6 +387,19 @@ def test_dataset_failures_are_named(dataset, right, capsys):
     assert "000002" in where["no sequence missing"] and where["seed and index"].startswith("000004")
     assert main(["verify", str(dataset), "--workers", "1"]) == 1
     assert "FAIL" in capsys.readouterr().out
+
+
+def test_sequences_are_counted(dataset):
+    said = json.loads((dataset / "dataset.json").read_text())
+    said["counts"] = {"sequences": 3}
+    (dataset / "dataset.json").write_text(json.dumps(said))
+    assert set(verify_dataset(dataset, progress=False).failures) == {"sequences counted"}
+    with zipfile.ZipFile(dataset / "sequences/000001.zip") as archive:
+        archive.extractall(dataset / "sequences/000001")
+    assert "no sequence twice" in verify_dataset(dataset, progress=False).failures
+    shutil.rmtree(dataset / "sequences")
+    (dataset / "sequences").mkdir()
+    assert "sequences present" in verify_dataset(dataset, progress=False).failures
 
 
 def test_several_processes_find_the_same(dataset, right):
