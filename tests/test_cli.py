@@ -8,6 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +56,23 @@ def test_help_names_every_command(args: list[str], capsys: Lines) -> None:
     assert "examples:\n  gcbench " in said
 
 
+@pytest.fixture
+def parses(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], bool]:
+    """Whether a line's options are understood; nothing is done."""
+
+    def parse(*args: Any) -> None:
+        understood(*args)
+        raise KeyboardInterrupt
+
+    understood = command_line._parse
+    monkeypatch.setattr(command_line, "_parse", parse)
+    return lambda line: main(shlex.split(line, comments=True)[1:]) == 130
+
+
 @pytest.mark.parametrize("command", [*COMMANDS, "robots fetch"])
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 def test_a_command_s_help_has_examples_that_parse(
-    command: str, flag: str, capsys: Lines, monkeypatch: pytest.MonkeyPatch
+    command: str, flag: str, capsys: Lines, request: pytest.FixtureRequest
 ) -> None:
     with pytest.raises(SystemExit) as stop:
         main([*command.split(), flag])
@@ -66,17 +80,25 @@ def test_a_command_s_help_has_examples_that_parse(
     said, errors = capsys.readouterr()
     assert not errors
     assert f"usage: gcbench {command}" in said
-    examples = re.findall(rf"^  gcbench ({command}(?! fetch).*)", said, re.MULTILINE)
+    examples = re.findall(rf"^  (gcbench {command}(?! fetch).*)", said, re.MULTILINE)
     assert examples
-
-    def parse(*args: Any) -> None:
-        understood(*args)
-        raise KeyboardInterrupt  # before anything is done
-
-    understood = command_line._parse
-    monkeypatch.setattr(command_line, "_parse", parse)
+    parses = request.getfixturevalue("parses")
     for example in examples:
-        assert main(shlex.split(example, comments=True)) == 130, capsys.readouterr().err
+        assert parses(example), capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/export.md"])
+def test_the_commands_of_the_docs_parse(
+    page: str, parses: Callable[[str], bool], capsys: Lines, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    text = (Path(__file__).parents[1] / page).read_text()
+    examples = re.findall(rf"^gcbench (?:{'|'.join(COMMANDS)}) .*", text, re.MULTILINE)
+    assert len(examples) > 2
+    (tmp_path / "lab.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    for example in examples:
+        assert parses(example), (example, capsys.readouterr().err)
 
 
 def test_help_answers_at_once() -> None:
