@@ -15,7 +15,7 @@ pytest.importorskip("embreex", reason="the second opinion casts rays with Embree
 
 from . import independent  # needs embreex
 
-pytestmark = [pytest.mark.slow, pytest.mark.gl]
+pytestmark = pytest.mark.gl
 
 # Boxes, a cylinder and a sphere, an STL in millimetres (scaled in the URDF), a COLLADA file in
 # centimetres with its y up; a revolute, a continuous, a prismatic and a mimicking joint.
