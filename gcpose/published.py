@@ -102,8 +102,8 @@ class FlowOnly:
 class Epipolar(FlowOnly):
     """The same with a flow network that is tuned to the video by the epipolar constraint.
 
-    Default: the network whose weights come with gcbench. It takes about a
-    minute of a core for a sequence.
+    Default: the network whose weights come with gcbench. It takes a little over
+    a minute of a core for a sequence.
     """
 
     name = "gcpose-epipolar"

@@ -252,11 +252,16 @@ def _flow_error(video, kind, t, other, poses, k, points, part, u, v, use):
     flow, valid = video.flow(kind, t)
     use = use & valid[v, u]
     move = (poses[other] @ np.linalg.inv(poses[t]))[part[use] - 1]
-    moved = np.einsum("nij,nj->ni", move[:, :3, :3], points[use]) + move[:, :3, 3]
-    cam_from_world = video.state["cam_from_world"][other]
-    there = (moved @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]) @ k.T
-    expected = there[:, :2] / there[:, 2:] - np.stack([u, v], axis=1)[use]
+    view = video.state["cam_from_world"][other]
+    expected = _displaced(k, view, move, points[use], u[use], v[use])
     return np.linalg.norm(flow[v[use], u[use]] - expected, axis=1)
+
+
+def _displaced(k, cam_from_world, move, points, u, v):
+    """[N 2] px from pixels (u, v) to where their points [N 3] are after the motions [N 4 4]."""
+    moved = np.einsum("nij,nj->ni", move[:, :3, :3], points) + move[:, :3, 3]
+    there = (moved @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]) @ k.T
+    return there[:, :2] / there[:, 2:] - np.stack([u, v], axis=1)
 
 
 def visibility(path: Path, robot: Robot) -> dict[str, tuple[float, int, float, float]]:
@@ -270,34 +275,33 @@ def visibility(path: Path, robot: Robot) -> dict[str, tuple[float, int, float, f
     for joint in video.meta["scored_joints"]:
         carried = _carried(robot.urdf, robot.urdf.joint_map[joint].child)
         number = [i + 1 for i, name in enumerate(names) if name in carried]
+        alone = Robot(robot.urdf, {n: m for n, m in robot.meshes.items() if n in carried})
         q = s["joint_positions"][:, joints.index(joint)]
         pixels, share, motion = [], [], []
         for t, view in enumerate(s["cam_from_world"]):
-            standing = s["world_from_part"][t][root]
-
-            def posed(values, standing=standing):
-                links = robot.poses(joints, values)
-                return np.stack([standing @ links[n] for n in names])
-
-            here = posed(s["joint_positions"][t])
+            standing, values = s["world_from_part"][t][root], s["joint_positions"][t].copy()
+            here = _posed(robot, names, joints, values, standing)
             z, part = _cast(*_intersector(robot, names, here), s["intrinsics"], view, u, v)
-            alone = Robot(robot.urdf, {n: m for n, m in robot.meshes.items() if n in carried})
             _, bare = _cast(*_intersector(alone, names, here), s["intrinsics"], view, u, v)
             mine = np.isin(part, number)
             pixels.append(int(mine.sum()))
             share.append(mine.sum() / max(1, (bare > 0).sum()))
             if t + 1 == len(q):
                 break
-            values = s["joint_positions"][t].copy()
             values[joints.index(joint)] = q[t + 1]
-            move = (posed(values) @ np.linalg.inv(here))[part[mine] - 1]
+            stepped = _posed(robot, names, joints, values, standing)
+            move = (stepped @ np.linalg.inv(here))[part[mine] - 1]
             points = _unproject(s["intrinsics"], view, u[mine], v[mine], z[mine])
-            moved = np.einsum("nij,nj->ni", move[:, :3, :3], points) + move[:, :3, 3]
-            there = (moved @ view[:3, :3].T + view[:3, 3]) @ s["intrinsics"].T
-            away = there[:, :2] / there[:, 2:] - np.stack([u, v], axis=1)[mine]
+            away = _displaced(s["intrinsics"], view, move, points, u[mine], v[mine])
             motion.append(np.median(np.linalg.norm(away, axis=1)) if mine.any() else 0.0)
         out[joint] = q[-1] - q[0], min(pixels), min(share), float(np.mean(motion))
     return out
+
+
+def _posed(robot, names, joints, values, standing):
+    """world_from_part of each name, where the base link stands so."""
+    links = robot.poses(joints, values)
+    return np.stack([standing @ links[n] for n in names])
 
 
 def _carried(urdf, link):
