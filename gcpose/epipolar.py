@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
+from ..robots.turns import chain_angles
 from .ray_labels import Spots
 from .segment import order_from_base
 from .surface import Image
@@ -157,31 +158,29 @@ def rotations_with_depth(pair: Pair, inverse_depth: Array, focal: float) -> list
     return out
 
 
-def turn_about(rotation: Array, axis: Array) -> float:
-    """The turn about an axis [3] that is nearest to a rotation [3 3], rad in -pi..pi."""
-    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0],
-                     rotation[1, 0] - rotation[0, 1]])  # fmt: skip
-    return float(np.arctan2(skew @ axis, np.trace(rotation) - axis @ rotation @ axis))
+def shares(pairs: Sequence[Pair | None], joints: int) -> list[Array]:
+    """[J] of each pair: which share of its points each part has."""
+    return [np.zeros(joints) if p is None else
+            np.bincount(p.label - 1, minlength=joints) / len(p.label) for p in pairs]
 
 
 def accumulated(
-    steps: Sequence[Sequence[Array | None]], direction: Array, parent: NDArray[np.int64]
+    steps: Sequence[Sequence[Array | None]], share: Sequence[Array], direction: Array,
+    parent: NDArray[np.int64],
 ) -> Array:
     """[T J] displacements from the parts' rotations in the camera frame between frames.
 
-    direction [J 3] of the axes at frame 0. A part turns as what carries it does, and about its own
-    axis, which is carried along; where its rotation is not known, its joint does not turn.
+    Each counts by its share [J] of the points, a step. direction [J 3] of the axes at frame 0. The
+    chain explains all rotations together: the turn of a part that is not seen is read off what
+    hangs on it.
     """
     joints = len(direction)
     angle = np.zeros((len(steps) + 1, joints))
-    since = np.tile(np.eye(3), (joints + 1, 1, 1))  # of parts 0..J since frame 0
-    for k, found in enumerate(steps):
-        now = np.tile(np.eye(3), (joints + 1, 1, 1))
-        for j, rotation in enumerate(found):
-            carrier = parent[j] + 1
-            axis = since[carrier] @ direction[j]
-            by = 0.0 if rotation is None else turn_about(now[carrier].T @ rotation, axis)
-            now[j + 1] = now[carrier] @ cv2.Rodrigues(by * axis)[0]
-            angle[k + 1, j] = angle[k, j] + by
-        since = now @ since
+    for k, (found, much) in enumerate(zip(steps, share, strict=True)):
+        rotation = np.stack([np.eye(3) if r is None else r for r in found])
+        weight = np.array([0.0 if r is None else w for r, w in zip(found, much, strict=True)])
+        angle[k + 1] = chain_angles(
+            rotation, weight[:, None, None] * np.eye(3), direction, np.zeros(joints, bool), parent,
+            angle[k], angle[k],
+        )  # fmt: skip
     return angle

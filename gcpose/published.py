@@ -18,7 +18,7 @@ from ..robots.geometry import Array
 from .articulation import Articulation
 from .beam import axes
 from .depth import depth_named
-from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_depth
+from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_depth, shares
 from .flow import Flow, fine_dis_flow, flow_named, for_cuts_of, training_of
 from .footage import Footage, footage
 from .knowledge import knowledge
@@ -43,7 +43,7 @@ class FlowOnly:
     name = "gcpose-flow"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    version = "3"
+    version = "4"
 
     def __init__(self, flow: str = "") -> None:
         """The name of a flow (see flow.py); default: OpenCV's DIS.
@@ -96,7 +96,7 @@ class FlowOnly:
         """[T J] displacements."""
         assert s.known.direction is not None
         steps = [[None] * s.joints if p is None else rotations(p) for p in pairs]
-        return accumulated(steps, s.known.direction, s.known.parent)
+        return accumulated(steps, shares(pairs, s.joints), s.known.direction, s.known.parent)
 
 
 class Epipolar(FlowOnly):
@@ -107,7 +107,7 @@ class Epipolar(FlowOnly):
     """
 
     name = "gcpose-epipolar"
-    version = "5"
+    version = "6"
 
     def __init__(self, flow: str = "") -> None:
         """The name of a flow that is a network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".
@@ -185,7 +185,7 @@ class WithDepth(Epipolar):
         focal = float(s.seen.intrinsics[0, 0])
         steps = [[None] * s.joints if p is None else rotations_with_depth(p, q.expected, focal)
                  for p, q in zip(pairs, points[:-1], strict=True)]
-        angle = accumulated(steps, s.known.direction, s.known.parent)
+        angle = accumulated(steps, shares(pairs, s.joints), s.known.direction, s.known.parent)
         keys = [k for k, p in enumerate(pairs) if p is not None]
         if not keys or keys[0]:
             return angle

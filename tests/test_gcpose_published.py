@@ -19,7 +19,7 @@ from gcbench.gcpose.epipolar import (
     rotations,
     rotations_with_depth,
     sampson,
-    turn_about,
+    shares,
 )
 from gcbench.gcpose.published import FlowOnly, WithDepth
 from gcbench.gcpose.ray_labels import Spots
@@ -101,31 +101,29 @@ def test_parts_are_told_apart_and_ordered_from_the_base() -> None:
 
 @pytest.mark.parametrize("with_depth", [False, True])
 def test_exact_matches_give_exact_angles(with_depth: bool) -> None:
-    steps = []
+    steps, pairs = [], []
     for k in range(len(TIME) - 1):
         found, flow, depth, part = matched(k)
         pair = pair_of(replace(found, part=part), flow, INTRINSICS, 2, np.zeros(3))
         assert pair is not None and (pair.label == part).all()
         steps.append(rotations_with_depth(pair, depth, 260.0) if with_depth else rotations(pair))
-    angle = accumulated(steps, DIRECTION, CHAIN)
+        pairs.append(pair)
+    angle = accumulated(steps, shares(pairs, 2), DIRECTION, CHAIN)
     assert np.degrees(np.abs(angle - ANGLE)).max() < 0.2
 
 
-def test_what_is_not_known_does_not_turn_and_carries_on() -> None:
+def test_a_part_that_is_not_seen_is_read_off_what_it_carries() -> None:
     motion = part_motions(TWIST, ANGLE, CHAIN)[:, 1:, :3, :3]
     steps = [list(motion[k + 1] @ motion[k].swapaxes(1, 2)) for k in range(len(TIME) - 1)]
-    assert np.allclose(accumulated(steps, DIRECTION, CHAIN), ANGLE)
-    angle = accumulated([[r[0], None] for r in steps], DIRECTION, CHAIN)
+    equal = [np.ones(2)] * len(steps)
+    assert np.allclose(accumulated(steps, equal, DIRECTION, CHAIN), ANGLE)
+    assert np.allclose(accumulated([[None, r[1]] for r in steps], equal, DIRECTION, CHAIN), ANGLE)
+    angle = accumulated([[r[0], None] for r in steps], equal, DIRECTION, CHAIN)
     assert np.allclose(angle[:, 0], ANGLE[:, 0]) and not angle[:, 1].any()
+    assert [x.tolist() for x in shares([None], 2)] == [[0, 0]]
     few = Pair(np.zeros((3, 2), int), np.ones((3, 3)), np.ones((3, 3)), np.array([1, 1, 2]),
                np.zeros((2, 3, 3)))
     assert rotations(few) == rotations_with_depth(few, np.ones(3), 1.0) == [None, None]
-
-
-def test_the_nearest_turn_about_an_axis() -> None:
-    rotation = part_motions(TWIST[:1], np.array([[0.0], [0.7]]), CHAIN[:1])[1, 1, :3, :3]
-    assert np.isclose(turn_about(rotation, DIRECTION[0]), 0.7)
-    assert abs(turn_about(rotation, np.cross(*DIRECTION))) < 0.25
 
 
 def slid() -> Observation:

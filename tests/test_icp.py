@@ -11,6 +11,7 @@ from gcbench.benchmark.observation import observe
 from gcbench.benchmark.truth import truth_of
 from gcbench.renderer.observation import Estimate, Observation
 from gcbench.robots.geometry import Array, apply, revolute_motion, rotation_about, transform
+from gcbench.robots.turns import logarithm
 
 from . import analytic
 
@@ -86,53 +87,18 @@ def test_icp_leaves_what_the_shape_does_not_tell() -> None:
     axis = [0, 1, 0, *np.cross([0, 0, 1.5], [0, 1, 0])]
     start = revolute_motion(axis, 0.05)
     pose, pairs = icp.align_surfaces(target, target, normal, start)
-    assert icp.logarithm(pose[:3, :3])[1] == pytest.approx(0.05, abs=0.003)
+    assert logarithm(pose[:3, :3])[1] == pytest.approx(0.05, abs=0.003)
     assert pairs is not None
     information = icp.rotation_information(*pairs, 0.001, 100.0)
     assert information[1, 1] < 1e-3 * min(information[0, 0], information[2, 2])
 
 
-def test_the_chain_explains_all_rotations() -> None:
-    """A part that tells nothing is read off what hangs on it; a wrong one has no say."""
-    axes = np.array([[0, 0, 1.0], [0, 1, 0], [0, 1, 0]])
-    still, prismatic, chain = np.zeros(3), np.zeros(3, bool), np.array([-1, 0, 1])
-    angle = np.array([0.4, -0.3, 0.7])
-    rotation = icp.chain_rotations(axes, prismatic, chain, angle)
-    trust = np.tile(np.eye(3), (3, 1, 1))
-    got = icp.chain_angles(rotation, trust, axes, prismatic, chain, still, still)
-    np.testing.assert_allclose(got, angle, atol=1e-9)
-    rotation[0], trust[0] = rotation_about([0, 0, 1], 2.0), np.diag([1, 1, 0.0])
-    got = icp.chain_angles(rotation, trust, axes, prismatic, chain, still, angle - 0.1)
-    np.testing.assert_allclose(got, angle, atol=1e-6)
-    slides = np.array([False, True, False])
-    assert icp.chain_angles(rotation, trust, axes, slides, chain, still, still)[1] == 0
-
-
-def test_joints_side_by_side_do_not_carry_each_other() -> None:
-    axes, parent = np.array([[0, 0, 1.0], [0, 1, 0], [0, 1, 0]]), np.array([-1, 0, 0])
-    still, prismatic, angle = np.zeros(3), np.zeros(3, bool), np.array([0.4, -0.3, 0.7])
-    rotation = icp.chain_rotations(axes, prismatic, parent, angle)
-    np.testing.assert_allclose(
-        rotation[2], rotation[0] @ rotation_about([0, 1, 0], 0.7), atol=1e-12)
-    trust = np.tile(np.eye(3), (3, 1, 1))
-    got = icp.chain_angles(rotation, trust, axes, prismatic, parent, still, still)
-    np.testing.assert_allclose(got, angle, atol=1e-9)
+def test_slides_side_by_side_do_not_carry_each_other() -> None:
     slid = np.stack([np.eye(4)[None].repeat(3, axis=0),
                      [np.eye(4), transform(None, [0.1, 0, 0]), transform(None, [0.2, 0, 0])]])
     along, beside = np.array([[1.0, 0, 0]] * 2), np.array([-1, -1])
     np.testing.assert_allclose(
         icp.displacements(slid, along, beside, np.zeros((2, 3)))[1], [0.1, 0.2])
-
-
-def test_steps_add_up() -> None:
-    axes = np.array([[0, 0, 1.0], [0.6, 0.8, 0]])
-    prismatic, chain = np.zeros(2, bool), np.array([-1, 0])
-    a, b = np.array([0.3, 0.2]), np.array([0.5, -0.1])
-    before, after = (icp.chain_rotations(axes, prismatic, chain, x) for x in (a, b))
-    step = after @ np.swapaxes(before, 1, 2)
-    trust = np.tile(np.eye(3), (2, 1, 1))
-    np.testing.assert_allclose(
-        icp.chain_angles(step, trust, axes, prismatic, chain, a, a), b, atol=1e-9)
 
 
 def test_a_slide_is_relative_to_the_part_before_it() -> None:
