@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..robots.geometry import Array
-from ..robots.turns import chain_angles
+from ..robots.turns import chain_angles, chain_rotations, logarithm
 from .ray_labels import Spots
 from .segment import order_from_base
 from .surface import Image
@@ -24,6 +25,9 @@ _INLIER = 1.0  # px, of a flow that fits a matrix
 _WIDTH = 9.0  # px2, beyond which flow is simply wrong
 _ROUNDS = 10  # of EM, at most
 _FEWEST = 8  # points of a part
+_OUT = 2  # parts that may be no joint's: 262 ways for six joints
+_OFF = np.radians(3.0)  # from what the chain allows, of a part that is one of it
+_SMALL = 5e-3  # what a turn by that much costs: of joints that explain a part, those that turn less
 _REPROJECTED = 3.0  # px, of a point that fits a motion
 
 
@@ -158,29 +162,51 @@ def rotations_with_depth(pair: Pair, inverse_depth: Array, focal: float) -> list
     return out
 
 
-def shares(pairs: Sequence[Pair | None], joints: int) -> list[Array]:
-    """[J] of each pair: which share of its points each part has."""
-    return [np.zeros(joints) if p is None else
-            np.bincount(p.label - 1, minlength=joints) / len(p.label) for p in pairs]
+def orders(joints: int) -> list[NDArray[np.int64]]:
+    """The joints [J] that parts in order from the base may have, -1 for a part that is left out,
+    at most `_OUT`: two that are found may be of one link, and none of another."""
+    out = []
+    for n in range(joints, max(0, joints - _OUT - 1), -1):
+        for some in combinations(range(joints), n):
+            for mine in combinations(range(joints), n):
+                out.append(np.full(joints, -1))
+                out[-1][list(some)] = mine
+    return out
 
 
 def accumulated(
-    steps: Sequence[Sequence[Array | None]], share: Sequence[Array], direction: Array,
-    parent: NDArray[np.int64],
-) -> Array:
-    """[T J] displacements from the parts' rotations in the camera frame between frames.
+    pairs: Sequence[Pair | None], steps: Sequence[Sequence[Array | None]], direction: Array,
+    parent: NDArray[np.int64], allowed: Sequence[NDArray[np.int64]],
+) -> tuple[Array, list[NDArray[np.int64]]]:
+    """[T J] displacements from the parts' rotations in the camera frame between frames, and [J]
+    the joints of each pair's parts, of those `allowed`.
 
-    Each counts by its share [J] of the points, a step. direction [J 3] of the axes at frame 0. The
-    chain explains all rotations together: the turn of a part that is not seen is read off what
-    hangs on it.
+    direction [J 3] of the axes at frame 0. The chain explains all rotations of a step together,
+    each by its share of the points: the turn of a part that is not seen is read off what hangs
+    on it.
     """
     joints = len(direction)
-    angle = np.zeros((len(steps) + 1, joints))
-    for k, (found, much) in enumerate(zip(steps, share, strict=True)):
-        rotation = np.stack([np.eye(3) if r is None else r for r in found])
-        weight = np.array([0.0 if r is None else w for r, w in zip(found, much, strict=True)])
-        angle[k + 1] = chain_angles(
-            rotation, weight[:, None, None] * np.eye(3), direction, np.zeros(joints, bool), parent,
-            angle[k], angle[k],
-        )  # fmt: skip
-    return angle
+    angle, joint = np.zeros((len(steps) + 1, joints)), []
+    slides = np.zeros(joints, bool)
+    for k, (pair, found) in enumerate(zip(pairs, steps, strict=True)):
+        best, angle[k + 1] = np.inf, angle[k]
+        joint.append(allowed[0])
+        if pair is None:
+            continue
+        share = np.bincount(pair.label - 1, minlength=joints) / len(pair.label)
+        before = chain_rotations(direction, slides, parent, angle[k])
+        for order in allowed:
+            rotation, weight = np.tile(np.eye(3), (joints, 1, 1)), np.zeros(joints)
+            for r, j, much in zip(found, order, share, strict=True):
+                if r is not None and j >= 0:
+                    rotation[j], weight[j] = r, much
+            trust = weight[:, None, None] * np.eye(3)
+            now = chain_angles(rotation, trust, direction, slides, parent, angle[k], angle[k])
+            turned = chain_rotations(direction, slides, parent, now) @ before.swapaxes(1, 2)
+            rest = rotation @ turned.swapaxes(1, 2)
+            off = np.array([np.linalg.norm(logarithm(r)) for r in rest])
+            cost = weight @ (np.minimum(off, _OFF) / _OFF) ** 2 - weight.sum()
+            cost += _SMALL * (((now - angle[k]) / _OFF) ** 2).sum()
+            if cost < best:
+                best, angle[k + 1], joint[k] = cost, now, order
+    return angle, joint

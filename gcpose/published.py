@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import GcbenchError
 from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
@@ -18,7 +19,7 @@ from ..robots.geometry import Array
 from .articulation import Articulation
 from .beam import axes
 from .depth import depth_named
-from .epipolar import Pair, accumulated, pair_of, rotations, rotations_with_depth, shares
+from .epipolar import Pair, accumulated, orders, pair_of, rotations, rotations_with_depth
 from .flow import Flow, fine_dis_flow, flow_named, for_cuts_of, training_of
 from .footage import Footage, footage
 from .knowledge import knowledge
@@ -96,7 +97,8 @@ class FlowOnly:
         """[T J] displacements."""
         assert s.known.direction is not None
         steps = [[None] * s.joints if p is None else rotations(p) for p in pairs]
-        return accumulated(steps, shares(pairs, s.joints), s.known.direction, s.known.parent)
+        return accumulated(pairs, steps, s.known.direction, s.known.parent,
+                           allowed(observation))[0]
 
 
 class Epipolar(FlowOnly):
@@ -185,19 +187,22 @@ class WithDepth(Epipolar):
         focal = float(s.seen.intrinsics[0, 0])
         steps = [[None] * s.joints if p is None else rotations_with_depth(p, q.expected, focal)
                  for p, q in zip(pairs, points[:-1], strict=True)]
-        angle = accumulated(steps, shares(pairs, s.joints), s.known.direction, s.known.parent)
+        angle, joint = accumulated(pairs, steps, s.known.direction, s.known.parent,
+                                   allowed(observation))
         keys = [k for k, p in enumerate(pairs) if p is not None]
         if not keys or keys[0]:
             return angle
         cloud = s.points(tuple(keys), _POINTS)
-        label = np.concatenate([p.label for p in pairs if p is not None])
+        label = np.concatenate([joint[k][p.label - 1] + 1 for k, p in enumerate(pairs)
+                                if p is not None])
         first = points[0]
         at = hinges(first.ray / first.expected[:, None], label[: len(first.frame)], base,
                     s.known.parent)
         twist = np.concatenate([axes(s.known, j, l[None], at[j : j + 1])
                                 for j, l in enumerate(s.known.direction)])
         state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
-        rays = Rays.unseen(cloud.frame, cloud.ray, label, cloud.expected)
+        mine = label > 0
+        rays = Rays.unseen(cloud.frame[mine], cloud.ray[mine], label[mine], cloud.expected[mine])
         guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))
         spread = _RELIEF
         if observation.depth is not None:
@@ -207,6 +212,12 @@ class WithDepth(Epipolar):
             rays = observed(s.seen, guess.state, guess.rays)
             guess = s.fitted(guess, rays, (scale,), 1.0, spread)
         return guess.state.angle
+
+
+def allowed(observation: Observation) -> list[NDArray[np.int64]]:
+    """Which joints parts may belong to: parts of an oracle are known."""
+    return orders(observation.n_joints) if observation.part is None else [
+        np.arange(observation.n_joints)]
 
 
 def unmoved(observation: Observation) -> Estimate:

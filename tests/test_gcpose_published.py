@@ -15,16 +15,17 @@ from gcbench.gcpose.epipolar import (
     Pair,
     accumulated,
     eight_point,
+    orders,
     pair_of,
     rotations,
     rotations_with_depth,
     sampson,
-    shares,
 )
 from gcbench.gcpose.published import FlowOnly, WithDepth
 from gcbench.gcpose.ray_labels import Spots
 from gcbench.renderer.observation import Observation
-from gcbench.robots.geometry import Array
+from gcbench.robots.geometry import Array, rotation_about
+from gcbench.robots.turns import chain_rotations
 from scipy.sparse import csr_array
 
 INTRINSICS = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
@@ -108,19 +109,42 @@ def test_exact_matches_give_exact_angles(with_depth: bool) -> None:
         assert pair is not None and (pair.label == part).all()
         steps.append(rotations_with_depth(pair, depth, 260.0) if with_depth else rotations(pair))
         pairs.append(pair)
-    angle = accumulated(steps, shares(pairs, 2), DIRECTION, CHAIN)
+    angle, _ = accumulated(pairs, steps, DIRECTION, CHAIN, [np.arange(2)])
     assert np.degrees(np.abs(angle - ANGLE)).max() < 0.2
+    assert np.allclose(angle, accumulated(pairs, steps, DIRECTION, CHAIN, orders(2))[0])
 
 
-def test_a_part_that_is_not_seen_is_read_off_what_it_carries() -> None:
-    motion = part_motions(TWIST, ANGLE, CHAIN)[:, 1:, :3, :3]
-    steps = [list(motion[k + 1] @ motion[k].swapaxes(1, 2)) for k in range(len(TIME) - 1)]
-    equal = [np.ones(2)] * len(steps)
-    assert np.allclose(accumulated(steps, equal, DIRECTION, CHAIN), ANGLE)
-    assert np.allclose(accumulated([[None, r[1]] for r in steps], equal, DIRECTION, CHAIN), ANGLE)
-    angle = accumulated([[r[0], None] for r in steps], equal, DIRECTION, CHAIN)
-    assert np.allclose(angle[:, 0], ANGLE[:, 0]) and not angle[:, 1].any()
-    assert [x.tolist() for x in shares([None], 2)] == [[0, 0]]
+def test_the_chain_tells_whose_a_turn_is() -> None:
+    """One that is not seen is read off what it carries; what is none is left out."""
+    direction, parent = np.eye(3)[[2, 0, 1]], np.array([-1, 0, 1])
+    time = TIME[:, None] * [0.4, -0.3, 0.35]
+    turn = chain_rotations(direction, np.zeros(3, bool), parent, time[0])
+    steps = []
+    for angle in time[1:]:
+        before, turn = turn, chain_rotations(direction, np.zeros(3, bool), parent, angle)
+        steps.append(list(turn @ before.swapaxes(1, 2)))
+    some = Pair(np.zeros((9, 2), int), np.ones((9, 3)), np.ones((9, 3)), np.repeat([1, 2, 3], 3),
+                np.zeros((3, 3, 3)))
+    pairs, known = [some] * len(steps), [np.arange(3)]
+    assert np.allclose(accumulated(pairs, steps, direction, parent, known)[0], time)
+    unseen = [[None, *s[1:]] for s in steps]
+    assert np.allclose(accumulated(pairs, unseen, direction, parent, known)[0], time)
+    last = accumulated(pairs, [[*s[:2], None] for s in steps], direction, parent, known)[0]
+    assert np.allclose(last[:, :2], time[:, :2]) and not last[:, 2].any()
+    away = np.asarray(rotation_about([0.6, 0.8, 0], 0.5))
+    shifted = [[away, s[1], s[2]] for s in steps]  # the first part is none
+    angle, joint = accumulated(pairs, shifted, direction, parent, orders(3))
+    assert np.abs(angle - time).max() < 1e-6
+    assert all(j.tolist() == [-1, 1, 2] for j in joint)
+    angle, _ = accumulated([None] * len(steps), steps, direction, parent, orders(3))
+    assert not angle.any()
+
+
+def test_parts_keep_their_order() -> None:
+    found = {tuple(x.tolist()) for x in orders(3)}
+    assert len(found) == len(orders(3)) == 19  # but for none at all
+    assert (0, 1, 2) in found and (-1, 0, 2) in found and (1, 0, 2) not in found
+    assert len(orders(7)) == 21**2 + 7**2 + 1 and orders(7)[0].tolist() == list(range(7))
     few = Pair(np.zeros((3, 2), int), np.ones((3, 3)), np.ones((3, 3)), np.array([1, 1, 2]),
                np.zeros((2, 3, 3)))
     assert rotations(few) == rotations_with_depth(few, np.ones(3), 1.0) == [None, None]
