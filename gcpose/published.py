@@ -216,8 +216,8 @@ class WithDepth(Epipolar):
 
 def allowed(observation: Observation) -> list[NDArray[np.int64]]:
     """Which joints parts may belong to: parts of an oracle are known."""
-    return orders(observation.n_joints) if observation.part is None else [
-        np.arange(observation.n_joints)]
+    joints = observation.n_joints
+    return orders(joints) if observation.part is None else [np.arange(joints)]
 
 
 def unmoved(observation: Observation) -> Estimate:
