@@ -1,8 +1,7 @@
-"""The command line as its users meet it: help, one-line errors, configs, what options promise."""
+"""The command line as its users meet it: help, one-line errors, robots, the doctor."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -13,14 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import gcbench
-import numpy as np
 import pytest
-from gcbench import GcbenchError, open_dataset
 from gcbench import __main__ as command_line
 from gcbench.__main__ import COMMANDS, main
-from gcbench.renderer.config import FACTORS, STUDIO, RenderConfig
 from gcbench.renderer.doctor import EXTRAS, PACKAGES
-from gcbench.renderer.sequence import Sequence
 from gcbench.robots import catalog
 from gcbench.robots.appliances import GENERATED
 
@@ -237,139 +232,6 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
     assert not done.stderr
 
 
-# -- configs: the file's values go before the defaults, the command line's before the file's --
-
-
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[RenderConfig, int, Path, int | None]]:
-    """What `gcbench render` asks the renderer for, instead of rendering it."""
-    calls: list[tuple[RenderConfig, int, Path, int | None]] = []
-
-    class Summary:
-        def describe(self) -> str:
-            return "done"
-
-    def generate(config: RenderConfig, n: int, out: Path, workers: int | None = None) -> Summary:
-        calls.append((config, n, out, workers))
-        return Summary()
-
-    monkeypatch.setattr("gcbench.renderer.generate.generate", generate)
-    return calls
-
-
-Asked = list[tuple[RenderConfig, int, Path, Any]]
-
-
-def test_defaults(asked: Asked) -> None:
-    assert main(["render"]) == 0
-    assert asked == [(RenderConfig(), 10, Path("data/ur5"), None)]
-
-
-def test_options_reach_the_config(asked: Asked) -> None:
-    options = """--robot iiwa14 --n 3 --seed 0 --workers 2 --out x --vary lights motion
-        --camera.fov 30 31 --lights.shadows --scored-joints joint_a2 --background.room 1
-        --background.kinds plain wood --keep-unobservable --package a=b c=d --animation swing
-        --layers normal keypoints --track-points 7 --samples 9"""
-    assert main(["render", *options.split()]) == 0
-    ((config, n, out, workers),) = asked
-    assert (config.robot, n, out, workers) == ("iiwa14", 3, Path("x"), 2)
-    assert config.vary == ("lights", "motion")
-    assert config.randomization.camera.fov == (30.0, 31.0)
-    assert config.randomization.lights.shadows
-    assert config.randomization.background.kinds == ("plain", "wood")
-    assert config.scored_joints == ("joint_a2",)
-    assert config.keep_unobservable
-    assert (config.package, config.animation) == (("a=b", "c=d"), "swing")
-    assert (config.layers, config.track_points, config.samples) == (("normal", "keypoints"), 7, 9)
-
-
-TOML = """
-robot = "iiwa14"
-seed = 5
-frames = 3
-keep_unobservable = true
-[randomization.camera]
-fov = [40, 40.5]
-"""
-
-
-@pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_the_command_line_goes_before_the_file(suffix: str, tmp_path: Path, asked: Asked) -> None:
-    path = tmp_path / f"config{suffix}"
-    tree = {
-        "robot": "iiwa14",
-        "seed": 5,
-        "frames": 3,
-        "keep_unobservable": True,
-        "randomization": {"camera": {"fov": [40, 40.5]}},
-    }
-    path.write_text(TOML if suffix == ".toml" else json.dumps(tree))
-    assert main(["render", "--config", str(path), "--frames", "2"]) == 0
-    assert (
-        main(["render", f"--config={path}", "--no-keep-unobservable", "--camera.roll", "0", "1"])
-        == 0
-    )
-    first, second = (config for config, *_ in asked)
-    assert (first.robot, first.seed, first.frames, first.keep_unobservable) == (
-        "iiwa14",
-        5,
-        2,
-        True,
-    )
-    assert first.randomization.camera.fov == (40.0, 40.5)
-    assert first.randomization.camera.elevation == RenderConfig().randomization.camera.elevation
-    assert first.randomization.lights == RenderConfig().randomization.lights
-    assert asked[0][2] == Path("data/iiwa14")
-    assert (second.frames, second.keep_unobservable) == (3, False)
-    assert second.randomization.camera.fov == (40.0, 40.5)
-    assert second.randomization.camera.roll == (0.0, 1.0)
-
-
-def test_a_studio_is_what_a_file_changes(tmp_path: Path, asked: Asked) -> None:
-    path = tmp_path / "config.toml"
-    path.write_text("[randomization.lights]\nambient = [0.5, 0.5]\n")
-    assert (
-        main(["render", "--randomize", "none", "--config", str(path), "--camera.roll", "1", "2"])
-        == 0
-    )
-    assert main(["render", "--randomize=none"]) == 0
-    ranges = asked[0][0].randomization
-    assert ranges.lights.ambient == (0.5, 0.5)
-    assert ranges.lights.number == STUDIO.lights.number
-    assert ranges.camera.roll == (1.0, 2.0)
-    assert ranges.camera.azimuth == STUDIO.camera.azimuth
-    assert asked[1][0].randomization == STUDIO
-
-
-def test_a_textured_robot_carries_textures(asked: Asked) -> None:
-    assert main(["render", "--robot", "ur5-textured"]) == 0
-    assert asked[0][0].randomization.textures.probability == 1.0
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "says"),
-    [
-        ("a.toml", "frame = 3", "'frame'"),
-        ("a.toml", "[randomization.camra]\nfov = [1, 2]", "'camra'"),
-        ("a.toml", "frames = '3'", "frames is '3'"),
-        ("a.toml", "randomization = 3", "randomization"),
-        ("a.toml", "frames = ", "not TOML"),
-        ("a.toml", "\udcff", "a.toml"),
-        ("a.json", "{", "not JSON"),
-        ("a.json", "[1]", "a.json"),
-        ("a.json", '{"frames": NaN}', "a.json"),
-        ("a.json", '{"frames": 0}', "--frames 0"),
-    ],
-)
-def test_a_config_that_cannot_be_meant(
-    name: str, text: str, says: str, tmp_path: Path, capsys: Lines
-) -> None:
-    path = tmp_path / name
-    path.write_bytes(text.encode(errors="surrogateescape"))
-    assert main(["render", "--config", str(path)]) == 2
-    assert says in one_line(capsys)
-
-
 # -- robots and doctor ------------------------------------------------------------------------
 
 
@@ -420,102 +282,3 @@ def test_doctor_fails_where_nothing_renders(capsys: Lines, monkeypatch: pytest.M
     said = capsys.readouterr().out
     assert "FAIL  no device" in said
     assert "Traceback" not in said
-
-
-# -- what the options of `render` promise -----------------------------------------------------
-
-
-def rendered(out: Path, *options: str, n: int = 2) -> list[Sequence]:
-    """Small sequences of a real robot."""
-    try:
-        catalog.fetch(catalog.find("ur5"))
-    except GcbenchError as error:
-        pytest.skip(str(error))
-    done = gcbench_command(
-        "render",
-        "--n",
-        str(n),
-        "--seed",
-        "7",
-        "--frames",
-        "3",
-        "--out",
-        out,
-        "--width",
-        "128",
-        "--height",
-        "96",
-        *options,
-    )
-    assert done.returncode == 0, done.stderr
-    return list(open_dataset(out))
-
-
-def same_truth(a: Sequence, b: Sequence) -> bool:
-    """Whether the exact state and the geometric images are equal to the bit."""
-    return all(np.array_equal(x, getattr(b.state, k)) for k, x in vars(a.state).items()) and all(
-        np.array_equal(getattr(a, k)[:], getattr(b, k)[:], equal_nan=k.startswith("flow"))
-        for k in ("depth", "part", "flow", "flow_backward", "visibility")
-    )
-
-
-@pytest.mark.gl
-def test_twins_differ_in_the_surface_only(tmp_path: Path) -> None:
-    plain = rendered(tmp_path / "plain", "--robot", "ur5")
-    textured = rendered(tmp_path / "textured", "--robot", "ur5-textured")
-    assert len(plain) == len(textured) == 2
-    for a, b in zip(plain, textured, strict=True):
-        assert same_truth(a, b)
-        robot, rest = a.part[0] > 0, a.part[0] == 0
-        difference = np.abs(a.rgb[0].astype(int) - b.rgb[0]).max(axis=2)
-        assert np.mean(difference[robot] > 8) > 0.5
-        assert np.mean(difference[rest] > 0) < 0.1  # antialiased edges, reflections never
-    assert not same_truth(plain[0], plain[1])
-
-    assert main(["verify", str(tmp_path / "textured"), "--workers", "1"]) == 0
-
-
-@pytest.mark.gl
-def test_vary_lights_changes_the_light_only(tmp_path: Path) -> None:
-    first, *others = rendered(tmp_path / "out", "--vary", "lights", n=3)
-    for other in others:
-        assert same_truth(first, other)
-        robot = first.part[0] > 0  # an image behind it is not lit
-        assert np.mean(first.rgb[0][robot] != other.rgb[0][robot]) > 0.5
-        assert first.meta.randomization != other.meta.randomization
-    assert np.any(others[0].rgb[0] != others[1].rgb[0])
-    assert set(open_dataset(tmp_path / "out").config.vary) == {"lights"} < set(FACTORS)
-
-
-@pytest.mark.gl
-def test_randomize_none_is_a_plain_studio(tmp_path: Path) -> None:
-    a, b = rendered(tmp_path / "out", "--randomize", "none")
-    for sequence in (a, b):
-        assert np.all(sequence.depth[0][sequence.part[0] == 0] == 0)  # no room
-        edge = sequence.rgb[0][0]
-        assert np.ptp(edge, axis=0).max() == 0  # one colour
-    assert np.array_equal(a.rgb[0][0, 0], b.rgb[0][0, 0])
-    assert np.array_equal(a.state.intrinsics, b.state.intrinsics)
-    assert np.allclose(a.state.cam_from_world[0, :3, :3], b.state.cam_from_world[0, :3, :3])
-    assert not np.array_equal(a.state.joint_positions, b.state.joint_positions)
-
-
-@pytest.mark.gl
-def test_show_writes_what_is_asked_for(
-    tmp_path: Path, capsys: Lines, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rendered(tmp_path / "out")
-    capsys.readouterr()
-    monkeypatch.chdir(tmp_path)
-    opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    args = ["show", "out", "--index", "1", "--out", "a.html", "--contact-sheet", "a.png"]
-    assert main([*args, "--gif", "a.gif", "--mp4", "a.mp4", "--open"]) == 0
-    assert capsys.readouterr().out.split() == ["a.html", "a.png", "a.gif", "a.mp4"]
-    assert Path("a.gif").read_bytes()[:3] == b"GIF"
-    assert Path("a.mp4").read_bytes()[4:8] == b"ftyp"
-    assert opened == [(tmp_path / "a.html").as_uri()]
-    assert main(["show", "out"]) == 0
-    assert capsys.readouterr().out.split() == ["ur5_7_000000.html"]
-    assert main(["show", "out", "--index", "9"]) == 2
-    assert "000000 to 000001" in one_line(capsys)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.__main__ import main
 from gcbench.renderer import film, page, pictures
 from gcbench.renderer.axes import axis_image, joint_axes
 from gcbench.renderer.camera import project
@@ -25,6 +26,8 @@ from gcbench.renderer.show import show
 from gcbench.renderer.storage import SequenceWriter
 
 from .analytic import render
+from .test_cli import Lines, one_line
+from .test_cli_render import rendered
 
 
 @pytest.fixture(scope="module")
@@ -361,3 +364,27 @@ def test_page_replaces_a_file_whole(sequence: Sequence, tmp_path: Path) -> None:
     assert page.write_page(sequence, out) == out
     assert out.read_text().startswith("<!doctype html>")
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
+
+
+# ---- the command
+
+
+@pytest.mark.gl
+def test_show_writes_what_is_asked_for(
+    tmp_path: Path, capsys: Lines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rendered(tmp_path / "out")
+    capsys.readouterr()
+    monkeypatch.chdir(tmp_path)
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    args = ["show", "out", "--index", "1", "--out", "a.html", "--contact-sheet", "a.png"]
+    assert main([*args, "--gif", "a.gif", "--mp4", "a.mp4", "--open"]) == 0
+    assert capsys.readouterr().out.split() == ["a.html", "a.png", "a.gif", "a.mp4"]
+    assert Path("a.gif").read_bytes()[:3] == b"GIF"
+    assert Path("a.mp4").read_bytes()[4:8] == b"ftyp"
+    assert opened == [(tmp_path / "a.html").as_uri()]
+    assert main(["show", "out"]) == 0
+    assert capsys.readouterr().out.split() == ["ur5_7_000000.html"]
+    assert main(["show", "out", "--index", "9"]) == 2
+    assert "000000 to 000001" in one_line(capsys)
