@@ -27,7 +27,7 @@ _ROUNDS = 10  # of EM, at most
 _FEWEST = 8  # points of a part
 _OUT = 2  # parts that may be no joint's: 262 ways for six joints
 _OFF = np.radians(3.0)  # from what the chain allows, of a part that is one of it
-_SMALL = 5e-3  # what a turn by that much costs: of joints that explain a part, those that turn less
+_SMALL = 5e-3  # cost of a turn by _OFF: of joints that explain a part alike, those that turn less
 _REPROJECTED = 3.0  # px, of a point that fits a motion
 
 

@@ -1,8 +1,8 @@
 """The paper's pipeline as it is written, in the steps of its ablation (Table 3).
 
-`gcpose-flow`: parts by EM on the flow between two frames, an essential matrix for each, angles
-from their rotations, added up. `gcpose-epipolar`: with a flow network that is tuned to the video.
-`gcpose-depth`: with depth, motions by PnP and bundle adjustment over all frames.
+`gcpose-flow`: parts by EM on the flow between two frames, an essential matrix for each, the angles
+that explain their rotations, added up. `gcpose-epipolar`: with a flow network that is tuned to the
+video. `gcpose-depth`: with depth, motions by PnP and bundle adjustment over all frames.
 """
 
 from __future__ import annotations
