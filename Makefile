@@ -13,7 +13,7 @@ PYTEST := GCBENCH_TEST_INSTALLED=1 $(PY) -m pytest -rfEs
 # A stamp carries the hash of what it stands for, so that edits, deletions and checkouts count.
 hash = $(shell sha256sum $(1) | sha256sum | cut -c -12)
 SOURCES := $(filter-out %.pyc,$(wildcard *.py py.typed README.md LICENSE \
-	$(foreach room,robots renderer gcpose benchmark,$(room)/*.* $(room)/*/*.*)))
+	$(foreach room,robots renderer gcpose benchmark,$(room)/*.* $(room)/*/*.* $(room)/*/*/*.*)))
 NEEDS := $(call hash,pyproject.toml .ci/environment)
 PACKAGE := $(VENV)/.package-$(call hash,pyproject.toml $(SOURCES))
 
@@ -39,7 +39,7 @@ lint: $(VENV)/.lint-$(NEEDS) package  ## ruff and pyright
 
 speed: $(VENV)/.speed-$(NEEDS) package  ## frames per second, beside other ways to the same pixels
 	@.ci/system-libraries $(PY)
-	$(PY) tests/speed.py $(ARGS)
+	$(PY) tests/speed/render_speed.py $(ARGS)
 
 appliances: package  ## a hundred of each appliance, verified and on a contact sheet (minutes)
 	@.ci/system-libraries $(PY)

@@ -10,30 +10,26 @@ Conventions, everywhere (docs and files included):
 * Flow is `(du, dv)` in pixels, `x_other - x_this`, sampled at `x_this`; unknown is NaN.
 * Parts are numbered from 1 in `part_names` order; 0 is background.
 
-This module imports nothing, so that `import gcbench` and `gcbench --help` are immediate.
+This module imports nothing but the errors, so that `import gcbench` and `gcbench --help` are
+immediate.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from .errors import GcbenchError
+
 if TYPE_CHECKING:
-    from .renderer.dataset import open_dataset as open_dataset
+    from .renderer.dataset.reader import open_dataset as open_dataset
 
 __version__ = "0.1.0"
 __all__ = ["GcbenchError", "open_dataset"]
 
 
-class GcbenchError(Exception):
-    """Base of every error that a user can cause and mend; the message is one line that names both.
-
-    The command line prints it without a traceback and exits with code 2.
-    """
-
-
 def __getattr__(name: str) -> Any:
     if name == "open_dataset":
-        from .renderer.dataset import open_dataset
+        from .renderer.dataset.reader import open_dataset
 
         return open_dataset
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

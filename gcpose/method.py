@@ -8,21 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..renderer.observation import Estimate, Inputs, Knowledge, Observation
-from ..robots.geometry import Array
-from .articulation import Articulation
-from .bundle import adjust, deviation
-from .chain import screws_of
-from .crew import together
-from .denoise import smoothed
-from .depth import depth_named
-from .flow import Flow, dis_flow, fine_dis_flow, flow_named, training_of
-from .knowledge import Known, knowledge
-from .rgb import estimate_rgb
-from .search import lost, search
-from .segment import lively
-from .surface import measure
-from .tracker import Tracker
+from ..renderer.types.observation import Estimate, Inputs, Knowledge, Observation
+from ..robots.geometry.transforms import Array
+from .chain.articulation import Articulation
+from .chain.kinematics import screws_of
+from .chain.priors import Known, knowledge
+from .images.denoise import smoothed
+from .images.depth import depth_named
+from .images.flow import dis_flow, fine_dis_flow, flow_named, training_of
+from .images.flow_types import Flow
+from .images.surfaces import measure
+from .numerics.threads import together
+from .rgb.pipeline import estimate_rgb
+from .rgbd.bundle import adjust, deviation
+from .rgbd.labels import lively
+from .rgbd.search import lost, search
+from .rgbd.tracker import Tracker
 
 _CANDIDATES = 1500, 900  # and with noise, where what is near errs alike
 _FEWEST = 30  # lively pixels that are worth a search

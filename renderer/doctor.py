@@ -14,9 +14,10 @@ from shutil import which
 
 import numpy as np
 
-from .. import GcbenchError, __version__
-from ..robots import catalog
-from ..robots.fetch import cache_folder
+from .. import __version__
+from ..errors import GcbenchError
+from ..robots.catalog import entries as catalog
+from ..robots.files.download import cache_folder
 
 PACKAGES = ("numpy", "opencv-python-headless", "scikit-robot-pyrender", "PyOpenGL", "trimesh",
             "yourdfpy", "python-fcl", "pygltflib")
@@ -60,8 +61,8 @@ def examine() -> Diagnosis:
 
 
 def _devices() -> Iterator[str]:
-    from .gl import device_names
-    from .gl_target import NoRendererError
+    from .gl.context import device_names
+    from .gl.targets import NoRendererError
 
     try:
         yield from device_names()
@@ -71,10 +72,10 @@ def _devices() -> Iterator[str]:
 
 def _draw() -> str:
     """Draw a triangle with the real passes, check its depth, and time a frame."""
-    from ..robots.model import ArticulatedModel, Material, Visual
-    from .camera import Camera, intrinsics_from_fov
-    from .gl_target import NoRendererError
-    from .rasterizer import Rasterizer
+    from ..robots.model.articulated_model import ArticulatedModel, Material, Visual
+    from .gl.rasterizer import Rasterizer
+    from .gl.targets import NoRendererError
+    from .types.camera import Camera, intrinsics_from_fov
 
     points = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 2, 2]])
     visual = Visual(0, points, np.array([[0, 1, 2]], np.int32), np.tile([0.0, 0, -1], (3, 1)), None,

@@ -16,7 +16,7 @@ IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
 def why_nothing_renders() -> str:
     """The reason in one line, or nothing if this machine renders."""
     from gcbench import GcbenchError
-    from gcbench.renderer.rasterizer import Rasterizer
+    from gcbench.renderer.gl.rasterizer import Rasterizer
 
     try:
         Rasterizer(16, 16).close()

@@ -16,8 +16,8 @@ import pytest
 from gcbench import __main__ as command_line
 from gcbench.__main__ import COMMANDS, main
 from gcbench.renderer.doctor import EXTRAS, PACKAGES
-from gcbench.robots import catalog
-from gcbench.robots.appliances import GENERATED
+from gcbench.robots.appliances.generator import GENERATED
+from gcbench.robots.catalog import entries as catalog
 
 Lines = pytest.CaptureFixture[str]
 
@@ -271,7 +271,8 @@ def test_doctor_is_content_with_this_machine(capsys: Lines) -> None:
 
 
 def test_doctor_fails_where_nothing_renders(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gcbench.renderer import gl, rasterizer
+    from gcbench.renderer.gl import context as gl
+    from gcbench.renderer.gl import rasterizer
 
     def fail(*_: object) -> None:
         raise gl.NoRendererError("no device")

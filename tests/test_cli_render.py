@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
-from gcbench.renderer.config import FACTORS, STUDIO, RenderConfig
-from gcbench.renderer.sequence import Sequence
-from gcbench.robots import catalog
+from gcbench.renderer.scene.config import FACTORS, STUDIO, RenderConfig
+from gcbench.renderer.types.sequence import Sequence
+from gcbench.robots.catalog import entries as catalog
 
 from .test_cli import Lines, gcbench_command, one_line
 
@@ -32,7 +32,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[RenderConfig, int, Path
         calls.append((config, n, out, workers))
         return Summary()
 
-    monkeypatch.setattr("gcbench.renderer.generate.generate", generate)
+    monkeypatch.setattr("gcbench.renderer.generate.driver.generate", generate)
     return calls
 
 

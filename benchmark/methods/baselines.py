@@ -1,0 +1,103 @@
+"""Predictors that never look at an image: rows of every table, because on motion of one speed they
+would win (on a published benchmark of doors they do)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ...renderer.scene.config import RenderConfig
+from ...renderer.scene.sampling import Streams
+from ...renderer.types.observation import Estimate, Inputs, Knowledge, Observation
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import PRISMATIC, REVOLUTE, ArticulatedModel
+from ...robots.motion.trajectory import sample_trajectory
+
+TRAINING = RenderConfig(stream="train")
+"""The recipe whose motion is learned: the suites' own, of the stream that no suite holds."""
+SEQUENCES = 512
+_SLIDE = 0.4  # m, range of the prismatic joint that is learned from: a drawer's
+
+
+class HoldStill:
+    """No motion at all: its error is the true displacement."""
+
+    name = "hold-still"
+    version = "1"
+    training = "none"
+    inputs: tuple[Inputs, ...] = ("none",)
+    knowledge: tuple[Knowledge, ...] = ("none",)
+
+    def estimate(self, observation: Observation) -> Estimate:
+        """Zeros."""
+        return Estimate(np.zeros((len(observation.times), observation.n_joints)))
+
+
+class ConstantVelocity:
+    """The training set's mean motion, as far as it can be told without an image.
+
+    Directions are random, so the plain mean is to hold still. Without axes a direction has no
+    sign, though, and the protocol grants such a method the better one (the row says `best`): the
+    mean is over motions that are turned to one sign, which is the best blind guess.
+    """
+
+    name = "constant-velocity"
+    version = "1"
+    training = "supervised: motions of the train stream"
+    inputs: tuple[Inputs, ...] = ("none",)
+    knowledge: tuple[Knowledge, ...] = ("none",)
+
+    def estimate(self, observation: Observation) -> Estimate:
+        """The same for each joint of a kind."""
+        frames = len(observation.times)
+        return Estimate(
+            np.stack(
+                [mean_motion(frames, kind == "prismatic") for kind in observation.joint_types],
+                axis=1,
+            )
+        )
+
+
+@lru_cache(maxsize=16)
+def mean_motion(frames: int, prismatic: bool) -> Array:
+    """[T] rad or m since frame 0: mean over training motions, each turned to end positive.
+
+    Learned from a joint that has room for every motion of the recipe (prismatic: 0.4 m).
+    """
+    config = TRAINING.randomization.motion
+    model = _one_joint(prismatic)
+    motions: list[Array] = []
+    for index in range(SEQUENCES):
+        motion = sample_trajectory(
+            model,
+            ("joint",),
+            frames,
+            rng=Streams(TRAINING, index).rng("motion"),
+            total=(float(np.radians(config.total[0])), float(np.radians(config.total[1]))),
+            total_prismatic=config.total_prismatic,
+            max_step=float(np.radians(config.max_step)),
+            fps=config.fps,
+        ).positions[:, 0]
+        motions.append((motion - motion[0]) * np.sign(motion[-1] - motion[0]))
+    return np.mean(motions, axis=0)
+
+
+def _one_joint(prismatic: bool) -> ArticulatedModel:
+    limits = [[0.0, _SLIDE]] if prismatic else [[-np.pi, np.pi]]
+    return ArticulatedModel(
+        name="joint",
+        part_names=("base", "part"),
+        parent=np.array([-1, 0]),
+        parent_from_part_at_zero=np.stack([np.eye(4)] * 2),
+        motion=np.array([0, PRISMATIC if prismatic else REVOLUTE]),
+        screw=np.array([[0.0] * 6, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]),
+        joint=np.array([-1, 0]),
+        gear=np.array([0.0, 1.0]),
+        offset=np.zeros(2),
+        joint_names=("joint",),
+        joint_child=np.array([1]),
+        joint_types=("prismatic" if prismatic else "revolute",),
+        limits=np.array(limits),
+        visuals=(),
+    )

@@ -1,0 +1,204 @@
+"""Methods by name. No method is imported before it runs, and then in a process of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
+from urllib.parse import parse_qsl, urlencode
+
+from ...errors import GcbenchError
+from ...renderer.types.observation import Inputs, Knowledge, Method
+from ..protocol.observations import ORACLES, allowed
+from ..results.rows import INPUTS, KNOWLEDGE, Row
+
+GROUP = "gcbench.methods"
+"""Entry points of other packages: name -> module:attribute."""
+METHODS = {
+    "gcpose": "gcbench.gcpose.method:GCPose",
+    "gcpose-flow": "gcbench.gcpose.paper.pipeline:FlowOnly",
+    "gcpose-epipolar": "gcbench.gcpose.paper.pipeline:Epipolar",
+    "gcpose-depth": "gcbench.gcpose.paper.pipeline:WithDepth",
+    "icp": "gcbench.benchmark.methods.icp:Icp",
+    "icp-first": "gcbench.benchmark.methods.icp:IcpFirst",
+    "hold-still": "gcbench.benchmark.methods.baselines:HoldStill",
+    "constant-velocity": "gcbench.benchmark.methods.baselines:ConstantVelocity",
+}
+_HOW = """\
+A method is a class, without arguments, of: name (str), version (str), training (str), inputs
+(a tuple of {inputs}), knowledge (a tuple of {knowledge}) and
+estimate(observation) -> Estimate; see gcbench.renderer.types.observation"""
+HOW = " ".join(_HOW.format(inputs=", ".join(INPUTS), knowledge=", ".join(KNOWLEDGE)).split())
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a method says about itself."""
+
+    name: str
+    version: str
+    training: str
+    inputs: tuple[Inputs, ...]
+    knowledge: tuple[Knowledge, ...]
+    hint: str = ""
+    """What would make it support more inputs"""
+
+
+def available() -> dict[str, str]:
+    """module:attribute by name: ours, and those of installed packages (ours go first)."""
+    others = {e.name: e.value for e in metadata.entry_points(group=GROUP)}
+    return {**others, **METHODS}
+
+
+def split(name: str) -> tuple[str, tuple[str, ...]]:
+    """ "icp@true-parts" as a method and its oracles. Raises GcbenchError for an unknown oracle."""
+    method, at, flags = name.partition("@")
+    oracles = tuple(dict.fromkeys(flags.split("+"))) if at else ()
+    if unknown := [o for o in oracles if o not in ORACLES]:
+        raise GcbenchError(f"{name!r}: no oracle {unknown[0]!r}; there are {', '.join(ORACLES)}")
+    return method, oracles
+
+
+def locate(name: str) -> str:
+    """module:attribute, or FILE.py:attribute, of a method.
+
+    Raises GcbenchError that lists what exists for a name that is neither known nor of that form.
+    """
+    table = available()
+    if name in table:
+        return table[name]
+    if re.fullmatch(r"[\w./~-]+:[A-Za-z_][\w.]*", name):
+        return name
+    raise GcbenchError(
+        f"no method {name!r}; there are {', '.join(table)}, and any module:attribute or "
+        "FILE.py:attribute"
+    )
+
+
+def with_options(source: str, options: dict[str, str]) -> str:
+    """module:attribute of a method that is made with options: `module:attribute?flow=raft`."""
+    return f"{source}?{urlencode(options)}" if options else source
+
+
+def load(source: str) -> Method:
+    """The method at a module:attribute, made, with the options that follow it (see with_options).
+
+    The current folder is searched, too. Raises GcbenchError if it is not there, is no method, or
+    does not take the options.
+    """
+    source, _, query = source.partition("?")
+    options = dict(parse_qsl(query))
+    where, _, attribute = source.rpartition(":")
+    module = _file(Path(where)) if where.endswith(".py") else _module(where, source)
+    found: Any = module
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            names = [n for n in vars(module) if not n.startswith("_")]
+            raise GcbenchError(f"{source}: no {part!r} there; there are {', '.join(names)}")
+        found = getattr(found, part)
+    if isinstance(found, type) or not hasattr(found, "estimate"):
+        if not callable(found):
+            raise GcbenchError(f"{source}: not a method. {HOW}")
+        found = _made(cast("Callable[..., Any]", found), options, source)
+    elif options:
+        raise GcbenchError(f"{source} takes no --{', --'.join(options)}: it is made already")
+    declare(found, source)
+    return found
+
+
+def _made(method: Callable[..., Any], options: dict[str, str], source: str) -> Any:
+    try:
+        accepted = inspect.signature(method).parameters
+    except ValueError:
+        accepted = {}
+    if unknown := [name for name in options if name not in accepted]:
+        raise GcbenchError(f"{source} takes no --{unknown[0]}; leave it out")
+    return method(**options)
+
+
+def declare(method: Any, source: str) -> Declaration:
+    """What the method declares. Raises GcbenchError that says what is missing or wrong."""
+    if not callable(getattr(method, "estimate", None)):
+        raise GcbenchError(f"{source}: no estimate(observation). {HOW}")
+    for name in ("name", "version", "training"):
+        value = getattr(method, name, None)
+        if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f@]{1,200}", value):
+            raise GcbenchError(f"{source}: {name} is {value!r}, expected a line of text. {HOW}")
+    for name, known in (("inputs", INPUTS), ("knowledge", KNOWLEDGE)):
+        values = getattr(method, name, None)
+        if isinstance(values, str) or not isinstance(values, tuple | list) or not values:
+            raise GcbenchError(f"{source}: {name} is {values!r}, expected a tuple of {known}")
+        if wrong := [v for v in cast("list[Any]", values) if v not in known]:
+            raise GcbenchError(f"{source}: {name} has {wrong[0]!r}; there are {', '.join(known)}")
+    return Declaration(
+        method.name, method.version, method.training, tuple(method.inputs),
+        tuple(method.knowledge), str(getattr(method, "hint", "")),
+    )  # fmt: skip
+
+
+def plan_rows(
+    declared: Declaration,
+    oracles: tuple[str, ...] = (),
+    inputs: tuple[Inputs, ...] = (),
+    knowledge: tuple[Knowledge, ...] = (),
+) -> list[Row]:
+    """The rows to evaluate: every track and knowledge that is supported, or those asked for.
+
+    Raises GcbenchError if one that is asked for is not supported.
+    """
+    for asked, supported, what in (
+        (inputs, declared.inputs, "inputs"),
+        (knowledge, declared.knowledge, "knowledge"),
+    ):
+        if missing := [value for value in asked if value not in supported]:
+            hint = f"; {declared.hint}" if declared.hint and what == "inputs" else ""
+            raise GcbenchError(
+                f"{declared.name} does not support {what} {missing[0]}; "
+                f"it supports {', '.join(supported)}{hint}"
+            )
+    rows = [
+        Row(declared.name, declared.version, i, k, declared.training, oracles)
+        for i in inputs or declared.inputs
+        for k in knowledge or declared.knowledge
+        if allowed(i, k)
+    ]
+    if not rows:
+        raise GcbenchError(f"{declared.name}: inputs and knowledge do not go together")
+    if oracles and all(row.inputs == "none" for row in rows):
+        raise GcbenchError(f"{declared.name} sees no images, so that an oracle is nothing to it")
+    return rows
+
+
+def _module(name: str, source: str) -> ModuleType:
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # last: a file here must not hide an installed package
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name and (name == error.name or name.startswith(error.name + ".")):
+            raise GcbenchError(f"{source}: no module {error.name!r}") from error
+        raise GcbenchError(
+            f"{source}: needs the package {error.name!r}, which is missing"
+        ) from error
+
+
+def _file(path: Path) -> ModuleType:
+    path = path.expanduser()
+    if not path.is_file():
+        raise GcbenchError(f"{path}: no such file")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise GcbenchError(f"{path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault(path.stem, module)  # dataclasses look there
+    sys.path.append(str(path.resolve().parent))
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,84 @@
+"""What a method is handed of a sequence: exactly what its inputs, knowledge and oracles say."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import GcbenchError
+from ...renderer.types.observation import Inputs, Knowledge, Observation
+from ...renderer.types.sequence import Sequence
+from ...robots.model.articulated_model import ArticulatedModel
+from .truth import truth_of
+
+DEPTH_NOISE = 0.05
+"""m, standard deviation of the track rgbd-noise."""
+_NEAREST = 0.001  # m; noise does not turn a surface into none
+_NOISE_STREAM = 0x6E6F6973
+
+Oracle = Literal["true-parts", "true-flow"]
+ORACLES: tuple[Oracle, ...] = get_args(Oracle)
+
+
+def allowed(inputs: Inputs, knowledge: Knowledge) -> bool:
+    """Whether the two go together: no images and no knowledge are one."""
+    return (inputs == "none") == (knowledge == "none")
+
+
+def observe(
+    sequence: Sequence,
+    inputs: Inputs,
+    knowledge: Knowledge,
+    oracles: tuple[str, ...] = (),
+    model: ArticulatedModel | None = None,
+) -> Observation:
+    """The observation; everything that is not granted is None.
+
+    `model` is needed at knowledge `model`. Raises GcbenchError for a combination that is none.
+    """
+    if not allowed(inputs, knowledge):
+        raise GcbenchError(f"inputs {inputs} and knowledge {knowledge} do not go together")
+    if unknown := set(oracles) - set(ORACLES):
+        raise GcbenchError(f"no oracle {min(unknown)!r}; there are {', '.join(ORACLES)}")
+    if oracles and inputs == "none":
+        raise GcbenchError("an oracle belongs to images; this row has none")
+    if knowledge == "model" and model is None:
+        raise GcbenchError("knowledge model needs the articulated model of the dataset")
+    truth, state = truth_of(sequence), sequence.state
+    axes = knowledge in ("axes", "kinematics", "model")
+    lines = knowledge in ("kinematics", "model")
+    has_depth = inputs in ("rgbd", "rgbd-noise")
+    depth = sequence.depth[0 : len(sequence)] if has_depth else None
+    noise = DEPTH_NOISE if inputs == "rgbd-noise" else 0.0
+    if depth is not None and noise:
+        depth = noisy(depth, noise, sequence.meta.seed, sequence.meta.index)
+    return Observation(
+        rgb=None if inputs == "none" else sequence.rgb[0 : len(sequence)],
+        depth=depth,
+        intrinsics=state.intrinsics.copy(),
+        times=state.times.copy(),
+        n_joints=len(truth.joint_names),
+        joint_types=truth.joint_types,
+        joint_parent=truth.parent,
+        depth_noise=noise,
+        cam_from_world=state.cam_from_world[0].copy() if axes else None,
+        axis_direction=truth.screw[:, :3].copy() if axes else None,
+        axis_line=truth.screw.copy() if lines else None,
+        model=model if knowledge == "model" else None,
+        part=true_parts(sequence, truth.label) if "true-parts" in oracles else None,
+        flow=np.array(sequence.flow[0 : len(sequence) - 1]) if "true-flow" in oracles else None,
+    )
+
+
+def noisy(depth: NDArray[np.float32], sigma: float, seed: int, index: int) -> NDArray[np.float32]:
+    """Depth [T H W] m with Gaussian noise on surface pixels; a function of (seed, index)."""
+    rng = np.random.default_rng([seed, index, _NOISE_STREAM])
+    noise = rng.standard_normal(depth.shape, np.float32) * np.float32(sigma)
+    return np.where(depth > 0, np.maximum(depth + noise, np.float32(_NEAREST)), np.float32(0))
+
+
+def true_parts(sequence: Sequence, label: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """[T H W] 0 still, j what scored joint j is the last to move."""
+    return np.stack([label[image] for image in sequence.part])

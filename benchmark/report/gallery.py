@@ -1,0 +1,173 @@
+"""The worst and the median sequence of each line: the estimated pose drawn over the true one."""
+
+from __future__ import annotations
+
+import base64
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import GcbenchError
+from ...renderer.dataset.reader import Dataset, open_dataset
+from ...renderer.runtime.progress import Bar
+from ...renderer.types.sequence import Sequence as Video
+from ...robots.catalog import names as objects
+from ..protocol import metrics
+from ..protocol.scoring import AXES_KNOWN, shape_of
+from ..protocol.truth import truth_of
+from ..results.estimates import read_stored
+from .leaderboard import Line, sequence_errors
+
+if TYPE_CHECKING:
+    from ...renderer.show.overlay import Painter
+    from ...robots.model.articulated_model import ArticulatedModel
+
+WIDTH = 420
+"""px of a picture."""
+Kind = Literal["worst", "median"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One sequence of one line."""
+
+    line: int
+    """Number of the line."""
+    kind: Kind
+    sequence: str
+    error: float
+    """Mean final error of its joints, in the line's unit."""
+    joints: tuple[tuple[str, float], ...]
+    """Name and final error of each."""
+    image: str = ""
+    """A `data:` address; empty if there is none."""
+    reason: str = ""
+    """Why there is none."""
+
+
+def chosen(lines: Sequence[Line]) -> list[Picture]:
+    """What is worth looking at, without images: of each line the worst and the median sequence."""
+    out: list[Picture] = []
+    for number, line in enumerate(lines):
+        errors = sequence_errors(line)
+        order = sorted(errors, key=lambda name: (errors[name], name))
+        picks: list[tuple[Kind, str]] = [("worst", order[-1])]
+        if len(order) > 1:
+            picks.append(("median", order[(len(order) - 1) // 2]))
+        for kind, name in picks:
+            joints = tuple((j.name, line.error[name, j.name]) for j in line.joints
+                           if (name, j.name) in line.error)  # fmt: skip
+            out.append(Picture(number, kind, name, errors[name], joints))
+    return out
+
+
+def draw(
+    lines: Sequence[Line], pictures: Sequence[Picture], progress: bool = True
+) -> list[Picture]:
+    """The pictures with their images, or the reason why one has none, in the same order."""
+    out = list(pictures)
+    order = sorted(range(len(out)), key=lambda k: lines[out[k].line].run.run.data)
+    with ExitStack() as stack:
+        painters = stack.enter_context(_Painters())
+        bar = stack.enter_context(Bar(total=len(out), desc="draw", unit="picture", delay=2,
+                                      file=sys.stderr, disable=not progress))  # fmt: skip
+        for k in order:
+            picture = out[k]
+            try:
+                image = _image(lines[picture.line], picture.sequence, painters)
+                out[k] = replace(picture, image=_address(image))
+            except GcbenchError as error:
+                out[k] = replace(picture, reason=str(error))
+            except Exception as error:  # a driver may raise anything; a report has more than this
+                out[k] = replace(picture, reason=f"{type(error).__name__}: {error}")
+            bar.update()
+    return out
+
+
+def _image(line: Line, name: str, painters: _Painters) -> NDArray[np.uint8]:
+    dataset, painter = painters.of(Path(line.run.run.data))
+    sequence = dataset[name]
+    if objects.is_category(dataset.config.robot):
+        painter.model = model_of(dataset, sequence)
+    return painter.paint(sequence, final_estimate(line, sequence, name))
+
+
+def final_estimate(line: Line, sequence: Video, name: str) -> dict[str, float]:
+    """The estimated motion of each scored joint at the last frame, rad or m, as it is scored: with
+    the joint's sign, and none where it is missing."""
+    truth = truth_of(sequence)
+    stored = read_stored(line.run.estimate_path(name), shape_of(sequence)).estimate
+    given = None if stored is None else stored.displacement
+    screw = None if stored is None else stored.screw
+    moved = metrics.no_motion_where_missing(given, truth.displacement)
+    known = line.row.knowledge in AXES_KNOWN
+    sign, _ = metrics.signs(
+        moved, truth.displacement, truth.prismatic, known, screw, truth.screw
+    )
+    final = sign * moved[-1]
+    return {joint: float(x) for joint, x in zip(truth.joint_names, final, strict=True)}
+
+
+class _Painters:
+    """The painter of one dataset after another: only one OpenGL context is open at a time."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+        self._folder: Path | None = None
+        self._found: tuple[Dataset, Painter] | GcbenchError = GcbenchError("")
+
+    def __enter__(self) -> _Painters:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def of(self, folder: Path) -> tuple[Dataset, Painter]:
+        """The dataset in a folder and the painter of its model.
+
+        Raises GcbenchError, each time, if there is none.
+        """
+        if folder != self._folder:
+            self._stack.close()
+            self._folder = folder
+            try:
+                self._found = self._open(folder)
+            except GcbenchError as error:
+                self._found = error
+        if isinstance(self._found, GcbenchError):
+            raise GcbenchError(str(self._found))
+        return self._found
+
+    def _open(self, folder: Path) -> tuple[Dataset, Painter]:
+        from ...renderer.show.overlay import Painter
+
+        dataset = open_dataset(folder)
+        model = model_of(dataset, dataset[0])
+        painter = Painter(model, dataset.config.width, dataset.config.height)
+        return dataset, self._stack.enter_context(painter)
+
+
+def model_of(dataset: Dataset, sequence: Video) -> ArticulatedModel:
+    """What a sequence shows. Raises GcbenchError if it is not on this machine."""
+    from ...renderer.show.overlay import model_at_hand
+
+    return model_at_hand(dataset.config, sequence.meta)
+
+
+def _address(image: NDArray[np.uint8]) -> str:
+    """A picture [H W 3] as a `data:` address, at most WIDTH px wide."""
+    import cv2
+
+    height, width = image.shape[:2]
+    if width > WIDTH:
+        size = (WIDTH, max(1, round(height * WIDTH / width)))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    pixels = np.ascontiguousarray(image[..., ::-1])
+    _, code = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, 82])
+    return "data:image/webp;base64," + base64.b64encode(code.tobytes()).decode()

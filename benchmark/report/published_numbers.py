@@ -1,0 +1,112 @@
+"""The numbers that the GC-Pose paper prints, as data.
+
+They were measured on data that are not published. They stand beside ours as a reference, and are
+never ranked with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..results.rows import Row
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A cell of one of the paper's tables."""
+
+    table: int
+    """1 objects, 2 OWI-535 by joint, 3 robots."""
+    method: str
+    """As the paper names it."""
+    robot: str
+    """As in our catalogue."""
+    joint: int
+    """1 .. J from the base outward; 0: all joints."""
+    mean: float
+    """deg"""
+    std: float | None = None
+    """deg"""
+    pcp5: float | None = None
+    """percent"""
+
+
+FULL = "GC-Pose, true depth"
+NOISY = "GC-Pose, true depth with 5 cm noise"
+ESTIMATED = "GC-Pose, estimated depth"
+ALONE, EPIPOLAR = "FlowNet2 alone", "FlowNet2, epipolar"
+ARMS = ("ur5", "ur5-textured", "iiwa14", "irb2400")
+OBJECTS = ("microwave", "dishwasher", "oven")
+OWI = "owi535"
+ACROSS = "oven, trained on the other two"
+
+_OBJECTS = {
+    "ScrewNet": ((2.549, 0.939), (4.037, 1.613), (0.720, 0.140)),
+    "ICP": ((9.895, 8.043), (14.396, 10.472), (11.227, 9.311)),
+    "Abbatematteo et al.": ((11.856, 2.456), (9.735, 4.600), (13.087, 4.649)),
+    "GC-Pose": ((1.231, 0.717), (1.605, 1.057), (1.337, 1.199)),
+}
+_ACROSS = {"ScrewNet": (8.650, 0.207), "Abbatematteo et al.": (9.915, 3.934)}
+_OWI = {
+    "CRAVES": ((2.8415, 0.8263), (3.0825, 1.0282), (2.8257, 0.9200), (3.3806, 1.2193)),
+    "GC-Pose, RGB": ((2.9719, 1.2091), (2.8177, 1.9490), (3.0132, 1.6279), (4.1522, 2.6377)),
+    "GC-Pose, RGB-D": ((1.7632, 1.0900), (1.3688, 1.0862), (1.7357, 1.3744), (2.9779, 1.7250)),
+}
+_ROBOTS = {
+    ALONE: ((25.7216, 12.5), (8.4578, 45.0), (17.1803, 19.5), (29.1733, 3.5)),
+    EPIPOLAR: ((8.7170, 49.2), (5.6970, 65.5), (8.1617, 42.0), (9.0064, 31.0)),
+    ESTIMATED: ((3.8168, 85.9), (3.1532, 87.5), (4.0264, 83.5), (5.9153, 81.5)),
+    FULL: ((2.2132, 91.6), (1.4633, 96.5), (2.5158, 89.0), (3.1479, 93.5)),
+    NOISY: ((2.9758, 89.6), (2.2413, 94.0), (3.2217, 87.0), (4.6583, 85.0)),
+}
+
+PRINTED: tuple[Printed, ...] = (
+    *(Printed(1, method, robot, 0, mean, std)
+      for method, cells in _OBJECTS.items()
+      for robot, (mean, std) in zip(OBJECTS, cells, strict=True)),
+    *(Printed(1, f"{method} ({ACROSS})", "oven", 0, mean, std)
+      for method, (mean, std) in _ACROSS.items()),
+    *(Printed(2, method, OWI, joint, mean, std)
+      for method, cells in _OWI.items()
+      for joint, (mean, std) in enumerate(cells, 1)),
+    *(Printed(3, method, robot, 0, mean, pcp5=pcp5)
+      for method, cells in _ROBOTS.items()
+      for robot, (mean, pcp5) in zip(ARMS, cells, strict=True)),
+)  # fmt: skip
+"""Every number on synthetic data. Table 2's real images have no counterpart here."""
+
+_COUNTERPARTS = {
+    ("gcpose", "rgb", 3): ESTIMATED,
+    ("gcpose", "rgbd", 3): FULL,
+    ("gcpose", "rgbd-noise", 3): NOISY,
+    ("gcpose-flow", "rgb", 3): ALONE,
+    ("gcpose-epipolar", "rgb", 3): EPIPOLAR,
+    ("gcpose-depth", "rgb", 3): ESTIMATED,
+    ("gcpose-depth", "rgbd", 3): FULL,
+    ("gcpose-depth", "rgbd-noise", 3): NOISY,
+    ("gcpose", "rgb", 2): "GC-Pose, RGB",
+    ("gcpose", "rgbd", 2): "GC-Pose, RGB-D",
+}
+"""Table 1 does not say which images GC-Pose saw: its rows stand alone."""
+
+
+def order(robot: str) -> int:
+    """Where the paper's tables have a robot; those that it does not have come last."""
+    known = (*ARMS, OWI, *OBJECTS)
+    return known.index(robot) if robot in known else len(known)
+
+
+def counterpart(row: Row, table: int) -> str:
+    """The paper's name for what the row does, or "".
+
+    The paper's method knows the directions of the axes ("computed using the kinematic chain"): a
+    row at other knowledge, or with an oracle, has no counterpart.
+    """
+    if row.knowledge != "axes" or row.oracles:
+        return ""
+    return _COUNTERPARTS.get((row.method, row.inputs, table), "")
+
+
+def printed(table: int, robot: str | None = None) -> tuple[Printed, ...]:
+    """Cells of a table, of one robot or of all."""
+    return tuple(p for p in PRINTED if p.table == table and robot in (None, p.robot))

@@ -1,0 +1,168 @@
+"""Sums over many sequences, and how sure they are: pure functions of arrays.
+
+N values, one for each (sequence, joint); `cluster` [N] says what was drawn independently: the
+sequence, or the object's instance. Randomness is an argument; every list keeps its order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...robots.geometry.transforms import Array
+
+DRAWS = 2000
+LEVEL = 0.95
+_AT_ONCE = 2**21  # drawn numbers in memory
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Errors of one row on one dataset, in one unit."""
+
+    sequences: int
+    joints: int
+    """(sequence, joint) pairs."""
+    mean: float
+    std: float
+    """Of the pairs."""
+    ci_low: float
+    ci_high: float
+    """95 % interval of the mean, bootstrap by cluster."""
+    median: float
+    p90: float
+    pcp: tuple[float, ...]
+    """Percent, for each threshold."""
+    coverage: float
+    """Percent of the pairs with an estimate."""
+
+
+def summarize(
+    error: ArrayLike,
+    covered: ArrayLike,
+    cluster: Sequence[Hashable],
+    sequence: Sequence[Hashable],
+    thresholds: Sequence[float],
+    rng: np.random.Generator,
+) -> Summary:
+    """Everything about N errors [N] >= 0; `covered` [N] bool; thresholds in the errors' unit.
+
+    A pair without an estimate is in every number, with the error it was given, and is wrong for
+    PCP. Raises ValueError if an error is not finite: nothing may be left out of a mean.
+    """
+    e, c = np.asarray(error, np.float64), np.asarray(covered, bool)
+    if e.ndim != 1 or not e.size or not np.isfinite(e).all() or e.shape != c.shape:
+        raise ValueError("errors are finite numbers, at least one, each with its coverage")
+    low, high = bootstrap_mean(e, cluster, rng)
+    return Summary(
+        sequences=len(set(sequence)),
+        joints=len(e),
+        mean=float(e.mean()),
+        std=float(e.std()),
+        ci_low=low,
+        ci_high=high,
+        median=float(np.median(e)),
+        p90=float(np.percentile(e, 90)),
+        pcp=pcp(e, c, thresholds),
+        coverage=100.0 * float(c.mean()),
+    )
+
+
+def pcp(error: Array, covered: NDArray[np.bool_], thresholds: Sequence[float]) -> tuple[float, ...]:
+    """Percent of all N pairs whose error [N] is at most each threshold and that are covered [N]."""
+    return tuple(
+        100.0 * float(((error <= limit * (1 + 1e-9)) & covered).mean()) for limit in thresholds
+    )
+
+
+def bootstrap_mean(
+    value: ArrayLike,
+    cluster: Sequence[Hashable],
+    rng: np.random.Generator,
+    draws: int = DRAWS,
+    level: float = LEVEL,
+) -> tuple[float, float]:
+    """Percentile interval of the mean of [N] values when whole clusters are drawn again.
+
+    With one cluster the interval is that mean, which says nothing.
+    """
+    v = np.asarray(value, np.float64)
+    number = {key: k for k, key in enumerate(dict.fromkeys(cluster))}
+    which = np.array([number[key] for key in cluster])
+    sums, counts = np.bincount(which, v), np.bincount(which).astype(np.float64)
+    n = len(number)
+    means = np.empty(draws)
+    chunk = max(1, _AT_ONCE // n)
+    for k in range(0, draws, chunk):
+        chosen = rng.integers(0, n, (min(chunk, draws - k), n))
+        means[k : k + chunk] = sums[chosen].sum(1) / counts[chosen].sum(1)
+    tail = 100.0 * (1.0 - level) / 2.0
+    low, high = np.percentile(means, [tail, 100.0 - tail])
+    return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Two rows on the same (sequence, joint) pairs: a - b."""
+
+    pairs: int
+    clusters: int
+    mean: float
+    ci_low: float
+    ci_high: float
+
+    @property
+    def told_apart(self) -> bool:
+        """Whether the interval leaves out zero; one cluster alone has no interval."""
+        return self.clusters > 1 and (self.ci_low > 0.0 or self.ci_high < 0.0)
+
+
+Pair = tuple[str, str]
+"""(sequence, joint)"""
+
+
+def paired_difference(
+    a: Mapping[Pair, float],
+    b: Mapping[Pair, float],
+    rng: np.random.Generator,
+    cluster: Mapping[Pair, Hashable] | None = None,
+) -> Difference:
+    """Mean of a - b over the pairs that both have, with its interval by cluster (default: the
+    sequence). Without common pairs: zero pairs, NaN."""
+    common = sorted(a.keys() & b.keys())
+    if not common:
+        return Difference(0, 0, float("nan"), float("nan"), float("nan"))
+    delta = np.array([a[pair] - b[pair] for pair in common])
+    groups = [(cluster or {}).get(p, p[0]) for p in common]
+    low, high = bootstrap_mean(delta, groups, rng)
+    return Difference(len(common), len(set(groups)), float(delta.mean()), low, high)
+
+
+def shared_ranks(
+    rows: Sequence[Mapping[Pair, float]],
+    rng: np.random.Generator,
+    cluster: Mapping[Pair, Hashable] | None = None,
+) -> list[int]:
+    """Rank of each row of errors: 1 + the number of rows that are better and told apart from it.
+
+    So rows that cannot be told apart by their paired difference share a rank, and being worse than
+    one that shares it is not enough to lose it. No correction for the number of comparisons.
+    """
+    seed = rng.integers(2**63)  # the same draws for every comparison: order plays no part
+    ranks = [1] * len(rows)
+    for i, a in enumerate(rows):
+        for k, b in enumerate(rows[:i]):
+            d = paired_difference(a, b, np.random.default_rng(seed), cluster)
+            if d.told_apart:
+                ranks[i if d.mean > 0.0 else k] += 1
+    return ranks
+
+
+def best_half(error: ArrayLike) -> float:
+    """Mean of the better half of [N] errors (rounded up). Only beside CRAVES' published number,
+    which is this one: ranked by the true error, so it is no measure of a method."""
+    e = np.sort(np.asarray(error, np.float64))
+    return float(e[: (len(e) + 1) // 2].mean())

@@ -1,0 +1,197 @@
+"""What a method returned for one sequence, on disk: a ZIP of `estimate.json` and `estimate.npz`.
+
+Stored apart from scores, so that a new metric never runs a method again. The JSON holds status,
+reason, time and memory; the arrays (absent if the method failed) are those of `Estimate`.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import GcbenchError
+from ...renderer.runtime.json import dump_json, parse_json
+from ...renderer.runtime.zip_archive import ArchiveWriter, open_archive
+from ...renderer.types.observation import Estimate
+
+Status = Literal["ok", "raised", "timeout", "crashed", "invalid"]
+STATUSES: tuple[Status, ...] = get_args(Status)
+MAX_REASON = 4000
+"""Characters of a reason; the end of a longer one is kept."""
+_JSON, _ARRAYS, _FORMAT = "estimate.json", "estimate.npz", "gcbench-estimate/1"
+_MAX_BYTES = 2**28
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the arrays of an estimate must fit: T frames of H x W pixels, J scored joints."""
+
+    frames: int
+    joints: int
+    height: int
+    width: int
+
+
+@dataclass(frozen=True)
+class Stored:
+    """One attempt at one sequence."""
+
+    status: Status
+    reason: str = ""
+    """What went wrong, with the method's last words; empty if nothing did."""
+    seconds: float | None = None
+    """Of `estimate` alone; None if it is not known."""
+    peak_memory: float | None = None
+    """Of the process, MiB; None if it is not known."""
+    estimate: Estimate | None = None
+    """None if it failed."""
+
+
+class InvalidEstimateError(GcbenchError):
+    """What a method returned is not an estimate of this sequence; the message says why."""
+
+
+def checked(value: Any, shape: Shape) -> Estimate:
+    """What a method returned, as arrays of the right shapes; numbers may be NaN.
+
+    Raises InvalidEstimateError that names the field, its shape and the expected one.
+    """
+    if not hasattr(value, "displacement"):
+        raise InvalidEstimateError(
+            f"returned {type(value).__name__}, expected gcbench.renderer.types.observation.Estimate"
+        )
+    t, j = shape.frames, shape.joints
+    displacement = _numbers(value, "displacement", (t, j), f"[T J] = [{t} {j}]")
+    if displacement is None:
+        raise InvalidEstimateError(f"displacement is None, expected [T J] = [{t} {j}]")
+    part = getattr(value, "part", None)
+    if part is not None:
+        expected = (t, shape.height, shape.width)
+        part = _array(part, "part")
+        if part.shape != expected or part.dtype.kind not in "biu":
+            raise InvalidEstimateError(
+                f"part is {part.dtype} {list(part.shape)}, expected integers [T H W] = "
+                f"{list(expected)}"
+            )
+        if part.size and not 0 <= int(part.min()) <= int(part.max()) <= j:
+            raise InvalidEstimateError(f"part has labels outside 0..{j}")
+        part = part.astype(np.uint8)
+    return Estimate(
+        displacement=displacement,
+        screw=_numbers(value, "screw", (j, 6), f"[J 6] = [{j} 6]"),
+        part=part,
+        sigma=_numbers(value, "sigma", (t, j), f"[T J] = [{t} {j}]"),
+    )
+
+
+def _numbers(value: Any, name: str, shape: tuple[int, ...], expected: str) -> Any:
+    given = getattr(value, name, None)
+    if given is None:
+        return None
+    array = _array(given, name)
+    if array.shape != shape or array.dtype.kind not in "fiub":
+        raise InvalidEstimateError(
+            f"{name} is {array.dtype} {list(array.shape)}, expected real numbers {expected}"
+        )
+    return array.astype(np.float64)
+
+
+def _array(value: Any, name: str) -> NDArray[Any]:
+    try:
+        return np.asarray(value)
+    except Exception as error:  # somebody else's class may raise anything
+        raise InvalidEstimateError(f"{name} is not an array ({error})") from error
+
+
+def dump_stored(stored: Stored) -> bytes:
+    """The ZIP; equal contents are equal bytes."""
+    out = io.BytesIO()
+    archive = ArchiveWriter(out)
+    tree = {
+        "format": _FORMAT,
+        "status": stored.status,
+        "reason": stored.reason[-MAX_REASON:],
+        "seconds": stored.seconds,
+        "peak_memory": stored.peak_memory,
+    }
+    archive.add(_JSON, dump_json(tree))
+    if stored.estimate is not None:
+        fields = ("displacement", "screw", "part", "sigma")
+        arrays = {name: getattr(stored.estimate, name) for name in fields}
+        data = io.BytesIO()
+        np.savez_compressed(data, **{k: v for k, v in arrays.items() if v is not None})
+        archive.add(_ARRAYS, data.getvalue())
+    archive.close()
+    return out.getvalue()
+
+
+def read_stored(path: Path, shape: Shape) -> Stored:
+    """The estimate in a file. Raises GcbenchError that names what is wrong with it."""
+    archive = open_archive(path)
+    where = archive.where(_JSON)
+    tree = parse_json(archive.read(_JSON, 2**20), where)
+    status, reason = tree.get("status"), tree.get("reason")
+    if tree.get("format") != _FORMAT or status not in STATUSES or not isinstance(reason, str):
+        raise GcbenchError(f"{where}: not of the format {_FORMAT!r}")
+    numbers = {name: _number(tree.get(name), where) for name in ("seconds", "peak_memory")}
+    estimate = None
+    if status == "ok":
+        estimate = _parse_arrays(archive.read(_ARRAYS, _MAX_BYTES), shape, archive.where(_ARRAYS))
+    return Stored(status=status, reason=reason[-MAX_REASON:], estimate=estimate, **numbers)
+
+
+def _number(value: Any, where: str) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise GcbenchError(f"{where}: seconds or peak_memory is not a number")
+    return float(value)
+
+
+def _parse_arrays(data: bytes, shape: Shape, where: str) -> Estimate:
+    """Arrays of an NPZ that inflates to no more than an estimate of this shape needs."""
+    t, j = shape.frames, shape.joints
+    most = 8 * (2 * t * j + 6 * j) + t * shape.height * shape.width + 4 * 1024
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as file:
+            if sum(info.file_size for info in file.infolist()) > most:
+                raise GcbenchError(f"{where}: larger than an estimate of this sequence")
+            arrays = {
+                info.filename.removesuffix(".npy"): _parse_array(file.read(info), most)
+                for info in file.infolist()
+            }
+        if "displacement" not in arrays:
+            raise ValueError("no displacement")
+        if unknown := set(arrays) - {"displacement", "screw", "part", "sigma"}:
+            raise ValueError(f"unknown array {min(unknown)!r}")
+        return checked(Estimate(**cast("dict[str, Any]", arrays)), shape)
+    except InvalidEstimateError as error:
+        raise GcbenchError(f"{where}: {error}") from error
+    except (
+        ValueError, EOFError, OSError, NotImplementedError, RuntimeError, zlib.error,
+        zipfile.BadZipFile,
+    ) as error:  # fmt: skip
+        raise GcbenchError(f"{where}: damaged ({error})") from error
+
+
+def _parse_array(data: bytes, most: int) -> NDArray[Any]:
+    """An NPY; its header must not promise more than there is."""
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    if version != (1, 0):
+        raise ValueError("not of NPY version 1.0")
+    shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
+        raise ValueError("an array's header does not fit its data")
+    if len(data) > most:
+        raise ValueError("larger than an estimate of this sequence")
+    stream.seek(0)
+    return np.lib.format.read_array(stream, allow_pickle=False)

@@ -1,0 +1,185 @@
+"""The process that a method runs in: receives tasks, hands over observations, returns estimates.
+
+Messages are bytes, so that nothing that a method made is ever unpickled: a task is JSON; an answer
+is one letter and its content (READY a declaration, STARTED nothing, DONE an estimate's ZIP, PROBLEM
+text). This keeps accidents away from the run; it is no sandbox against malice.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import GcbenchError
+
+if TYPE_CHECKING:
+    from ...renderer.dataset.reader import Dataset
+    from ...renderer.types.observation import Method
+    from ...robots.model.articulated_model import ArticulatedModel
+    from ..results.estimates import Shape, Stored
+
+READY, STARTED, DONE, PROBLEM = b"R", b"S", b"D", b"P"
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Read by libraries when they load, so the parent sets them before the process starts."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One sequence for one row."""
+
+    data: str
+    """Folder of the dataset."""
+    sequence: str
+    inputs: str
+    knowledge: str
+    oracles: tuple[str, ...] = ()
+
+
+def work(connection: Connection, source: str, threads: int, log: str) -> None:
+    """Load the method, estimate until told to stop. The main function of the process.
+
+    What it prints goes to the file `log`.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent decides
+    with suppress(OSError):
+        os.setsid()  # so that what a method starts ends with it
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _redirect(log)
+    try:
+        _serve(connection, source, threads)
+    except GcbenchError as error:
+        connection.send_bytes(PROBLEM + str(error).encode())
+    except (EOFError, BrokenPipeError):
+        pass  # the parent is gone
+    except BaseException:
+        connection.send_bytes(PROBLEM + f"{source}: {traceback.format_exc()}".encode())
+
+
+def _serve(connection: Connection, source: str, threads: int) -> None:
+    import cv2
+
+    cv2.setNumThreads(threads)
+    from ..methods.registry import declare, load
+
+    method = load(source)
+    connection.send_bytes(READY + json.dumps(asdict(declare(method, source))).encode())
+    opened: dict[str, Dataset] = {}
+    models: dict[tuple[str, str], ArticulatedModel] = {}
+    while data := connection.recv_bytes():
+        task = Task(**json.loads(data))
+        if task.data not in opened:
+            from ...renderer.dataset.reader import open_dataset
+
+            opened[task.data] = open_dataset(Path(task.data))
+        dataset = opened[task.data]
+        model = _model(dataset, task, models) if task.knowledge == "model" else None
+        stored = _attempt(method, task, dataset, model, connection)
+        from ..results.estimates import dump_stored
+
+        connection.send_bytes(DONE + dump_stored(stored))
+
+
+def _attempt(
+    method: Method,
+    task: Task,
+    dataset: Dataset,
+    model: ArticulatedModel | None,
+    connection: Connection,
+) -> Stored:
+    """Whatever the method does, something that can be stored (unless the process dies)."""
+    from ..protocol.observations import observe
+    from ..protocol.scoring import shape_of
+    from ..results.estimates import InvalidEstimateError, Stored, checked
+
+    sequence = dataset[task.sequence]
+    observation = observe(sequence, task.inputs, task.knowledge, task.oracles, model)  # pyright: ignore[reportArgumentType]
+    shape: Shape = shape_of(sequence)
+    connection.send_bytes(STARTED)
+    _forget_peak()
+    started = time.perf_counter()
+    try:
+        value = method.estimate(observation)
+    except BaseException as error:
+        last = traceback.format_exc(limit=-6)
+        return Stored("raised", f"{type(error).__name__}: {_text(error)}\n{last}")
+    seconds = time.perf_counter() - started
+    try:
+        return Stored("ok", "", seconds, peak_memory(), checked(value, shape))
+    except InvalidEstimateError as error:
+        return Stored("invalid", str(error), seconds, peak_memory())
+
+
+def load_model(dataset: Dataset, sequence: str) -> ArticulatedModel:
+    """The articulated model that a sequence of a dataset shows."""
+    from ...renderer.scene.models import packages_of, robot_of
+    from ...robots.catalog.entries import load
+
+    config = dataset.config
+    robot = robot_of(config, dataset[sequence].meta)
+    return load(robot, packages_of(config), config.allow_missing)
+
+
+def _model(
+    dataset: Dataset, task: Task, models: dict[tuple[str, str], ArticulatedModel]
+) -> ArticulatedModel:
+    """`load_model`, once a dataset unless its sequences differ; `models` has the last one."""
+    from ...robots.catalog.names import is_category
+
+    key = task.data, task.sequence if is_category(dataset.config.robot) else ""
+    if key not in models:
+        models.clear()
+        models[key] = load_model(dataset, task.sequence)
+    return models[key]
+
+
+def peak_memory() -> float | None:
+    """MiB that this process held at most since `_forget_peak`; None where nobody says."""
+    with suppress(OSError, ValueError, IndexError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024.0
+    return None
+
+
+def _forget_peak() -> None:
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _text(error: BaseException) -> str:
+    try:
+        return str(error)
+    except Exception:
+        return "(its message cannot be printed)"
+
+
+def _redirect(log: str) -> None:
+    """stdout and stderr, of C libraries too, into a file that the parent may cut."""
+    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.dup2(file, 1)
+    os.dup2(file, 2)
+    os.close(file)
+    import faulthandler
+
+    faulthandler.enable()  # a segmentation fault says where
+
+
+def _end_with_parent() -> None:
+    """Ends this process at once when the parent is gone, whatever it died of."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,330 @@
+"""Predictions of an outside method, in a CSV or an NPZ: untrusted, so strict and bounded.
+
+They become stored estimates like those of a method that ran here, and are scored the same way.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import GcbenchError
+from ...renderer.types.observation import Estimate, Inputs, Knowledge
+from ...robots.files.atomic import write_atomically
+from ...robots.geometry.transforms import Array
+from ..protocol.observations import allowed
+from ..protocol.scoring import shape_of
+from ..results.estimates import STATUSES, Stored, dump_stored
+from ..results.rows import (
+    ESTIMATES,
+    INPUTS,
+    KNOWLEDGE,
+    RUN,
+    Row,
+    Run,
+    RunFolder,
+    read_run,
+    run_folder,
+)
+from .datasets import SUITES, Data, from_folders, from_suite
+from .driver import describe_run, prepare, score
+from .suite import read_suite
+
+FORMAT = """\
+expected a CSV
+    # method: my-method
+    # inputs: rgbd            (rgb, rgbd, rgbd-noise, none)
+    # knowledge: free         (none, free, axes, kinematics, model)
+    # training: none          (none, self-supervised, supervised: on what)
+    # version: 1              (may be left out)
+    sequence,frame,joint,displacement
+    000000,1,1,0.0123
+sequence: a name, or DATASET/NAME if there are several datasets; frame: 1 .. T-1 (frame 0 is 0);
+joint: 1 .. J from the base outward; displacement: since frame 0, rad or m, nan where unknown.
+Or an NPZ (numpy.savez): texts method, inputs, knowledge, training, and an array [T J] for each
+sequence by its name; NAME.screw [J 6] beside it may hold axes"""
+MAX_BYTES = 2**28
+_COLUMNS = ["sequence", "frame", "joint", "displacement"]
+_KEYS = ("method", "inputs", "knowledge", "training", "version")
+_LISTED = 20  # missing targets
+_MAX_HEADER = 50
+
+
+@dataclass(frozen=True)
+class Target:
+    """What has to be predicted for a sequence."""
+
+    data: Data
+    sequence: str
+    frames: int
+    joints: int
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """A file, read."""
+
+    row: Row
+    displacement: dict[str, Array]
+    """[T J] by key of `targets`; every one is there."""
+    screw: dict[str, Array]
+    """[J 6], where given."""
+
+
+@dataclass(frozen=True)
+class ScoreConfig:
+    """What to score, and on what."""
+
+    predictions: Path
+    """CSV or NPZ."""
+    suite: str = "mini"
+    """Name of a suite, or a TOML file, that the predictions are for."""
+    data: tuple[Path, ...] = ()
+    """Datasets instead of a suite."""
+    results: Path = Path("results")
+    """Where estimates and scores go."""
+    keep_unobservable: bool = False
+    """Score sequences whose motion cannot be seen, too."""
+    suites: Path = SUITES
+    """Where suites are rendered."""
+
+
+def score_predictions(config: ScoreConfig) -> tuple[RunFolder, ...]:
+    """Score a file on datasets; replaces what an earlier file of the same row left.
+
+    Raises GcbenchError, with the expected format, if the file is not of it or a target is missing.
+    """
+    file, results = config.predictions, config.results
+    if not file.is_file():
+        raise GcbenchError(f"{file}: no such file")
+    if config.data:
+        data = from_folders(config.data, config.keep_unobservable)
+    else:
+        data = from_suite(read_suite(config.suite), config.suites, None, config.keep_unobservable)
+    wanted = targets(data)
+    found = read_predictions(file, wanted)
+    folders: list[RunFolder] = []
+    for d in data:
+        run = describe_run(found.row, "predictions", d, {})
+        refuse_other_source(run, results)
+        job = prepare(run, d, results, retry=STATUSES)
+        for key, target in wanted.items():
+            if target.data is d:
+                estimate = Estimate(found.displacement[key], found.screw.get(key))
+                path = job.folder.path / ESTIMATES / f"{target.sequence}.zip"
+                write_atomically(path, dump_stored(Stored("ok", estimate=estimate)))
+        score(job.folder, d)
+        folders.append(job.folder)
+    return tuple(folders)
+
+
+def refuse_other_source(run: Run, results: Path) -> None:
+    """Raises GcbenchError where a method that ran here has that row: a file does not replace it."""
+    path = run_folder(results, run.row, run.dataset) / RUN
+    if path.exists() and read_run(path).source != run.source:
+        raise GcbenchError(
+            f"{path.parent} holds a method that ran here, {run.row.title}; declare another name, "
+            "or choose another --results folder"
+        )
+
+
+def targets(data: Sequence[Data]) -> dict[str, Target]:
+    """What to predict: by the sequence's name, or DATASET/NAME where there are several datasets."""
+    out: dict[str, Target] = {}
+    for d in data:
+        for name in d.sequences:
+            shape = shape_of(d.dataset[name])
+            key = name if len(data) == 1 else f"{d.name}/{name}"
+            out[key] = Target(d, name, shape.frames, shape.joints)
+    return out
+
+
+def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
+    """The file. Raises GcbenchError with the expected format."""
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise GcbenchError(f"{file}: {error.strerror}") from error
+    if len(data) > MAX_BYTES:
+        raise GcbenchError(f"{file}: larger than {MAX_BYTES} bytes")
+    try:
+        return parse_npz(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
+    except (ValueError, csv.Error) as error:
+        raise GcbenchError(f"{file}: {error}; {FORMAT}") from error
+
+
+def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
+    """A CSV. Raises ValueError."""
+    lines = io.StringIO(data.decode("utf-8-sig"), newline="")  # UnicodeDecodeError: a ValueError
+    header: dict[str, str] = {}
+    number, first = 0, ""
+    for number, line in enumerate(lines, 1):
+        first = line.strip()
+        if first and not first.startswith("#"):
+            break
+        key, colon, value = first.lstrip("# ").partition(":")
+        if colon:
+            if key.strip() in header:
+                raise ValueError(f"line {number}: {key.strip()} is there twice")
+            header[key.strip()] = value.strip()
+        if number > _MAX_HEADER:
+            raise ValueError(f"no line {','.join(_COLUMNS)} in the first {_MAX_HEADER}")
+    row = declared(header)
+    if [cell.strip() for cell in first.split(",")] != _COLUMNS:
+        raise ValueError(f"line {number}: {_short(first)} instead of {','.join(_COLUMNS)}")
+    found = {key: _blank(t) for key, t in wanted.items()}
+    given = {key: np.zeros((t.frames, t.joints), bool) for key, t in wanted.items()}
+    for at, cells in _rows(lines, number):
+        if len(cells) != len(_COLUMNS):
+            raise ValueError(f"line {at}: {len(cells)} cells instead of {len(_COLUMNS)}")
+        key, frame, joint, value = (cell.strip() for cell in cells)
+        if key not in wanted:
+            raise ValueError(f"line {at}: no sequence {_short(key)}; {_known(wanted)}")
+        target = wanted[key]
+        t = _whole(frame, 0, target.frames - 1, f"line {at}: frame")
+        j = _whole(joint, 1, target.joints, f"line {at}: joint") - 1
+        if given[key][t, j]:
+            raise ValueError(f"line {at}: {key}, frame {t}, joint {j + 1} is there twice")
+        given[key][t, j] = True
+        found[key][t, j] = _real(value, f"line {at}: displacement")
+    _require(given)
+    return Predictions(row, found, {})
+
+
+def parse_npz(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
+    """An NPZ. Raises ValueError."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as file:
+            members = file.infolist()
+            if sum(m.file_size for m in members) > MAX_BYTES:
+                raise ValueError("inflates to more than a prediction needs")
+            arrays = {m.filename.removesuffix(".npy"): _npy(file.read(m)) for m in members}
+    except (
+        zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError,
+    ) as error:  # fmt: skip
+        raise ValueError(f"not a whole NPZ ({error})") from error
+    texts = {key: arrays.pop(key) for key in _KEYS if key in arrays}
+    for key, text in texts.items():
+        if text.dtype.kind != "U" or text.shape != ():
+            raise ValueError(f"{key} is not a text")
+    row = declared({key: str(text) for key, text in texts.items()})
+    found: dict[str, Array] = {}
+    screw: dict[str, Array] = {}
+    for name, array in arrays.items():
+        key = name.removesuffix(".screw")
+        if key not in wanted:
+            raise ValueError(f"no sequence {_short(key)}; {_known(wanted)}")
+        target = wanted[key]
+        shape = (target.joints, 6) if name != key else (target.frames, target.joints)
+        if array.shape != shape or array.dtype.kind not in "fiu":
+            raise ValueError(
+                f"{name} is {array.dtype} {list(array.shape)}, expected real numbers {list(shape)}"
+            )
+        (screw if name != key else found)[key] = array.astype(np.float64)
+    given = {key: np.full((t.frames, t.joints), key in found, bool) for key, t in wanted.items()}
+    _require(given)
+    return Predictions(row, found, screw)
+
+
+def declared(header: Mapping[str, str]) -> Row:
+    """The row that a header declares. Raises ValueError."""
+    if missing := [key for key in _KEYS[:4] if not header.get(key)]:
+        raise ValueError(f"the header does not say {', '.join(missing)}")
+    if unknown := [key for key in header if key not in _KEYS]:
+        raise ValueError(f"the header says {_short(unknown[0])}; there are {', '.join(_KEYS)}")
+    for key, value in header.items():
+        if not re.fullmatch(r"[^\x00-\x1f\x7f@]{1,200}", value) or not value.isprintable():
+            raise ValueError(f"{key} is {_short(value)}, expected a line of text without @")
+    inputs: dict[str, Inputs] = {value: value for value in INPUTS}
+    knowledge: dict[str, Knowledge] = {value: value for value in KNOWLEDGE}
+    if header["inputs"] not in inputs:
+        raise ValueError(f"inputs {_short(header['inputs'])}: there are {', '.join(inputs)}")
+    if header["knowledge"] not in knowledge:
+        raise ValueError(
+            f"knowledge {_short(header['knowledge'])}: there are {', '.join(knowledge)}"
+        )
+    i, k = inputs[header["inputs"]], knowledge[header["knowledge"]]
+    if not allowed(i, k):
+        raise ValueError(f"inputs {i} and knowledge {k} do not go together")
+    return Row(header["method"], header.get("version", "1"), i, k, header["training"])
+
+
+def _rows(lines: io.StringIO, number: int) -> Iterator[tuple[int, list[str]]]:
+    reader = csv.reader(lines, strict=True)
+    for cells in reader:
+        if cells:
+            yield number + reader.line_num, cells
+
+
+def _require(given: Mapping[str, NDArray[np.bool_]]) -> None:
+    """Raises ValueError that lists what is missing; frame 0 is zero if it is."""
+    missing: list[str] = []
+    number = 0
+    for key, there in given.items():
+        lacking = ~there
+        lacking[0] = False
+        number += int(lacking.sum())
+        if lacking[1:].all() and lacking[1:].size:
+            missing.append(f"{key} (all)")
+        else:
+            missing += [f"{key} frame {t} joint {j + 1}" for t, j in np.argwhere(lacking)]
+    if number:
+        more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
+        raise ValueError(
+            f"{number} targets are missing: {', '.join(missing[:_LISTED])}{more}; every one must "
+            "be there, as nan where the method has no answer"
+        )
+
+
+def _blank(target: Target) -> Array:
+    return np.zeros((target.frames, target.joints))
+
+
+def _whole(text: str, low: int, high: int, where: str) -> int:
+    if not re.fullmatch(r"\d{1,9}", text, re.ASCII) or not low <= int(text) <= high:
+        raise ValueError(f"{where} is {_short(text)}, expected {low} to {high}")
+    return int(text)
+
+
+def _real(text: str, where: str) -> float:
+    try:
+        if len(text) > 64 or "_" in text:
+            raise ValueError
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"{where} is {_short(text)}, expected a number") from None
+    return value if math.isfinite(value) else math.nan
+
+
+def _npy(data: bytes) -> NDArray[Any]:
+    """An NPY whose header promises no more than there is."""
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    if version != (1, 0):
+        raise ValueError("an array is not of NPY version 1.0")
+    shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
+        raise ValueError("an array holds objects, or its header does not fit its data")
+    stream.seek(0)
+    return np.lib.format.read_array(stream, allow_pickle=False)
+
+
+def _known(wanted: Mapping[str, Target]) -> str:
+    names = list(wanted)
+    return f"there are {names[0]} to {names[-1]}" if len(names) > 1 else f"there is {names[0]}"
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:57] + "...")

@@ -1,0 +1,117 @@
+"""Monodepth2 (Godard et al., ICCV 2019): depth from one image, for who has its weights.
+
+Written from the paper and what is known of the official checkpoint's tensors. Those are for
+non-commercial use, and not ours to give.
+"""
+
+# torch is an extra: without it there is nothing to check types against.
+# pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUntypedBaseClass=false
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+from .torch_runtime import F, Tensor, nn, torch
+
+WIDTH, HEIGHT = 640, 192
+"""px that it was trained with."""
+_NEAR, _FAR = 0.1, 100.0
+_ENCODED = (64, 64, 128, 256, 512)
+_DECODED = (16, 32, 64, 128, 256)
+
+
+class Encoder(nn.Module):
+    """A ResNet-18 without its classifier; `encoder.pth`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.encoder = _ResNet()
+
+    def forward(self, image: Tensor) -> list[Tensor]:
+        """Features at 1/2, 1/4 .. 1/32 of an image [B 3 H W] in 0..1."""
+        return self.encoder((image - 0.45) / 0.225)
+
+
+class _ResNet(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(3, 64, 7, 2, 3, bias=False)
+        self.bn1 = nn.BatchNorm2d(64)
+        channels = 64
+        for k, outputs in enumerate(_ENCODED[1:], 1):
+            blocks = [_Block(channels, outputs, 1 if k == 1 else 2), _Block(outputs, outputs, 1)]
+            self.add_module(f"layer{k}", nn.Sequential(*blocks))
+            channels = outputs
+
+    def forward(self, image: Tensor) -> list[Tensor]:
+        out = [F.relu(self.bn1(self.conv1(image)))]
+        x = F.max_pool2d(out[0], 3, 2, 1)
+        for k in range(1, 5):
+            x = self.get_submodule(f"layer{k}")(x)
+            out.append(x)
+        return out
+
+
+class _Block(nn.Module):
+    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
+        self.bn1 = nn.BatchNorm2d(outputs)
+        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
+        self.bn2 = nn.BatchNorm2d(outputs)
+        self.downsample = None
+        if stride != 1 or inputs != outputs:
+            self.downsample = nn.Sequential(
+                nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs)
+            )
+
+    def forward(self, x: Tensor) -> Tensor:
+        around = x if self.downsample is None else self.downsample(x)
+        return F.relu(self.bn2(self.conv2(F.relu(self.bn1(self.conv1(x))))) + around)
+
+
+class Decoder(nn.Module):
+    """Features to disparities; `depth.pth`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        blocks: list[nn.Module] = []
+        channels = _ENCODED[-1]
+        for level in (4, 3, 2, 1, 0):
+            outputs = _DECODED[level]
+            skip = _ENCODED[level - 1] if level else 0
+            blocks += [_Rounded(channels, outputs), _Rounded(outputs + skip, outputs)]
+            channels = outputs
+        self.decoder = nn.ModuleList([*blocks, *(_Reflected(n, 1) for n in _DECODED[:4])])
+
+    def forward(self, features: list[Tensor]) -> Tensor:
+        """Disparity [B 1 H W] in 0..1, at the resolution of the image."""
+        x = features[-1]
+        for level in (4, 3, 2, 1, 0):
+            first = 2 * (4 - level)
+            x = F.interpolate(self.decoder[first](x), scale_factor=2, mode="nearest")
+            x = torch.cat([x, features[level - 1]], 1) if level else x
+            x = self.decoder[first + 1](x)
+        return torch.sigmoid(self.decoder[10](x))
+
+
+class _Reflected(nn.Module):
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(inputs, outputs, 3, padding=1, padding_mode="reflect")
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.conv(x)
+
+
+class _Rounded(nn.Module):
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.conv = _Reflected(inputs, outputs)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.elu(self.conv(x))
+
+
+def depth_from_disparity(disparity: Tensor) -> Tensor:
+    """Depth between 0.1 and 100, of no known scale, from what the decoder says in 0..1."""
+    return 1.0 / (1.0 / _FAR + (1.0 / _NEAR - 1.0 / _FAR) * disparity)

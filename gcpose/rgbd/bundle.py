@@ -1,0 +1,159 @@
+"""Bundle adjustment (Sec. 3.4) with depth: joint displacements of many frames and unknown axes.
+
+The paper minimises the distance between where a part's points fall under T_theta and where the
+images show them: L_w in pixels, then L_b in brightness over the accumulated point cloud. With
+depth the distance is point-to-plane, and L_w joins it where depth is noisy and the search needs to
+be led; L_b would not help: shades stay with the lamp where a plain surface turns. The unknowns are
+the displacements theta_{1:n} of all joints and, where the knowledge leaves them open, the axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...robots.geometry.transforms import Array, inverse
+from ..chain.articulation import Articulation, Cloud, axis_bases, displaced
+from ..chain.kernels import add_normal
+from ..chain.kinematics import relative
+from ..chain.weak_prior import Hinges, Normal, closeness, smoothness
+from ..images.surfaces import Surfaces
+from .alignment import (
+    Elements,
+    Equations,
+    accumulated_equations,
+    elements,
+    flow_equations,
+    sparse,
+    surface_equations,
+)
+
+_STEP = 0.15  # largest change of an unknown in an iteration, rad or m
+_DAMPING = 1e-6  # of the diagonal; more, and flat valleys take hundreds of steps
+_FEWEST = 6  # points of a part that count
+_FLOW_SCALE = 1.0  # px, of flow's errors
+_FLOW_SHARE = 0.05  # of its pixels that err independently
+_FLOW_STRIDE = 2  # of the points whose flow is looked at: neighbours' errors are alike
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Normal equations of U unknowns: displacements of frames 1.., then the axes'."""
+
+    matrix: Array
+    """[U U]"""
+    vector: Array
+    """[U]"""
+    scatter: Array
+    """[U U] sum of the outer products of each cloud's, part's and frame's vector: the covariance
+    of `vector` if what errs errs together there."""
+
+    @staticmethod
+    def nothing(size: int) -> Sums:
+        """Of as many unknowns."""
+        return Sums(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
+
+    def add(self, equations: Equations, g: Array) -> None:
+        """Of parts and frames, whose twists are g [T J+1 U 6] per unknown."""
+        add_normal(*equations, g, self.matrix, self.vector, self.scatter)
+
+    def believe(self, belief: Normal, these: slice) -> None:
+        """What is believed of some of the unknowns."""
+        self.matrix[these, these] += belief.matrix
+        self.scatter[these, these] += belief.matrix
+        self.vector[these] += belief.vector
+
+
+def assemble(
+    surfaces: Surfaces,
+    seen: list[tuple[int, Elements]],
+    state: Articulation,
+    basis: tuple[Array, ...],
+    scale: float,
+) -> Sums:
+    """Elements of key frames against all frames; `scale` is in footprints of a pixel.
+
+    A point of frame s is at T_t T_s^-1 X in frame t: both frames' unknowns move it.
+    """
+    motion = state.motions(len(state.angle))
+    derivative = state.derivatives(motion, basis)
+    size = derivative.shape[2]
+    sums, by_step = Sums.nothing(size), derivative
+    if surfaces.flow is not None:
+        step = motion[1:] @ inverse(motion[:-1])
+        by_step = relative(derivative[1:], step, derivative[:-1])
+    for frame, unscaled in seen:
+        these = unscaled.scaled(scale)
+        here_from_there = motion @ inverse(motion[frame])
+        g = derivative
+        if frame:
+            g = relative(derivative, here_from_there, derivative[frame : frame + 1])
+        if surfaces.noise:
+            six, right, coupling = accumulated_equations(surfaces, here_from_there, these)
+            sums.add((six, right), g)
+            for part, c in zip(g.swapaxes(0, 1), coupling, strict=True):
+                along = part.swapaxes(1, 2).reshape(-1, size)
+                sums.matrix[:] -= along.T @ c @ along
+        else:
+            sums.add(surface_equations(surfaces, frame, here_from_there, these), g)
+        if surfaces.flow is not None:
+            some = sparse(these, _FLOW_STRIDE)
+            sums.add(flow_equations(surfaces, here_from_there, some, _FLOW_SCALE,
+                                    _FLOW_SHARE * _FLOW_STRIDE), by_step)
+    return sums
+
+
+def elements_of(surfaces: Surfaces, cloud: Cloud, parts: int) -> Elements:
+    """A cloud's, with what a pixel's footprint and noise leave uncertain; parts of a few points
+    do not count."""
+    many = np.bincount(cloud.label, minlength=parts) >= _FEWEST
+    sigma = surfaces.footprint(cloud.point[:, 2]) + surfaces.noise
+    label = np.where(many[cloud.label], cloud.label, 0)
+    return elements(cloud.point, cloud.normal, sigma, label, parts)
+
+
+def adjust(
+    surfaces: Surfaces,
+    clouds: tuple[Cloud, ...],
+    state: Articulation,
+    freedom: int,
+    scales: tuple[float, ...],
+    hinges: Hinges,
+    newest: bool = False,
+) -> tuple[Articulation, Sums]:
+    """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
+
+    With `newest` only the last frame's displacements move. Returns the articulation and the
+    equations of the last iteration.
+    """
+    joints, last = len(state.twist), len(state.angle) - 1
+    held = last * joints
+    seen = [(c.frame, elements_of(surfaces, c, joints + 1)) for c in clouds]
+    sums = Sums.nothing(0)
+    for scale in scales:
+        basis = axis_bases(state, clouds, 0 if newest else freedom)
+        sums = assemble(surfaces, seen, state, basis, scale)
+        sums.believe(smoothness(state.angle, last), slice(0, held))
+        sums.believe(closeness(state, basis, hinges), slice(held, None))
+        damping = _DAMPING * np.diag(sums.matrix) + 1.0
+        if newest:
+            damping[: held - joints] += 1e15
+        step = np.linalg.solve(sums.matrix + np.diag(damping), sums.vector)
+        step = np.asarray(np.clip(step, -_STEP, _STEP), np.float64)
+        angle = state.angle.copy()
+        angle[1:] += step[:held].reshape(last, joints)
+        state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
+        if np.abs(step).max() < 1e-6:
+            break
+    return state, sums
+
+
+def deviation(sums: Sums, frames: int, joints: int) -> Array:
+    """[T J] standard deviation of displacements: H^-1 S H^-1, S the scatter of what pulls at
+    them."""
+    out, held = np.zeros((frames, joints)), (frames - 1) * joints
+    inverse_hessian = np.linalg.inv(sums.matrix + 1e-6 * np.eye(len(sums.matrix)))
+    variance = np.diag(inverse_hessian @ sums.scatter @ inverse_hessian)[:held]
+    out[1:] = np.sqrt(np.maximum(variance, 0.0)).reshape(frames - 1, joints)
+    return out

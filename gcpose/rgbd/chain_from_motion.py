@@ -1,0 +1,156 @@
+"""Chains that make a given rigid motion (Sec. 3.3): jumps between solutions of one video.
+
+What each part does is often found long before what the joints do: where inner parts are hidden or
+axes are parallel, many chains lead through the same first frames. So the parts are let loose from
+the chain, aligned freely over all frames, and many chains are fitted to what the surest of them
+does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...robots.geometry.transforms import Array, inverse
+from ..chain.articulation import ARM, Articulation, Cloud, Hypothesis, middles
+from ..chain.beam_search import directions, spread
+from ..chain.chain_fit import Goal, fit_chains, follow_held, misfit
+from ..chain.hinges import thinned
+from ..chain.kinematics import adjoint, carriers, exponential
+from ..images.surfaces import Surfaces
+from ..numerics.threads import together
+from .alignment import elements, surface_equations
+from .tracker import Tracker
+
+_LOOSENED = (8.0, 6.0, 4.0, 4.0, 2.0, 2.0, 1.0, 1.0)  # footprints, of an alignment each
+_DAMPING = 1e-4
+_STEP = 0.2  # largest change of an unknown in an iteration, rad or m
+_STARTS, _PLACES = 600, 24
+_FITTED = 180  # of the starts, whose axes are freed
+_FITS, _WORSE = 1e-3, 2.0  # rad and m, of the motion, weighted; or times the best, with noise
+_ALIKE = np.radians(2.0)  # of chains that are one, by displacements at the end
+_KEPT = 0.3  # of the directions are as they are
+
+
+def goals(tracker: Tracker, guess: Hypothesis) -> list[Goal]:
+    """What the surest part of a hypothesis does, in its place; and in the place of a neighbour,
+    which is then in its own: a hypothesis may have taken the one for the other.
+
+    The other parts are soon lost when they are loose, or were never found.
+    """
+    parent = guess.state.parent
+    motion, information = loosened(tracker, guess)
+    surest = int(np.argmax(np.trace(information[:, 1:].sum(axis=0), axis1=1, axis2=2)))
+    swaps = [[j, int(p)] for j, p in enumerate(parent) if p >= 0 and surest in (j, p)]
+    out: list[Goal] = []
+    for joints, places in [([surest], [surest]), *((both, both[::-1]) for both in swaps)]:
+        path = np.flatnonzero(carriers(parent)[np.array(places) + 1].any(axis=0))
+        carried = np.where(parent[path] < 0, -1, np.searchsorted(path, parent[path]))
+        sure = [balanced(information[:, j + 1]) for j in joints]
+        out.append(Goal(path, carried, np.searchsorted(path, places),
+                        motion[:, np.array(joints) + 1], np.stack(sure, axis=1)))
+    return out
+
+
+def loosened(tracker: Tracker, guess: Hypothesis) -> tuple[Array, Array]:
+    """EM over all frames without the chain, from a hypothesis: the parts' motions [T J+1 4 4], and
+    the information [T J+1 6 6] of the twists on their left."""
+    motion, clouds = guess.state.motions(len(guess.state.angle)), guess.clouds
+    information = np.zeros((*motion.shape[:2], 6, 6))
+    for scale in _LOOSENED:
+        motion, information = align_parts(tracker.surfaces, clouds, motion, scale)
+        clouds = tuple(tracker.label_motion(motion, c.frame, scale)[0] for c in clouds)
+    return motion, information
+
+
+def balanced(information: Array) -> Array:
+    """[T 6 6], with every frame counting alike where it is sure."""
+    trace = np.trace(information, axis1=1, axis2=2)[:, None, None]
+    return information / np.sqrt(np.maximum(trace, 1e-12) * max(1e-12, float(trace.max())))
+
+
+def align_parts(
+    surfaces: Surfaces, clouds: tuple[Cloud, ...], motion: Array, scale: float
+) -> tuple[Array, Array]:
+    """One iteration of Gauss-Newton on each part's motions [T J+1 4 4]; and their information."""
+    frames, parts = motion.shape[:2]
+    matrix = np.zeros((parts, frames, 6, frames, 6))
+    vector = np.zeros((parts, frames, 6))
+    every = np.arange(frames)
+    for cloud in clouds:
+        here_from_there = motion @ inverse(motion[cloud.frame])
+        sigma = scale * (surfaces.footprint(cloud.point[:, 2]) + surfaces.noise)
+        these = elements(cloud.point, cloud.normal, sigma, cloud.label, parts)
+        six, right = (x.swapaxes(0, 1)
+                      for x in surface_equations(surfaces, cloud.frame, here_from_there, these))
+        there = -adjoint(here_from_there).swapaxes(0, 1)  # a twist of the frame it is from
+        both, f = six @ there, cloud.frame
+        matrix[:, every, :, every, :] += six.swapaxes(0, 1)
+        vector += right
+        if f:
+            matrix[:, :, :, f] += both
+            matrix[:, f] += both.transpose(0, 3, 1, 2)
+            matrix[:, f, :, f] += np.einsum("ptiu,ptiv->puv", there, both)
+            vector[:, f] += np.einsum("ptiu,pti->pu", there, right)
+    information = matrix[:, every, :, every, :].copy()
+    size = frames * 6
+    flat = matrix.reshape(parts, size, size)
+    diagonal = np.arange(size)
+    flat[:, diagonal, diagonal] += _DAMPING * flat[:, diagonal, diagonal] + 1.0
+    flat[:, :6, :6] += 1e15 * np.eye(6)  # frame 0 stays
+    step = np.linalg.solve(flat, vector.reshape(parts, size, 1)).reshape(parts, frames, 6)
+    step = np.clip(step, -_STEP, _STEP).swapaxes(0, 1)
+    return exponential(step) @ motion, information
+
+
+def factored(tracker: Tracker, guess: Hypothesis) -> list[Articulation]:
+    """Chains that make what the surest parts of a hypothesis do; the other joints stay."""
+    starts = axes_at_random(tracker, guess.state, np.random.default_rng(0))
+    return [state for goal in goals(tracker, guess)
+            for state in reaching(tracker, guess, goal, starts[:, goal.path])]
+
+
+def reaching(
+    tracker: Tracker, guess: Hypothesis, goal: Goal, starts: Array
+) -> list[Articulation]:
+    """The chains that reach a goal, the nearest first, from axes [S I 6]."""
+    state = guess.state
+    held = np.concatenate(together(lambda s: follow_held(goal, s), np.array_split(starts, 2)))
+    best = np.argsort(misfit(goal, starts, held), kind="stable")[:_FITTED]
+    near, freedom = middles(guess.clouds[0], len(state.twist))[goal.path], tracker.known.freedom
+    prismatic = state.prismatic[goal.path]
+    halves = together(
+        lambda b: fit_chains(goal, starts[b], held[b], prismatic, near, freedom),
+        (best[::2], best[1::2]),
+    )
+    twists, angles, cost = (np.concatenate(x) for x in zip(*halves, strict=True))
+    enough = max(_FITS, _WORSE * float(cost.min()))
+    arm = np.where(prismatic, ARM, 1.0)
+    found: list[Articulation] = []
+    for f in np.argsort(cost, kind="stable"):
+        ends = [other.angle[-1, goal.path] for other in found]
+        if cost[f] >= enough:
+            break
+        if all((np.abs(angles[f, -1] - e) / arm).max() > _ALIKE for e in ends):
+            twist, angle = state.twist.copy(), state.angle.copy()
+            twist[goal.path], angle[:, goal.path] = twists[f], angles[f]
+            found.append(replace(state, twist=twist, angle=angle))
+    return found
+
+
+def axes_at_random(tracker: Tracker, state: Articulation, rng: np.random.Generator) -> Array:
+    """[S J 6] hinges anywhere on what moves; directions as known, as in a sweep or as they are."""
+    places = spread(thinned(tracker.grid(0).point[tracker.moving], 400), _PLACES)
+    out = np.zeros((_STARTS, len(state.twist), 6))
+    for s in range(_STARTS):
+        before = None
+        for j, prismatic in enumerate(state.prismatic):
+            some = directions(tracker.known, j, before)
+            before = some[rng.integers(len(some))]
+            if tracker.known.direction is None and rng.random() < _KEPT:
+                before = state.twist[j, 3:] if prismatic else state.twist[j, :3]
+            place = places[rng.integers(len(places))]
+            out[s, j, 3:] = before if prismatic else np.cross(place, before)
+            out[s, j, :3] = 0.0 if prismatic else before
+    return out

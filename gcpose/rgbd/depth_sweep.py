@@ -1,0 +1,83 @@
+"""Starts without flow: every joint's first step in a grid of values, judged by depth alone.
+
+An arm that reaches for the camera moves by a hundred pixels a frame, where no flow follows it; but
+its joints turn by a few degrees a frame, whatever the image does. So a coarse grid of steps, times
+the places where the parts may begin, holds a start near the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...robots.geometry.transforms import Array
+from ..chain.articulation import Articulation, Cloud, Hypothesis
+from ..chain.beam_search import beamed, spread
+from ..chain.hinges import thinned
+from ..images.regions import smooth
+from ..images.surfaces import Surfaces
+from ..numerics.arrays import Image
+from .kernels import camera_of, columns, grow, judge
+from .tracker import Tracker
+
+_TURN, _SLIDE = np.radians(6.5), 0.06  # largest step of a frame that is looked for, rad and m
+_REACH = 2.0  # how much further it looks over longer spans
+_PLACES = 14  # where a hinge may be
+_POINTS = 120
+_BEAM = 2500  # chains that are carried on to the next joint
+
+
+def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
+    """The `most` best starts over frames 0 and `to`."""
+    grid, known = tracker.grid(0), tracker.known
+    inside = grid.point[tracker.moving]
+    pick = np.linspace(0, len(inside) - 1, min(len(inside), _POINTS)).astype(int)
+    column = columns(inside[pick], grid.normal[tracker.moving][pick])
+    places = spread(thinned(inside, 400), _PLACES)
+    reach = min(to, _REACH)
+    beam = beamed(known, ByDepth(tracker.surfaces, to, column), places, places, reach * _TURN,
+                  reach * _SLIDE, _BEAM)
+    found: list[Hypothesis] = []
+    for twist, end, c in zip(beam.twist[:most], beam.angle[:most], beam.cost[:most].mean(axis=1),
+                             strict=True):
+        at = np.cross(twist[0, :3], twist[0, 3:])
+        order = int(np.argmin([np.linalg.norm(b - at) for b in tracker.bases]))
+        state = Articulation(twist, np.linspace(0 * end, end, to + 1), known.prismatic,
+                             known.parent)
+        cloud = coarse_cloud(tracker, state)
+        found.append(Hypothesis(state, (cloud,), float(c), order))
+    return found
+
+
+def coarse_cloud(tracker: Tracker, state: Articulation) -> Cloud:
+    """Frame 0's points labelled by what brings them near the last frame's surface."""
+    grid, last = tracker.grid(0), len(state.angle) - 1
+    motion = state.motions(last + 1)[last]
+    judge = ByDepth(tracker.surfaces, last, columns(grid.point, grid.normal))
+    label = smooth(judge.costs(motion).T, grid).argmin(axis=1)
+    return Cloud(0, grid.point, grid.normal, label)
+
+
+@dataclass(frozen=True)
+class ByDepth:
+    """Judges where points of frame 0 are found in another (see beam.py)."""
+
+    surfaces: Surfaces
+    frame: int
+    column: Image
+    """[6 N] points and normals"""
+
+    def costs(self, motion: Array) -> Image:
+        surfaces = self.surfaces
+        out = np.empty((len(motion), self.column.shape[1]), np.float32)
+        judge(surfaces.depth[self.frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+              motion.astype(np.float32), self.column, np.float32(2 * surfaces.noise), out)
+        return out
+
+    def means(self, motion: Array, turn: Array, before: Image) -> Image:
+        surfaces = self.surfaces
+        out = np.empty((len(motion), len(turn)), np.float32)
+        grow(surfaces.depth[self.frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
+             motion, turn, before, self.column, np.float32(2 * surfaces.noise), out)
+        return out

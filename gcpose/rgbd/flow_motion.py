@@ -1,0 +1,132 @@
+"""Motion of the parts between two frames from optical flow and depth (Sec. 3.3).
+
+The paper takes R and t of each part from its correspondences and then the angle about the axis.
+Here all parts are solved together, in twists: part j moves with the sum of the z_i of the joints
+that carry it, where z_i is what joint i adds. What is known of an axis confines z_i to a linear
+space: its screw's multiples if the line is known, its direction and any position if the direction
+is, anything if nothing is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+from ..images.surfaces import Surfaces, rays
+from ..numerics.compiled import compiled
+
+_FLOW_SIGMA = 1.5  # px
+
+
+@dataclass(frozen=True)
+class Correspondence:
+    """Where flow and depth take points [N 3] of frame 0, linearised at no motion.
+
+    Row . twist should equal value; both are in standard deviations.
+    """
+
+    row: Array
+    """[N 3 6] point-to-plane, then flow u and v."""
+    value: Array
+    """[N 3]"""
+    valid: NDArray[np.bool_]
+    """[N 3]"""
+
+
+def correspond(
+    surfaces: Surfaces, points: Array, pixel: NDArray[np.int64], flow: Array, to: int, origin: Array
+) -> Correspondence:
+    """Flow [N 2] from frame 0 to frame `to` at the pixels; twists are about `origin` [3]."""
+    height, width = surfaces.depth.shape[1:]
+    aim = np.rint(pixel + flow).astype(np.int64)
+    inside = (aim >= 0).all(axis=1) & (aim[:, 0] < width) & (aim[:, 1] < height)
+    aim = np.where(inside[:, None], aim, 0)
+    z = surfaces.depth[to, aim[:, 1], aim[:, 0]].astype(np.float64)
+    n = surfaces.normal[to, aim[:, 1], aim[:, 0]].astype(np.float64)
+    target = rays(surfaces.intrinsics, aim) * z[:, None]
+    distance = np.linalg.norm(target - points, axis=1)
+    reach = np.linalg.norm(flow, axis=1) * surfaces.footprint(points[:, 2])
+    sigma = 1.5 * surfaces.footprint(points[:, 2]) + 0.03 * reach + surfaces.noise
+    hit = inside & (z > 0) & n.any(axis=1) & (distance < 3 * reach + 20 * sigma + 0.05)
+    f, g = surfaces.intrinsics[0, 0], surfaces.intrinsics[1, 1]
+    x, y, depth = points.T
+    zero = np.zeros_like(x)
+    du = np.stack([f / depth, zero, -f * x / depth**2], axis=1)
+    dv = np.stack([zero, g / depth, -g * y / depth**2], axis=1)
+    flow_sigma = _FLOW_SIGMA + 0.1 * np.linalg.norm(flow, axis=1)
+    rows = [(n, sigma), (du, flow_sigma), (dv, flow_sigma)]
+    arm = points - origin
+    row = np.stack(
+        [np.concatenate([np.cross(arm, d), d], axis=1) / s[:, None] for d, s in rows], axis=1
+    )
+    along = np.einsum("nc,nc->n", n, target - points) / sigma
+    value = np.stack([along, flow[:, 0] / flow_sigma, flow[:, 1] / flow_sigma], axis=1)
+    return Correspondence(row, value, np.stack([hit, inside, inside], axis=1))
+
+
+@compiled
+def reweighted(
+    row: Array, value: Array, valid: NDArray[np.bool_], label: NDArray[np.int64], twist: Array,
+    scale: float, matrix: Array, vector: Array,
+) -> None:
+    """Add up each part's normal equations, matrix [J+1 6 6] and vector [J+1 6], with weights by
+    what its twist [6] leaves."""
+    for i in range(len(label)):
+        j = label[i]
+        if j == 0:
+            continue
+        for k in range(3):
+            here, left = row[i, k], value[i, k]
+            for a in range(6):
+                left -= here[a] * twist[j, a]
+            weight = valid[i, k] / (1 + (left / scale) ** 2) ** 2
+            for a in range(6):
+                vector[j, a] += weight * here[a] * value[i, k]
+                for b in range(6):
+                    matrix[j, a, b] += weight * here[a] * here[b]
+
+
+def fit(
+    data: Correspondence,
+    label: NDArray[np.int64],
+    space: tuple[Array, ...],
+    prior: Array,
+    moves: NDArray[np.bool_],
+) -> list[Array]:
+    """z_i [6] of each joint by reweighted least squares; label [N]; space[i] [6 d_i].
+
+    prior [J 6 6] is added to the information of each z_i; moves [J+1 J] are the joints that move
+    each part.
+    """
+    size = [s.shape[1] for s in space]
+    start = np.concatenate([[0], np.cumsum(size)])
+    joined = np.concatenate(space, axis=1)
+    held = np.zeros((start[-1], start[-1]))
+    for i, s in enumerate(space):
+        held[start[i] : start[i + 1], start[i] : start[i + 1]] = s.T @ prior[i] @ s
+    y = np.zeros(start[-1])
+    for scale in (20.0, 6.0, 3.0, 3.0):
+        six, right = np.zeros((len(moves), 6, 6)), np.zeros((len(moves), 6))
+        z = np.stack([s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)])
+        reweighted(data.row, data.value, data.valid, label, moves @ z, scale, six, right)
+        matrix, vector = held.copy(), np.zeros(start[-1])
+        for j in range(1, len(moves)):
+            some = np.flatnonzero(np.repeat(moves[j], size))
+            basis = joined[:, some]
+            matrix[np.ix_(some, some)] += basis.T @ six[j] @ basis
+            vector[some] += basis.T @ right[j]
+        y = np.linalg.solve(matrix, vector)
+    return [s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)]
+
+
+def costs(data: Correspondence, added: list[Array], moves: NDArray[np.bool_]) -> Array:
+    """[N J+1] cost of each part's motion for each point."""
+    twist = moves @ np.stack(added)
+    residual = data.value[:, None] - np.einsum("nrc,jc->njr", data.row, twist)
+    square = residual**2
+    plane = np.where(data.valid[:, None, 0], np.minimum(square[..., 0], 16.0), 8.0)
+    flow = np.where(data.valid[:, None, 1], np.minimum(square[..., 1] + square[..., 2], 9.0), 4.0)
+    return plane + 0.5 * flow

@@ -1,0 +1,67 @@
+"""The way down from a hypothesis: EM over all its frames, until it stands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..chain.articulation import Hypothesis
+from ..chain.kinematics import displace_axis
+from .tracker import Tracker
+
+ROUNDS = 10  # of EM, at most
+MIDDLING = (4.0, 4.0, 2.0, 2.0)
+SHARPEST = 0.12  # footprints, of labels and costs where depth is exact
+_SHARP = 0.5, 0.25, 0.12, 0.12
+_REFINED = 1.0, 1.0, 1.0, 1.0
+_CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
+_LOOSE = 6.0  # times as much with noise
+
+
+def descended(
+    tracker: Tracker,
+    guess: Hypothesis,
+    rounds: int,
+    scales: tuple[float, ...] = (4.0, 2.0, 1.0),
+    sharp: float = 1.0,
+) -> Hypothesis:
+    """EM until it stands; where labels and axes creep along together, by leaps."""
+    loose = _LOOSE if tracker.surfaces.noise else 1.0
+    for _ in range(rounds):
+        after = tracker.settle(guess, 1, scales, sharp=sharp)
+        change = float(np.abs(after.state.angle - guess.state.angle).max())
+        if change > _CREEPS * loose:
+            leap = tracker.settle(leaped(guess, after, 4.0), 1, scales, sharp=sharp)
+            after = min(after, leap, key=lambda h: h.cost)
+        guess = after
+        if change < _STANDS * loose:
+            break
+    return guess
+
+
+def leaped(before: Hypothesis, after: Hypothesis, times: float) -> Hypothesis:
+    """The step from one hypothesis to the next, taken `times` as far."""
+    one, two = before.state, after.state
+    angle = one.angle + times * (two.angle - one.angle)
+    twist = np.stack([
+        displace_axis(t + times * (u - t), np.zeros(6), bool(p))
+        for t, u, p in zip(one.twist, two.twist, one.prismatic, strict=True)
+    ])
+    return replace(after, state=replace(two, angle=angle, twist=twist))
+
+
+def sharpened(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Where depth is exact, it is weighed as such: flat valleys are walked to their ends, and
+    labels and costs tell parts apart that move almost alike."""
+    if tracker.surfaces.noise:
+        return best
+    return descended(tracker, best, 4 * ROUNDS, _SHARP, SHARPEST)
+
+
+def refined(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Where depth is noisy: by depth alone at the end, as flow sees too little motion where there
+    is no texture."""
+    if tracker.surfaces.flow is None:
+        return best
+    return descended(tracker.flowless(), best, ROUNDS, _REFINED)

@@ -1,0 +1,208 @@
+"""One sequence on disk: written frame by frame, whole or not at all, and read back lazily.
+
+Written under a temporary name that does not end in `.zip`, flushed, renamed: a name that ends in
+`.zip` is whole. Equal sequences are equal bytes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Collection
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from ...robots.files.atomic import temporary_name
+from ...robots.geometry.transforms import Array
+from ..runtime.json import MAX_JSON
+from ..runtime.zip_archive import ArchiveWriter, open_archive
+from ..types.sequence import Frame, Meta, Sequence, State
+from . import codec
+from .lazy_images import CombinedStack, Decoder, Item, LazyStack
+from .schema import dump_meta, parse_meta
+from .state_arrays import check_state, dump_state, parse_state
+
+FOLDER = "sequences"
+"""Of a dataset, holds the sequences."""
+_AHEAD = 4  # frames that rendering may be ahead of encoding; bounds the memory
+
+
+def sequence_name(index: int) -> str:
+    """ "000007" for 7."""
+    return f"{index:06d}"
+
+
+def member_names(frames: int, layers: Collection[str] = ()) -> dict[str, list[str]]:
+    """The image members of a sequence of so many frames, by stack, in order."""
+    every, forward, backward = range(frames), range(frames - 1), range(1, frames)
+    stacks = {
+        "rgb": every,
+        "depth": every,
+        "part": every,
+        "flow": forward,
+        "flow_backward": backward,
+        "visibility": forward,
+    } | {name: every for name in ("normal", "coordinates") if name in layers}
+    return {name: [f"{name}/{t:06d}.png" for t in times] for name, times in stacks.items()}
+
+
+class SequenceWriter:
+    """Writes DATASET/sequences/INDEX.zip; encodes in a thread while the next frame is rendered.
+
+    `with SequenceWriter(dataset, index) as writer:` leaves nothing behind if the body raises.
+    """
+
+    def __init__(
+        self, dataset: Path, index: int, depth_unit: float = codec.DEPTH_UNIT,
+        coordinate_box: Array | None = None,
+    ) -> None:
+        """`coordinate_box` [P 2 3] m is needed if the frames have coordinates."""
+        folder = dataset / FOLDER
+        folder.mkdir(parents=True, exist_ok=True)
+        name = sequence_name(index)
+        self.path = folder / f"{name}.zip"
+        self._temporary = temporary_name(self.path)
+        self._file = self._temporary.open("wb")
+        self._archive = ArchiveWriter(self._file)
+        self._index, self._depth_unit, self._box = index, depth_unit, coordinate_box
+        self._thread = ThreadPoolExecutor(1, "encode")
+        self._pending: deque[Future[None]] = deque()
+        self._frames = 0
+        self._parts: list[bytes] = []
+        self._members: set[str] = set()
+
+    def add(self, frame: Frame) -> None:
+        """Encode the next frame, whose arrays must not change any more.
+
+        Raises GcbenchError if a frame so far cannot be encoded (`codec.encode_depth`).
+        """
+        while len(self._pending) >= _AHEAD:
+            self._pending.popleft().result()
+        self._pending.append(self._thread.submit(self._encode, self._frames, frame))
+        self._frames += 1
+
+    def finish(self, meta: Meta, state: State) -> Path:
+        """Write the rest, rename, and return the path of the finished sequence.
+
+        Raises ValueError if meta and state do not belong to the frames.
+        """
+        while self._pending:
+            self._pending.popleft().result()
+        mine = (self._frames, self._index, self._depth_unit)
+        if (meta.frames, meta.index, meta.depth_unit) != mine:
+            raise ValueError("meta's frames, index or depth_unit are not those of the writer")
+        check_state(state, meta)
+        wide = len(meta.part_names) > 255
+        for t, png in enumerate(self._parts):
+            self._add(f"part/{t:06d}.png", codec.widen_part(png) if wide else png)
+        stacks = member_names(meta.frames, meta.layers).values()
+        expected = {name for stack in stacks for name in stack}
+        if self._members != expected:
+            raise ValueError(f"missing or surplus images: {sorted(self._members ^ expected)}")
+        self._archive.add("state.npz", dump_state(state))
+        self._archive.add("meta.json", dump_meta(meta))
+        self._archive.close()
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+        self._thread.shutdown()
+        self._temporary.replace(self.path)
+        return self.path
+
+    def discard(self) -> None:
+        """Stop, and remove what was written; does nothing after `finish`."""
+        self._thread.shutdown(cancel_futures=True)
+        with suppress(OSError):  # no room for what is to be deleted
+            self._archive.close()
+        self._file.close()
+        self._temporary.unlink(missing_ok=True)
+
+    def __enter__(self) -> SequenceWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.discard()
+
+    def _encode(self, t: int, frame: Frame) -> None:
+        """In the thread: encode and append the members of one frame."""
+        png = f"{t:06d}.png"
+        self._add(f"rgb/{png}", codec.encode_rgb(frame.rgb))
+        self._add(f"depth/{png}", codec.encode_depth(frame.depth, self._depth_unit))
+        if frame.flow is not None:
+            self._add(f"flow/{png}", codec.encode_flow(frame.flow))
+        if frame.flow_backward is not None:
+            self._add(f"flow_backward/{png}", codec.encode_flow(frame.flow_backward))
+        if frame.visibility is not None:
+            self._add(f"visibility/{png}", codec.encode_visibility(frame.visibility))
+        if frame.normal is not None:
+            self._add(f"normal/{png}", codec.encode_normal(frame.normal))
+        if frame.coordinates is not None:
+            if self._box is None:
+                raise ValueError("coordinates need the writer's coordinate_box")
+            coded = codec.encode_coordinates(frame.coordinates, frame.part, self._box)
+            self._add(f"coordinates/{png}", coded)
+        # How wide a label is follows from the number of parts, which is known at the end.
+        self._parts.append(codec.encode_part(frame.part, wide=bool(frame.part.max() > 255)))
+
+    def _add(self, member: str, data: bytes) -> None:
+        self._members.add(member)
+        self._archive.add(member, data)
+
+
+def read_meta(path: Path) -> Meta:
+    """The meta of the sequence at `path` alone. Raises GcbenchError like `open_sequence`."""
+    archive = open_archive(path)
+    return parse_meta(archive.read("meta.json", MAX_JSON), archive.where("meta.json"))
+
+
+def open_sequence(path: str | Path) -> Sequence:
+    """The sequence in a ZIP file or unpacked folder; images are decoded when indexed.
+
+    Raises GcbenchError, naming file and member, if something is missing, damaged, or not what
+    the contract says; images are checked when they are decoded.
+    """
+    archive = open_archive(Path(path))
+    meta = parse_meta(archive.read("meta.json", MAX_JSON), archive.where("meta.json"))
+    members = member_names(meta.frames, meta.layers)
+    for names in members.values():
+        archive.require(names)
+    state = parse_state(archive.read("state.npz"), meta, archive.where("state.npz"))
+    size, plane = (meta.width, meta.height), (meta.height, meta.width)
+
+    def lazy(
+        name: str, decode: Decoder[Item], dtype: type[Item], *channels: int, **arguments: Any
+    ) -> LazyStack[Item]:
+        load = partial(decode, size=size, **arguments)
+        return LazyStack(archive, members[name], load, (*plane, *channels), np.dtype(dtype))
+
+    part = lazy("part", codec.decode_part, np.uint16, parts=len(meta.part_names))
+    normal = coordinates = None
+    if "normal" in meta.layers:
+        normal = lazy("normal", codec.decode_normal, np.float32, 3)
+    if state.coordinate_box is not None:
+        shares = lazy("coordinates", codec.decode_shares, np.float32, 3)
+        in_boxes = partial(codec.coordinates_in_boxes, box=state.coordinate_box)
+        coordinates = CombinedStack(shares, part, in_boxes)
+    return Sequence(
+        meta=meta,
+        state=state,
+        rgb=lazy("rgb", codec.decode_rgb, np.uint8, 3),
+        depth=lazy("depth", codec.decode_depth, np.float32, unit=meta.depth_unit),
+        part=part,
+        flow=lazy("flow", codec.decode_flow, np.float32, 2),
+        flow_backward=lazy("flow_backward", codec.decode_flow, np.float32, 2),
+        visibility=lazy("visibility", codec.decode_visibility, np.uint8),
+        normal=normal,
+        coordinates=coordinates,
+    )

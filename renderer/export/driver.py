@@ -1,0 +1,180 @@
+"""`gcbench export`: a dataset in the layouts of other benchmarks and tools.
+
+An export is written into a hidden folder beside its place and renamed when it is whole; after a
+stop the same command continues there. Each format has a file `export_FORMAT.py` with a class as
+`Writer`; `export.json` in the result says what it was made of.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from ... import __version__
+from ...errors import GcbenchError
+from ...robots.files.lock import LOCK, locked
+from ..dataset.reader import Dataset, open_dataset, sequence_paths
+from ..runtime.json import dump_json
+from ..runtime.progress import frame_bar
+from ..runtime.zip_archive import Archive, open_archive
+from ..types.sequence import Sequence
+from .journal import Journal, Record
+
+Format = Literal["kitti", "bop", "coco", "webdataset", "tapvid", "rerun"]
+WRITERS: dict[str, str] = {
+    "kitti": "kitti:Kitti",
+    "bop": "bop:Bop",
+    "coco": "coco:Coco",
+    "webdataset": "webdataset:WebDataset",
+    "tapvid": "tapvid:TapVid",
+    "rerun": "rerun:Rerun",
+}
+FILE = "export.json"
+
+
+class Writer(Protocol):
+    """Writes sequences of a dataset into a folder; made with (folder, dataset).
+
+    Files of a sequence that was begun before may be there: they are written again.
+    """
+
+    def add(self, sequence: Sequence, archive: Archive) -> Mapping[str, Any]:
+        """Write one more sequence; `archive` holds its encoded images. Returns what must be known
+        of it later on, as JSON.
+
+        Raises GcbenchError if the format cannot hold it.
+        """
+        ...
+
+    def keep(self, record: Record) -> None:
+        """Remember a sequence that `add` has written: now, or in a run that was stopped."""
+        ...
+
+    def finish(self) -> None:
+        """Write what is known at the end only."""
+        ...
+
+    def close(self) -> None:
+        """Let go of what is held open, after success or failure."""
+        ...
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export holds."""
+
+    folder: Path
+    sequences: int
+    frames: int
+
+
+def export(
+    dataset: str | Path, format: Format, out: Path, sequences: str = "", progress: bool = True
+) -> Exported:
+    """Write the dataset in the folder `dataset` into the folder `out`, which must not exist.
+
+    `sequences` chooses some by their numbers, as in "0-9,15". A run that was stopped is continued:
+    what it has done is not done again. Raises GcbenchError if there is no dataset or something at
+    `out`, or if the format needs a package that is not installed or cannot hold what is in the
+    dataset; nothing is left behind then.
+    """
+    data = open_dataset(dataset)
+    names = chosen(data, sequences)
+    if out.exists() or out.is_symlink():
+        raise GcbenchError(f"{out} is there already; choose another --out, or delete it")
+    module, _, name = WRITERS[format].partition(":")
+    try:
+        kind = getattr(import_module(f".{module}", __package__), name)
+    except ModuleNotFoundError as error:
+        raise GcbenchError(
+            f"--format {format} needs {error.name}: pip install 'gcbench[export]'") from error
+    part = out.with_name(f".{out.name}.part")
+    try:
+        part.mkdir(parents=True, exist_ok=True)
+        with locked(part):
+            frames = _write_all(kind, part, data, names, format, progress)
+            (part / LOCK).unlink()
+            part.rename(out)
+    except OSError as error:
+        waits = f"; what is done waits in {part}, the same command continues" * part.exists()
+        raise GcbenchError(f"cannot write to {out}: {error.strerror or error}{waits}") from error
+    return Exported(out, len(names), frames)
+
+
+def chosen(dataset: Dataset, text: str) -> list[str]:
+    """Names of the sequences that `text` means ("": all). Raises GcbenchError."""
+    if not dataset.names:
+        raise GcbenchError(f"{dataset.path} has no sequences yet")
+    there = {int(name): name for name in dataset.names}
+    if not text:
+        return list(dataset.names)
+    numbers: dict[int, None] = {}
+    for item in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,9})(?:\s*-\s*(\d{1,9}))?\s*", item)
+        if not match:
+            raise GcbenchError(f"--sequences {text}: give numbers and ranges, as in 0-9,15")
+        first = int(match[1])
+        last = first if match[2] is None else int(match[2])
+        found = [k for k in there if first <= k <= last]
+        if not found or (match[2] is None and first not in there):
+            raise GcbenchError(f"--sequences {text}: {dataset.path} has none of {item.strip()}; "
+                               f"there are {dataset.names[0]} to {dataset.names[-1]}")
+        numbers.update(dict.fromkeys(sorted(found)))
+    return [there[k] for k in numbers]
+
+
+def _write_all(
+    kind: Callable[[Path, Dataset], Writer], part: Path, data: Dataset, names: list[str],
+    format: str, progress: bool,
+) -> int:
+    """Fill `part`; the number of frames in it. It is removed if that fails for good, or if nothing
+    is done when the run is stopped."""
+    account = _account(format, data, names)
+    plan = {**account, "sequences": "", "name": data.path.absolute().name}
+    with Journal(part, plan, names) as journal:
+        try:
+            with closing(kind(part, data)) as writer:
+                _write(writer, data, names, journal, progress)
+        except BaseException as error:
+            if isinstance(error, GcbenchError) or not journal.entries:
+                shutil.rmtree(part, ignore_errors=True)
+            raise
+    (part / FILE).write_bytes(dump_json(account))
+    journal.path.unlink()
+    return sum(entry.frames for entry in journal.entries)
+
+
+def _write(
+    writer: Writer, dataset: Dataset, names: list[str], journal: Journal, progress: bool
+) -> None:
+    """Write the sequences that are not done yet."""
+    paths, each = sequence_paths(dataset.path), dataset.config.frames
+    done = len(journal.entries)
+    for entry in journal.entries:
+        writer.keep(entry.record)
+    with frame_bar(len(names) * each, done * each, progress, "export") as bar:
+        for name in names[done:]:
+            sequence = dataset[name]
+            record = writer.add(sequence, open_archive(paths[name]))
+            writer.keep(journal.add(name, len(sequence), record))
+            bar.update(len(sequence))
+        writer.finish()
+
+
+def _account(format: str, dataset: Dataset, names: list[str]) -> dict[str, object]:
+    """What `export.json` says: the licences of the models come along."""
+    return {
+        "format": format,
+        "generator": {"name": "gcbench", "version": __version__},
+        "dataset": {"config": dataset.info.config, "generator": dataset.info.generator},
+        "assets": json.loads(dump_json(dataset.info.assets)),
+        "sequences": names,
+    }
+

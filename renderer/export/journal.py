@@ -1,0 +1,85 @@
+"""What an unfinished export has done: one line of JSON each sequence, after a first one that says
+which export it is. A line that a kill has cut counts for nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ...robots.files.lock import LOCK
+from ..runtime.json import dump_json
+
+FILE = "journal.jsonl"
+Record = Mapping[str, Any]
+"""What a format must know of a sequence that it has written: JSON."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A sequence that is written."""
+
+    sequence: str
+    frames: int
+    record: Record
+
+
+class Journal:
+    """Appends to FILE in a folder; `entries` are those of earlier runs and this one, in order."""
+
+    def __init__(self, folder: Path, plan: Mapping[str, Any], names: Sequence[str]) -> None:
+        """Continue what is in `folder` if it follows this `plan` for the first of `names`, else
+        delete it and begin.
+        """
+        self.path = folder / FILE
+        lines = self.path.read_bytes().splitlines(keepends=True) if self.path.is_file() else []
+        whole = [line for line in lines if line.endswith(b"\n")]
+        self.entries = [Entry(**json.loads(line)) for line in whole[1:]]
+        done = [entry.sequence for entry in self.entries]
+        if whole[:1] == [_line(plan)] and done == [*names][: len(done)]:
+            self._file = self.path.open("r+b")
+            self._file.truncate(sum(map(len, whole)))
+            self._file.seek(0, os.SEEK_END)
+            return
+        self.entries = []
+        for path in folder.iterdir():
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            elif path.name != LOCK:
+                path.unlink()
+        self._file = self.path.open("wb")
+        self._append(_line(plan))
+
+    def add(self, name: str, frames: int, record: Record) -> Record:
+        """Note that a sequence is written; the record as a later run will read it."""
+        line = _line(asdict(Entry(name, frames, record)))
+        self._append(line)
+        self.entries.append(Entry(**json.loads(line)))
+        return self.entries[-1].record
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+    def _append(self, line: bytes) -> None:
+        self._file.write(line)
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def _line(tree: Mapping[str, Any]) -> bytes:
+    """On one line; a number is written so that the same one is read."""
+    return json.dumps(json.loads(dump_json(tree))).encode() + b"\n"

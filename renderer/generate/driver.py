@@ -1,0 +1,207 @@
+"""A dataset from a config: every sequence that is not there yet, by several processes.
+
+A sequence depends on the config and its index alone, is written whole or not at all, and is never
+touched again. So a run may end at any moment and in any way, and the same command continues it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ...errors import GcbenchError
+from ...robots.files.atomic import remove_leftovers
+from ...robots.files.lock import locked
+from ..dataset.provenance import (
+    FILE,
+    Provenance,
+    count_sequences,
+    describe,
+    read_provenance,
+    write_provenance,
+)
+from ..dataset.reader import sequence_paths
+from ..dataset.storage import FOLDER, read_meta, sequence_name
+from ..runtime.json import dump_json
+from ..runtime.progress import frame_bar
+from ..scene.config import RenderConfig, resolved
+from ..scene.config_files import config_tree, differences, parse_config
+from .worker_pool import Died, crew
+from .worker_process import FrameDone, Ready, Task
+
+SOURCE = "gcbench.renderer.generate.sequence_renderer:SequenceRenderer"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run did, and what is there now."""
+
+    dataset: Path
+    rendered: int
+    """Sequences of this run."""
+    sequences: int
+    """In the dataset."""
+    frames: int
+    """In the dataset."""
+    unobservable: int
+    """Sequences whose motion cannot be seen."""
+    refused: Mapping[str, int]
+    """Draws that were refused for the dataset, by reason."""
+    seconds: float
+    """Of this run."""
+
+    def describe(self) -> str:
+        """What a user wants to know after a run, in a few lines."""
+        lines = [
+            f"{self.dataset}: {self.sequences} sequences, {self.frames} frames "
+            f"({self.rendered} sequences rendered in {self.seconds:.1f} s)"
+        ]
+        if self.refused:
+            reasons = ", ".join(f"{k} {v}" for k, v in self.refused.items())
+            lines.append(f"draws refused because the motion could not be seen: {reasons}")
+        if self.unobservable:
+            lines.append(
+                f"{self.unobservable} sequences are not observable (kept, and marked in "
+                "their meta.json)"
+            )
+        return "\n".join(lines)
+
+
+def plan_workers(cpu_count: int, requested: int | None) -> tuple[int, int]:
+    """(processes, threads of the software rasterizer in each).
+
+    Raises GcbenchError for fewer than one process.
+    """
+    workers = cpu_count if requested is None else requested
+    if workers < 1:
+        raise GcbenchError(f"{workers} workers cannot render; ask for 1 or more")
+    return workers, max(1, cpu_count // workers)
+
+
+def generate(
+    config: RenderConfig,
+    n: int,
+    out: Path,
+    workers: int | None = None,
+    progress: bool = True,
+    source: str = SOURCE,
+) -> Summary:
+    """Render sequences 0 .. n-1 of `config` into the dataset `out`, those that are not there yet.
+
+    `source` is "module:attribute" of what renders (`worker.Renderer`). Progress and notices go to
+    stderr. Raises GcbenchError if the folder holds another dataset or is in use, or if the model
+    or a sequence cannot be rendered; what is done by then stays, and so it does after Ctrl-C
+    (KeyboardInterrupt).
+    """
+    started = time.monotonic()
+    if source == SOURCE:  # another source has robots of its own
+        config = resolved(config)
+    cpu_count = _cpu_count()
+    plan_workers(cpu_count, workers)  # refuses before anything is written
+    if n < 1:
+        raise GcbenchError(f"{n} sequences cannot be rendered; ask for 1 or more")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with locked(out):
+            _tidy(out)
+            provenance = _open(out, config)
+            there = sequence_paths(out)
+            todo = [i for i in range(n) if sequence_name(i) not in there]
+            if todo:
+                count, threads = plan_workers(cpu_count, min(workers or cpu_count, len(todo)))
+                task = Task(source, config, out.absolute(), threads)
+                try:
+                    provenance = _render(task, todo, count, n, provenance, progress)
+                finally:
+                    _tidy(out)
+            return _finish(out, provenance, len(todo), started)
+    except OSError as error:
+        raise GcbenchError(f"{error.filename or out}: {error.strerror or error}") from error
+
+
+def _render(
+    task: Task, todo: list[int], workers: int, n: int, provenance: Provenance, progress: bool
+) -> Provenance:
+    """Render `todo`; the provenance that is returned, and on disk, names the model."""
+    frames = task.config.frames
+    with (
+        frame_bar(n * frames, (n - len(todo)) * frames, progress) as bar,
+        closing(crew(task, todo, workers)) as events,
+    ):
+        for event in events:
+            if isinstance(event, Ready):
+                provenance = _with_asset(task.dataset, provenance, event.asset)
+            elif isinstance(event, FrameDone):
+                bar.update()
+            elif isinstance(event, Died):
+                bar.update(-event.frames)
+                bar.write(f"gcbench: {event.notice}", file=sys.stderr)
+    return provenance
+
+
+def _open(out: Path, config: RenderConfig) -> Provenance:
+    """What the dataset in `out` is, or will be. Raises GcbenchError if it is another one."""
+    here = describe(config)
+    if not sequence_paths(out):  # what failed before its first sequence binds nobody
+        return here
+    if not (out / FILE).exists():
+        raise GcbenchError(f"{out} holds sequences but no {FILE}; choose another --out folder")
+    there = read_provenance(out)
+    # A field that is newer than the dataset has its default there.
+    changed = differences(config_tree(parse_config(there.config, str(out / FILE))), here.config)
+    changed += differences({"generator": there.generator}, {"generator": here.generator})
+    if changed:
+        raise GcbenchError(
+            f"{out} holds a dataset of another configuration ({'; '.join(changed)}); "
+            "choose another --out folder, or delete this one"
+        )
+    if here.environments[0] not in there.environments:
+        return replace(there, environments=(*there.environments, *here.environments))
+    return there
+
+
+def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> Provenance:
+    """The provenance with the model's, on disk before the first sequence is.
+
+    Raises GcbenchError if the model's file is not what it was.
+    """
+    now = json.loads(dump_json(asset))
+    if provenance.assets and now not in provenance.assets:
+        changed = "; ".join(differences(provenance.assets[0], now))
+        raise GcbenchError(
+            f"{out} was rendered with another model file ({changed}); choose another --out folder"
+        )
+    growing = replace(provenance, assets=provenance.assets or (now,), counts=None)
+    if growing != provenance:
+        write_provenance(out, growing)
+    return growing
+
+
+def _finish(out: Path, provenance: Provenance, rendered: int, started: float) -> Summary:
+    """Sum up what is on disk; `dataset.json` says so from now on."""
+    counts = count_sequences(read_meta(path) for path in sequence_paths(out).values())
+    finished = replace(provenance, counts=counts)
+    if not (out / FILE).exists() or read_provenance(out) != finished:
+        write_provenance(out, finished)
+    seconds = time.monotonic() - started
+    return Summary(dataset=out, rendered=rendered, seconds=seconds, **counts)
+
+
+def _tidy(out: Path) -> None:
+    """Remove what killed processes have left."""
+    remove_leftovers(out)
+    remove_leftovers(out / FOLDER)
+
+
+def _cpu_count() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

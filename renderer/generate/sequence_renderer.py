@@ -1,0 +1,219 @@
+"""One sequence after another: draw it, colour it. A sequence depends on (config, i) only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import ArticulatedModel, joint_screws
+from ..dataset.schema import UNITS
+from ..gl.rasterizer import Rasterizer
+from ..scene.config import RenderConfig, resolved
+from ..scene.models import cast_of, dataset_asset
+from ..scene.sampling import Streams, draw_scene
+from ..scene.scene import Scene
+from ..truth.ground_truth import SequenceTruth, needs_faces, room_normal
+from ..truth.rejection import Draw, DrawSampler
+from ..types.sequence import Frame, Meta, State
+
+DEPTH_UNIT = 0.0001
+
+
+class RenderedSequence:
+    """A sequence that renders while its frames are iterated; `meta` and `state` afterwards."""
+
+    frames: Iterator[Frame]
+    depth_unit: float
+    """m per unit of the depth images"""
+    refused: Mapping[str, int]
+    """Draws that were not observable, by reason."""
+    coordinate_box: Array | None
+    """[P 2 3] m, of the layer `coordinates`"""
+    meta: Meta
+    state: State
+
+
+class SequenceRenderer:
+    """Loads models, opens OpenGL, renders any sequence of a config. One per process.
+
+    Raises GcbenchError for a robot, a joint name or a configuration that does not work.
+    """
+
+    def __init__(self, config: RenderConfig) -> None:
+        self.config = config = resolved(config)
+        self._cast = cast_of(config, 0)
+        self._rasterizer = Rasterizer(
+            config.width, config.height, round(config.samples**0.5),
+            faces=needs_faces(self.model, config.layers))
+        self._sampler = self._new_sampler()
+
+    @property
+    def model(self) -> ArticulatedModel:
+        """What the last sequence shows."""
+        return self._cast.model
+
+    @property
+    def scored(self) -> tuple[str, ...]:
+        """Its joints that are scored."""
+        return self._cast.scored
+
+    @property
+    def asset(self) -> dict[str, Any]:
+        """Where the model or the models came from, for `dataset.json`."""
+        return dataset_asset(self.config, self._cast)
+
+    def close(self) -> None:
+        """Give the GL context back."""
+        self._rasterizer.close()
+
+    def render(self, index: int) -> RenderedSequence:
+        """Sequence `index`; its refused draws are counted by reason."""
+        self._take(index)
+        streams = Streams(self.config, index)
+        draw, refused = self._sampler.draw(streams)
+        motion = draw.motion
+        outline = self._sampler.motions.outline(motion.posed)
+        scene, record = draw_scene(
+            streams, self.model, motion.trajectory, draw.camera, outline, motion.floor
+        )
+        record |= motion.record
+        self._rasterizer.begin_color(scene, motion.world_from_part, motion.posed.bounds)
+        behind = None
+        if scene.room:
+            draw = self._in_room(draw, self._rasterizer.room_depth())
+            if "normal" in self.config.layers:
+                behind = room_normal(scene.room, self._rasterizer.read_faces(), draw.camera)
+        out = RenderedSequence()
+        out.refused = refused
+        out.depth_unit = depth_unit(max(float(d.max()) for d in draw.depth))
+        truth = SequenceTruth(self.config, index, self.model, draw, out.depth_unit, behind)
+        out.coordinate_box = truth.coordinate_box
+        out.frames = self._frames(index, truth, scene, record, out)
+        return out
+
+    def _take(self, index: int) -> None:
+        """Make ready the model of sequence `index`; the device holds one at a time."""
+        cast = cast_of(self.config, index, self._cast)
+        if cast is not self._cast:
+            self._cast = cast
+            self._sampler = self._new_sampler()
+
+    def _new_sampler(self) -> DrawSampler:
+        cast = self._cast
+        return DrawSampler(cast.model, cast.scored, self.config, self._rasterizer, cast.animation)
+
+    def _in_room(self, draw: Draw, room: NDArray[np.float32]) -> Draw:
+        """The draw before (or, where it sinks into the floor, behind) a room [H W] m."""
+        hidden = [(p > 0) & (room < d) for p, d in zip(draw.part, draw.depth, strict=True)]
+        part = [np.where(h, np.uint16(0), p) if h.any() else p
+                for h, p in zip(hidden, draw.part, strict=True)]
+        depth = [np.where(p == 0, room, d) for p, d in zip(part, draw.depth, strict=True)]
+        draw = replace(draw, depth=depth, part=part)
+        return self._sampler.judged_again(draw, part) if any(h.any() for h in hidden) else draw
+
+    # -- frames -------------------------------------------------------------------------------
+
+    def _frames(
+        self, index: int, truth: SequenceTruth, scene: Scene, record: dict[str, Any],
+        out: RenderedSequence,
+    ) -> Iterator[Frame]:
+        posed = truth.draw.motion.posed
+        for t in range(self.config.frames):
+            self._rasterizer.place(posed.surfaces(t))
+            self._rasterizer.draw_color(posed.world_from_part[t])
+            yield truth.frame(
+                t, lambda t=t: _through_lens(self._rasterizer.read_color(), scene, t))
+        out.state = self._state(truth)
+        out.meta = self._meta(index, record, truth, out)
+
+    def _state(self, truth: SequenceTruth) -> State:
+        model, motion, camera = self.model, truth.draw.motion, truth.draw.camera
+        return State(
+            times=motion.trajectory.times,
+            joint_positions=motion.trajectory.positions,
+            intrinsics=camera.intrinsics,
+            cam_from_world=truth.cam_from_world,
+            world_from_part=motion.world_from_part,
+            joint_screw=joint_screws(model, camera.cam_from_world @ motion.world_from_part),
+            joint_parent_part=model.parent[model.joint_child] + 1,
+            joint_child_part=model.joint_child + 1,
+            part_pixels=truth.part_pixels,
+            **truth.point_state(),
+        )
+
+    def _meta(
+        self, index: int, record: dict[str, Any], truth: SequenceTruth, out: RenderedSequence
+    ) -> Meta:
+        draw, has_keypoints = truth.draw, "keypoints" in self.config.layers
+        config, model, context = self.config, self.model, self._rasterizer.context
+        return Meta(
+            name=f"{model.name}/{config.seed}/{index:06d}",
+            asset=self._cast.asset,
+            joint_names=model.joint_names,
+            joint_types=model.joint_types,
+            joint_limits=tuple(
+                (float(a), float(b)) if np.isfinite([a, b]).all() else None
+                for a, b in model.limits
+            ),
+            part_names=model.part_names,
+            scored_joints=self.scored,
+            width=config.width,
+            height=config.height,
+            frames=config.frames,
+            seed=config.seed,
+            index=index,
+            randomization=record,
+            renderer={"renderer": context.renderer, "version": context.version},
+            observability={
+                # The rule is about joints: it says nothing of a motion that has none.
+                "observable": None if "animation" in record else not draw.reason,
+                "reason": draw.reason,
+                "refused": dict(out.refused),
+                "joints": {name: asdict(seen) for name, seen in draw.joints.items()},
+            },
+            depth_unit=out.depth_unit,
+            units=UNITS,
+            deforming_parts=tuple(
+                model.part_names[p] for p in sorted({v.part for v in model.visuals if v.deforms})
+            ),
+            layers=config.layers,
+            keypoint_names=model.keypoint_names if has_keypoints else (),
+            keypoint_tolerance=truth.keypoint_tolerance,
+            tracks=0 if out.state.track_query is None else len(out.state.track_query),
+        )
+
+
+def depth_unit(far: float) -> float:
+    """The unit of a depth image, m: 0.0001, or more (1, 2, 5, 10, ...) where `far` m needs it.
+
+    Less (by tens) for what is so small and near that it would have fewer than 3000 units.
+    """
+    unit, steps = DEPTH_UNIT, (2.0, 2.5, 2.0)
+    while unit > 1e-8 and 0 < far < 3000 * unit:
+        unit /= 10
+    k = 0
+    while far > 65000 * unit:
+        unit, k = unit * steps[k % 3], k + 1
+    return float(f"{unit:.6g}")
+
+
+def _through_lens(rgb: NDArray[np.uint8], scene: Scene, t: int) -> NDArray[np.uint8]:
+    """Exposure, blur and noise of frame t."""
+    if scene.exposure == 0 and scene.blur == 0 and scene.noise == 0:
+        return rgb
+    import cv2
+
+    image = rgb.astype(np.float32)
+    if scene.exposure:
+        image *= 2.0 ** (scene.exposure / 2.2)  # stops of light, in the image's gamma
+    if scene.blur > 0.05:
+        image = cv2.GaussianBlur(image, (0, 0), scene.blur)
+    if scene.noise:
+        rng = np.random.default_rng([scene.noise_seed, t])
+        image += scene.noise * rng.standard_normal(image.shape, np.float32)
+    return np.clip(np.round(image), 0, 255).astype(np.uint8)

@@ -1,0 +1,170 @@
+"""The one module that imports OpenGL: contexts and programs.
+
+pyrender gives the EGL platform and the physically based shading (its mesh.frag, changed a little in
+shading.py); the drawing is ours (rasterizer.py).
+"""
+
+# pyright: reportUnknownParameterType=false, reportMissingParameterType=false
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...robots.geometry.transforms import Array
+from ..scene.scene import Scene
+from .programs import Look, changed, defines_of
+from .targets import NoRendererError
+
+os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
+
+_SHADERS = Path(__file__).parent / "shaders"
+
+
+class Context:
+    """An EGL context on the first device that really draws; a GPU is tried before software.
+
+    `EGL_DEVICE_ID` chooses a device by number. Raises NoRendererError with each device's reason.
+    """
+
+    def __init__(self) -> None:
+        try:
+            from pyrender.platforms import egl
+        except Exception as error:
+            why = f"EGL cannot be loaded ({_one_line(error)})"
+            raise NoRendererError(f"{why}; {_INSTALL}") from None
+        tried: list[str] = []
+        for number, device in _devices(egl):
+            try:
+                self._platform: Any = egl.EGLPlatform(1, 1, device)
+                self._platform.init_context()
+                from OpenGL import GL
+
+                self.gl: Any = GL
+                self.renderer = str(self.gl.glGetString(GL.GL_RENDERER).decode())
+                self.version = str(self.gl.glGetString(GL.GL_VERSION).decode())
+                self.device = number
+            except Exception as error:
+                tried.append(f"device {number}: {_one_line(error)}")
+                continue
+            return
+        reasons = "; ".join(tried) or "EGL reports no device"
+        raise NoRendererError(f"no EGL device can draw ({reasons}); {_INSTALL}")
+
+    def close(self) -> None:
+        """Give the context back; the display stays, as other contexts of the process share it."""
+        from OpenGL import EGL
+
+        platform = self._platform
+        if platform._egl_context is not None:
+            EGL.eglMakeCurrent(
+                platform._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
+            )
+            EGL.eglDestroyContext(platform._egl_display, platform._egl_context)
+            platform._egl_context = platform._egl_display = None
+
+
+def device_names() -> list[str]:
+    """Every EGL device with its device file, in the order in which they are tried."""
+    try:
+        from pyrender.platforms import egl
+
+        found = _devices(egl)
+    except Exception as error:
+        raise NoRendererError(f"EGL cannot be loaded ({_one_line(error)}); {_INSTALL}") from None
+    return [f"device {i}: {device.name or 'software (Mesa)'}" for i, device in found]
+
+
+_INSTALL = "on Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri"
+
+
+def _devices(egl: Any) -> list[tuple[int, Any]]:
+    """EGL devices with their numbers: those with a device file (GPUs) first."""
+    devices = list(enumerate(egl.query_devices()))
+    wanted = os.environ.get("EGL_DEVICE_ID", "")
+    if wanted:
+        devices = [(i, d) for i, d in devices if str(i) == wanted]
+    return sorted(devices, key=lambda item: item[1].name is None)
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or "no reason given"
+    return f"{type(error).__name__}: {text[:200]}"
+
+
+class Program:
+    """A linked program with its uniform locations looked up once."""
+
+    def __init__(self, gl: Any, vertex: str, fragment: str) -> None:
+        from OpenGL.GL import shaders
+
+        self._gl = gl
+        self.scene: Scene | None = None
+        self.id = int(shaders.compileProgram(
+            shaders.compileShader(vertex, gl.GL_VERTEX_SHADER),
+            shaders.compileShader(fragment, gl.GL_FRAGMENT_SHADER),
+            validate=False,  # needs a bound vertex array; linking is checked anyway
+        ))
+        self._locations: dict[str, int] = {}
+
+    def __getitem__(self, name: str) -> int:
+        """Location of a uniform; -1, which GL ignores, where the compiler dropped it."""
+        if name not in self._locations:
+            self._locations[name] = int(self._gl.glGetUniformLocation(self.id, name))
+        return self._locations[name]
+
+    def matrix(self, name: str, value: Array) -> None:
+        data = np.ascontiguousarray(value, np.float32)
+        self._gl.glUniformMatrix4fv(self[name], 1, self._gl.GL_TRUE, data)
+
+
+class Programs:
+    """The programs, compiled when first used.
+
+    With `faces`, that of the truth tells triangles too.
+    """
+
+    def __init__(self, gl: Any, faces: bool = False) -> None:
+        self._gl, self._faces = gl, faces
+        self._surface: dict[tuple[Look, int, bool], Program] = {}
+        self._solid: dict[tuple[str, bool], Program] = {}
+        self.truth = self.solid("truth", False)
+        self.backdrop = Program(gl, _source("backdrop.vert.glsl"), _source("backdrop.frag.glsl"))
+
+    def solid(self, name: str, cut: bool) -> Program:
+        """The program of the pass "truth" or "coverage", with or without holes where alpha is low.
+        """
+        if (name, cut) not in self._solid:
+            vertex, fragment = _source("truth.vert.glsl"), _source(f"{name}.frag.glsl")
+            fragment = fragment.replace("FACES", str(int(self._faces))).replace(
+                "CUTTING", _source("cut.glsl"))
+            self._solid[name, cut] = Program(
+                self._gl, *(text.replace("#if CUT", f"#if {int(cut)}")
+                            for text in (vertex, fragment)))
+        return self._solid[name, cut]
+
+    def surface(self, look: Look, lights: int, shadows: bool) -> Program:
+        """pyrender's shading for this many lights (a constant, so that samplers may be indexed)."""
+        key = (look, lights, shadows)
+        if key not in self._surface:
+            vertex = _source("surface.vert.glsl").replace(
+                "TEXTURED", str(int(look.uses_uv))).replace("COLORED", str(int(look.colored)))
+            fragment = _pyrender_fragment_shader(*key)
+            self._surface[key] = Program(self._gl, vertex, fragment)
+        return self._surface[key]
+
+
+def _source(name: str) -> str:
+    return (_SHADERS / name).read_text()
+
+
+def _pyrender_fragment_shader(look: Look, lights: int, shadows: bool) -> str:
+    import pyrender
+    from pyrender.shader_program import ShaderProgram
+
+    path = Path(pyrender.__file__).parent / "shaders" / "mesh.frag"
+    program: Any = ShaderProgram(None, None, defines=defines_of(look, lights, shadows))
+    return changed(str(program._load(str(path))), look, lights)

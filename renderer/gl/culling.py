@@ -1,0 +1,69 @@
+"""Which triangles can only be seen from outside: they are drawn one-sided, at half the cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import ArticulatedModel
+
+
+def one_sided(
+    vertices: Sequence[Array], faces: Sequence[NDArray[np.int32]]
+) -> list[NDArray[np.bool_]]:
+    """Whether each triangle, [F] per mesh, belongs to a closed surface that faces outward.
+
+    The meshes ([V 3] m and [F 3]) are pieces of one rigid part: vertices at one place are one
+    vertex. A connected surface is closed if each edge is run through equally often both ways, and
+    faces outward if it encloses a positive volume. Nobody outside sees the back of such a surface,
+    so leaving its back faces out changes no pixel. Everything else must be drawn from both sides.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    counts = [len(f) for f in faces]
+    if not sum(counts):
+        return [np.zeros(n, bool) for n in counts]
+    points = np.concatenate(vertices)
+    offsets = np.cumsum([0, *(len(v) for v in vertices[:-1])])
+    corners = np.concatenate([f + o for f, o in zip(faces, offsets, strict=True)])
+    grid = max(float(np.ptp(points, axis=0).max()) * 1e-6, 1e-12)
+    _, place = np.unique(np.round(points / grid).astype(np.int64), axis=0, return_inverse=True)
+    tri = place.ravel()[corners]
+    n = int(place.max()) + 1
+    edges = np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
+    there, back = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
+    known, times = np.unique(there, return_counts=True)
+    at = np.minimum(np.searchsorted(known, back), len(known) - 1)
+    times_back = np.where(known[at] == back, times[at], 0)
+    balanced = times[np.searchsorted(known, there)] == times_back
+
+    links = coo_array((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    label = connected_components(links, directed=False)[1][tri[:, 0]]
+    is_open = np.zeros(n, bool)
+    is_open[np.tile(label, 3)[~balanced]] = True
+    a, b, c = (points[corners[:, i]] for i in range(3))
+    volume = np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)), minlength=n)
+    outward = ~is_open[label] & (volume[label] > 0)
+    return np.split(outward, np.cumsum(counts)[:-1])
+
+
+def one_sided_of(model: ArticulatedModel) -> list[NDArray[np.bool_]]:
+    """For each visual, which of its triangles [F] are seen from outside only.
+
+    None of one that deforms, which may turn inside out, or in which alpha cuts holes.
+    """
+    out = [np.zeros(len(v.faces), bool) for v in model.visuals]
+    closed: dict[int, list[int]] = {}
+    for k, v in enumerate(model.visuals):
+        if not v.deforms and v.material.alpha_cutoff is None:
+            closed.setdefault(v.part, []).append(k)
+    for chosen in closed.values():
+        visuals = [model.visuals[k] for k in chosen]
+        found = one_sided([v.vertices for v in visuals], [v.faces for v in visuals])
+        for k, outward in zip(chosen, found, strict=True):
+            out[k] = outward
+    return out

@@ -1,0 +1,158 @@
+"""The members of a sequence, in a ZIP of stored members or in an unpacked folder.
+
+Nothing is held open between two reads, so that an archive may be used by many processes and by
+thousands at a time; a stored member is one seek away. Sizes are bounded by the file's own: what is
+stored cannot inflate.
+"""
+
+from __future__ import annotations
+
+import stat
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO
+
+from ...errors import GcbenchError
+
+MAX_MEMBER = 2**29
+"""Bytes of a member; a larger one is refused."""
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The time of every member that we write: equal contents are equal bytes."""
+
+
+@dataclass(frozen=True)
+class _Entry:
+    offset: int  # of the member's local header in the file
+    size: int  # bytes
+    crc: int
+
+
+@dataclass(frozen=True)
+class Archive:
+    """Named members of one sequence."""
+
+    path: Path
+    """The ZIP file or folder."""
+    entries: dict[str, _Entry] | None
+    """Of a ZIP; None for a folder."""
+
+    def where(self, member: str) -> str:
+        """ "file: member", the beginning of an error message."""
+        return f"{self.path}: {member}"
+
+    def require(self, members: Iterable[str]) -> None:
+        """Raises GcbenchError that names the first member that is missing."""
+        for member in members:
+            there = (
+                member in self.entries
+                if self.entries is not None
+                else (self.path / member).is_file()
+            )
+            if not there:
+                raise GcbenchError(f"{self.where(member)}: missing")
+
+    def read(self, member: str, limit: int = MAX_MEMBER) -> bytes:
+        """The member's bytes. Raises GcbenchError if missing, over `limit` bytes, or damaged."""
+        self.require([member])
+        try:
+            if self.entries is None:
+                return self._read_file(member, limit)
+            return self._read_entry(member, self.entries[member], limit)
+        except OSError as error:
+            raise GcbenchError(f"{self.where(member)}: {error.strerror}") from error
+
+    def _read_file(self, member: str, limit: int) -> bytes:
+        with (self.path / member).open("rb") as file:
+            data = file.read(limit + 1)
+        if len(data) > limit:
+            raise GcbenchError(f"{self.where(member)}: larger than {limit} bytes")
+        return data
+
+    def _read_entry(self, member: str, entry: _Entry, limit: int) -> bytes:
+        if entry.size > limit:
+            raise GcbenchError(f"{self.where(member)}: larger than {limit} bytes")
+        with self.path.open("rb") as file:
+            file.seek(entry.offset)
+            header = file.read(30)
+            if len(header) == 30 and header[:4] == b"PK\x03\x04":
+                name, extra = struct.unpack("<HH", header[26:])
+                file.seek(name + extra, 1)
+                data = file.read(entry.size)
+                if len(data) == entry.size and zlib.crc32(data) == entry.crc:
+                    return data
+        raise GcbenchError(f"{self.where(member)}: damaged")
+
+
+def open_archive(path: Path) -> Archive:
+    """The archive at `path`, a ZIP file or a folder.
+
+    Raises GcbenchError if there is none, or if the ZIP is damaged or not of the contract's kind.
+    """
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            return Archive(path, None)
+        if not stat.S_ISREG(mode):
+            raise GcbenchError(f"{path}: neither a ZIP file nor a folder")
+        with zipfile.ZipFile(path) as file:
+            members = file.infolist()
+            end = 22 + len(file.comment)
+        if not _tail(path, end).startswith(b"PK\x05\x06"):
+            # Of a file that is cut off, zipfile would open the last ZIP inside: state.npz.
+            raise zipfile.BadZipFile("its end is missing")
+    except OSError as error:
+        raise GcbenchError(f"{path}: {error.strerror or error}") from error
+    except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
+        raise GcbenchError(f"{path}: not a whole ZIP file ({error})") from error
+    size = path.stat().st_size
+    entries: dict[str, _Entry] = {}
+    for info in members:
+        if info.is_dir():
+            continue
+        _check_member(path, info, size, entries)
+        entries[info.filename] = _Entry(info.header_offset, info.file_size, info.CRC)
+    return Archive(path, entries)
+
+
+def _tail(path: Path, size: int) -> bytes:
+    with path.open("rb") as file:
+        file.seek(-size, 2)
+        return file.read()
+
+
+def _check_member(path: Path, info: zipfile.ZipInfo, size: int, seen: Iterable[str]) -> None:
+    name = info.filename
+    parts = PurePosixPath(name).parts
+    where = f"{path}: {name!r}"
+    if name.startswith("/") or "\\" in name or ".." in parts or not name.isprintable():
+        raise GcbenchError(f"{where}: not a name for a member")
+    if name in seen:
+        raise GcbenchError(f"{where}: there twice")
+    if info.flag_bits & 1:
+        raise GcbenchError(f"{where}: encrypted")
+    if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
+        raise GcbenchError(f"{where}: compressed; members are stored (zip -0)")
+    if info.header_offset < 0 or info.header_offset + info.file_size > size:
+        raise GcbenchError(f"{where}: larger than the file")
+
+
+class ArchiveWriter:
+    """Appends stored members with a fixed time to an open file."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._zip = zipfile.ZipFile(file, "w", zipfile.ZIP_STORED)
+
+    def add(self, member: str, data: bytes) -> None:
+        """Append a member."""
+        info = zipfile.ZipInfo(member, EPOCH)
+        info.create_system = 3  # Unix, everywhere: the bytes do not depend on the platform
+        info.external_attr = 0o644 << 16
+        self._zip.writestr(info, data)
+
+    def close(self) -> None:
+        """Write the directory; the file stays open."""
+        self._zip.close()

@@ -1,0 +1,164 @@
+"""How a model moves in a sequence: by its joints, drawn at random, or as one of its animations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import GcbenchError
+from ...robots.geometry.transforms import Array, apply
+from ...robots.model.articulated_model import FIXED, Animation, ArticulatedModel, forward_kinematics
+from ...robots.motion.collision import CollisionChecker
+from ...robots.motion.trajectory import JointTrajectory, drawn_in, sample_trajectory
+from .config import RenderConfig
+from .posed_model import PosedModel, posed_by_parts
+
+NONE = "none"
+"""`--animation none`: the model's joints move, although it has an animation."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the model moves, and where its floor is."""
+
+    trajectory: JointTrajectory
+    posed: PosedModel
+    floor: float
+    """z of the floor, m"""
+    touches: bool
+    """Whether the model touches itself or the floor in a frame."""
+    record: Mapping[str, Any]
+    """What was drawn, beside the joints' motion."""
+
+    @property
+    def world_from_part(self) -> Array:
+        """[T P 4 4]"""
+        return self.posed.world_from_part
+
+
+def chosen_animation(model: ArticulatedModel, name: str) -> Animation | None:
+    """The animation that a config means: the first if it names none, None if its joints move.
+
+    Raises GcbenchError that lists what exists.
+    """
+    if name == NONE or (not name and not model.animations):
+        return None
+    for animation in model.animations:
+        if not name or animation.name == name:
+            return animation
+    names = ", ".join(repr(a.name) for a in model.animations) or "none in this model"
+    raise GcbenchError(f"--animation {name!r}: there are {names} (and none: the joints move)")
+
+
+def animated(model: ArticulatedModel) -> ArticulatedModel:
+    """The model without joints: what moves it is an animation, and nobody can be asked for them."""
+    parts = len(model.parent)
+    return replace(
+        model, joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
+        limits=np.zeros((0, 2)), joint=np.full(parts, -1), motion=np.full(parts, FIXED),
+    )
+
+
+class MotionSampler:
+    """Draws motions of one model and config."""
+
+    def __init__(
+        self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
+        animation: Animation | None,
+    ) -> None:
+        self.model, self.scored, self.config, self.animation = model, scored, config, animation
+        rigid = tuple(v for v in model.visuals if not v.deforms)
+        self._deforms = len(rigid) < len(model.visuals)
+        # A skin folds into itself wherever it bends: only what is rigid can collide.
+        checked = replace(model, visuals=rigid) if self._deforms else model
+        self.checker = CollisionChecker(checked) if rigid and animation is None else None
+        self._hulls = _hulls(replace(model, visuals=rigid))
+
+    def draw(self, rng: np.random.Generator) -> Motion:
+        """A motion of as many frames as the config says."""
+        if self.animation is not None:
+            return self._play(rng, self.animation)
+        config, ranges = self.config, self.config.randomization.motion
+        trajectory = sample_trajectory(
+            self.model, self.scored, config.frames, rng=rng,
+            total=(np.radians(ranges.total[0]), np.radians(ranges.total[1])),
+            total_prismatic=ranges.total_prismatic,
+            max_step=np.radians(ranges.max_step), fps=ranges.fps,
+        )
+        motion = self._motion(trajectory)
+        if motion.touches:  # a rack that is out before a closed door, most likely
+            inside = drawn_in(self.model, self.scored, trajectory)
+            motion = motion if inside is trajectory else self._motion(inside)
+        return motion
+
+    def _motion(self, trajectory: JointTrajectory) -> Motion:
+        world_from_part = _still(forward_kinematics(self.model, trajectory.positions))
+        posed = posed_by_parts(self.model, world_from_part)
+        floor, touches = np.inf, False
+        if self.checker:
+            floor = self.checker.ground_height(world_from_part)
+        if self._deforms:
+            floor = min(floor, self._lowest(posed))
+        if self.checker:
+            touches = self.checker.first_contact(world_from_part, floor) is not None
+        return Motion(trajectory, posed, floor, touches, {})
+
+    def outline(self, posed: PosedModel, frames: slice = slice(None)) -> Array:
+        """World points [N 3] m that bound the model in some of its frames."""
+        poses = posed.world_from_part[frames]
+        numbers = range(*frames.indices(len(posed.world_from_part)))
+        poses = poses[0] if len(poses) == 1 else poses
+        rigid = [apply(poses[..., part, :, :], points).reshape(-1, 3)
+                 for part, points in self._hulls]
+        moved = [_hull(np.concatenate([v for v, _ in posed.surfaces(t)]))
+                 for t in numbers if posed.deforming]
+        return np.concatenate([*rigid, *moved])
+
+    def _play(self, rng: np.random.Generator, animation: Animation) -> Motion:
+        """The animation at its own speed from a random time on; one that is too short is looped."""
+        fps, frames = self.config.randomization.motion.fps, self.config.frames
+        times = np.arange(frames) / fps
+        spare = animation.duration - times[-1]
+        start = float(rng.random() * (spare if spare >= 0 else animation.duration))
+        posture = animation.at(animation_times(times, start, animation.duration))
+        world_from_part = _still(posture.world_from_part)
+        posed = PosedModel(self.model, replace(posture, world_from_part=world_from_part))
+        record = {"name": animation.name, "start": start, "duration": animation.duration}
+        trajectory = JointTrajectory(times, np.zeros((frames, 0)))
+        return Motion(trajectory, posed, self._lowest(posed), False, {"animation": record})
+
+    def _lowest(self, posed: PosedModel) -> float:
+        return float(self.outline(posed)[:, 2].min())
+
+
+def _still(world_from_part: Array) -> Array:
+    """Poses [T P 4 4] in which what stands still does so to the last bit: its flow is zero."""
+    still = np.ptp(world_from_part, axis=0).max(axis=(1, 2)) < 1e-12
+    return np.where(still[:, None, None], world_from_part[:1], world_from_part)
+
+
+def animation_times(times: Array, start: float, duration: float) -> Array:
+    """[T] s of an animation that begins at `start`, looped where it ends before the sequence."""
+    at = start + times - times[0]
+    loops = duration > 0 and at[-1] > duration * (1 + 1e-9)
+    return np.mod(at, duration) if loops else np.minimum(at, duration)
+
+
+def _hulls(model: ArticulatedModel) -> list[tuple[int, Array]]:
+    """Each part's convex hull vertices [N 3] m in its frame: enough to find bounding boxes."""
+    return [
+        (part, _hull(np.concatenate([v.vertices for v in model.visuals if v.part == part])))
+        for part in sorted({v.part for v in model.visuals})
+    ]
+
+
+def _hull(points: Array) -> Array:
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:  # flat parts have no hull
+        return np.unique(points, axis=0)

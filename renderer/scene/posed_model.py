@@ -1,0 +1,112 @@
+"""A model in motion: where its vertices are in each frame, of parts and of what deforms."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array, apply, inverse
+from ...robots.model.articulated_model import ArticulatedModel, Posture, Visual, forward_kinematics
+from ...robots.model.skinning import deformed
+from .clip_space import box_corners
+
+Item = TypeVar("Item")
+_REMEMBERED = 2**28  # bytes of vertices that are kept for the next question
+
+
+class PosedModel:
+    """A model in a posture of T instants. Vertices are computed when they are asked for.
+
+    Triangles are numbered through all visuals in their order, vertices too.
+    """
+
+    def __init__(self, model: ArticulatedModel, posture: Posture) -> None:
+        self.model, self.posture = model, posture
+        self.deforming = tuple(v for v in model.visuals if v.deforms)
+        self._surfaces = OrderedDict[int, tuple[tuple[Array, Array], ...]]()
+        self._vertices = OrderedDict[int, Array]()
+
+    @property
+    def world_from_part(self) -> Array:
+        """[T P 4 4]"""
+        return self.posture.world_from_part
+
+    def surfaces(self, t: int) -> tuple[tuple[Array, Array], ...]:
+        """World vertices [V 3] m and normals [V 3] of each visual that deforms, at instant t."""
+        return self._remembered(self._surfaces, t, lambda: tuple(
+            self._deformed(visual, t) for visual in self.deforming))
+
+    def vertices(self, t: int) -> Array:
+        """[V 3] m (world): the vertices of all visuals at instant t."""
+        def found() -> Iterator[Array]:
+            yield np.zeros((0, 3))
+            moved = iter(self.surfaces(t))
+            for v in self.model.visuals:
+                pose = self.world_from_part[t, v.part]
+                yield next(moved)[0] if v.deforms else apply(pose, v.vertices)
+
+        return self._remembered(self._vertices, t, lambda: np.concatenate([*found()]))
+
+    @cached_property
+    def bounds(self) -> Array:
+        """World points [N 3] m around everything that deforms, at all instants."""
+        boxes = [box_corners(vertices) for t in range(len(self.world_from_part))
+                 for vertices, _ in self.surfaces(t)]
+        return np.concatenate([np.zeros((0, 3)), *boxes])
+
+    @cached_property
+    def faces(self) -> NDArray[np.int64]:
+        """[F 3] corners of the triangles, as rows of `vertices`."""
+        starts = np.cumsum([0, *(len(v.vertices) for v in self.model.visuals)])
+        found = [v.faces + start for v, start in zip(self.model.visuals, starts, strict=False)]
+        return np.concatenate([np.zeros((0, 3), np.int64), *found])
+
+    @cached_property
+    def face_deforms(self) -> NDArray[np.bool_]:
+        """[F] whether the triangle moves otherwise than its part."""
+        faces = [len(v.faces) for v in self.model.visuals]
+        return np.repeat(np.array([v.deforms for v in self.model.visuals], bool), faces)
+
+    def _deformed(self, visual: Visual, t: int) -> tuple[Array, Array]:
+        p = self.posture
+        stretch = None if p.stretch is None else p.stretch[t]
+        return deformed(visual, p.world_from_part[t], stretch, p.morph[t])
+
+    def _remembered(
+        self, cache: OrderedDict[int, Item], t: int, make: Callable[[], Item]
+    ) -> Item:
+        if t not in cache:
+            size = 48 * max(sum(len(v.vertices) for v in self.model.visuals), 1)
+            while len(cache) >= max(4, _REMEMBERED // size):
+                cache.popitem(last=False)
+            cache[t] = make()
+        return cache[t]
+
+
+def posed_by_parts(model: ArticulatedModel, world_from_part: Array) -> PosedModel:
+    """The model with its parts in poses [T P 4 4], its morph weights and its scale at rest."""
+    weights = np.broadcast_to(model.morph_weights, (len(world_from_part), len(model.morph_weights)))
+    return PosedModel(model, Posture(world_from_part, None, weights))
+
+
+def rest(model: ArticulatedModel) -> PosedModel:
+    """The model (one instant) with every joint at zero."""
+    poses = forward_kinematics(model, np.zeros((1, len(model.joint_names))))
+    return posed_by_parts(model, poses)
+
+
+def rest_in_part(model: ArticulatedModel) -> Array:
+    """[V 3] m: every vertex at rest, in the frame of its visual's part."""
+    still = rest(model)
+    vertices, end = still.vertices(0).copy(), 0
+    for v in model.visuals:
+        begin, end = end, end + len(v.vertices)
+        part_from_world = inverse(still.world_from_part[0, v.part])
+        vertices[begin:end] = apply(part_from_world, vertices[begin:end]) if v.deforms \
+            else v.vertices
+    return vertices

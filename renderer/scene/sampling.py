@@ -1,0 +1,250 @@
+"""All randomness of a sequence, in named streams: instance, motion, camera, lights, materials,
+textures, background, image. Factors do not see each other's draws, so that datasets can differ in
+one only.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import zlib
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import ArticulatedModel, Material
+from ...robots.motion.trajectory import JointTrajectory
+from ..types.camera import Camera, intrinsics_from_fov, look_at
+from .config import (
+    BackgroundConfig,
+    CameraConfig,
+    ImageConfig,
+    LightsConfig,
+    MaterialsConfig,
+    RenderConfig,
+    TexturesConfig,
+)
+from .image_sources import ImageFolder
+from .image_sources import draw_image as draw_picture
+from .room import RoomSurface, draw_room
+from .scene import Light, Scene
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Generators by factor for one sequence; equal for equal (config, index), in any order."""
+
+    config: RenderConfig
+    index: int
+
+    def rng(self, factor: str, attempt: int = 0) -> np.random.Generator:
+        """A fresh generator; `attempt` counts the draws that observability refused."""
+        index = self.index if factor in self.config.vary else 0
+        stream = 0 if self.config.stream == "test" else 1
+        key = zlib.crc32(factor.encode())
+        return np.random.default_rng([self.config.seed, stream, index, key, attempt])
+
+
+def _direction(azimuth: float, elevation: float) -> Array:
+    """Unit vector [3] from angles about z and above the horizon, rad."""
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
+def draw_camera(
+    rng: np.random.Generator, config: CameraConfig, width: int, height: int,
+    points: Array, floor: float,
+) -> Camera:
+    """A camera on a shell around the robot whose points in the first frame are [N 3] m (world).
+
+    The distance makes the projected bounding box fill the drawn share of the image's smaller
+    side; jitter of the look-at point is reduced until the box lies inside the image.
+    """
+    low, high = points.min(0), points.max(0)
+    center, size = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 1e-6)
+    azimuth = np.radians(rng.uniform(*config.azimuth))
+    elevation = np.radians(rng.uniform(*config.elevation))
+    fov, fill = np.radians(rng.uniform(*config.fov)), rng.uniform(*config.fill)
+    roll = np.radians(rng.uniform(*config.roll))
+    jitter = rng.uniform(-1.0, 1.0, 3) * config.jitter * size
+    k = intrinsics_from_fov(width, height, float(fov))
+    away = _direction(azimuth, elevation)
+
+    if center[2] + 1.5 * size * away[2] < floor:
+        away = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])  # never under the floor
+    for scale in (1.0, 0.5, 0.25, 0.0):
+        target = center + scale * jitter
+        world_from_cam = look_at(target + away, target, float(roll))
+        local = (points - target) @ world_from_cam[:3, :3]  # the camera moves along its z
+
+        x, y, z = np.ascontiguousarray(local.T)  # minima over rows are several times faster
+
+        def box(distance: float, x: Array = x, y: Array = y, z: Array = z) -> Array:
+            """Least and greatest (u, v) if the camera is this far from the target."""
+            u, v = k[:2] @ np.stack([x, y, z + distance]) / (z + distance)
+            return np.array([[u.min(), v.min()], [u.max(), v.max()]])
+
+        near = 1.05 * max(-float(z.min()), 0.01 * size)
+        far = max(200.0 * size, 2.0 * near)
+        if np.ptp(box(near), axis=0).max() > fill * min(width, height):
+            for _ in range(14):  # to 0.05 %
+                middle = float(np.sqrt(near * far))
+                too_near = np.ptp(box(middle), axis=0).max() > fill * min(width, height)
+                near, far = (middle, far) if too_near else (near, middle)
+        else:
+            far = near
+        world_from_cam[:3, 3] = target + far * away
+        found = Camera(width, height, k, world_from_cam)
+        low_uv, high_uv = box(far)
+        if low_uv.min() >= 0 and high_uv[0] <= width - 1 and high_uv[1] <= height - 1:
+            break
+    return found
+
+
+def draw_lights(rng: np.random.Generator, config: LightsConfig) -> tuple[tuple[Light, ...], float]:
+    """Directional lights, and the ambient light's radiance."""
+    number = int(rng.integers(max(config.number[0], 1), max(config.number[1], 1) + 1))
+    shares = rng.dirichlet(np.full(number, 3.0)) * rng.uniform(*config.intensity)
+    lights: list[Light] = []
+    for share in shares:
+        azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(*config.elevation))
+        warmth = rng.uniform(*config.warmth)
+        away = _direction(azimuth, elevation)
+        color = np.clip([1.0 + warmth, 1.0, 1.0 - warmth], 0.0, 1.0)
+        lights.append(Light(-away, (float(color[0]), 1.0, float(color[2])), float(share)))
+    return tuple(lights), float(rng.uniform(*config.ambient))
+
+
+def draw_materials(
+    rng: np.random.Generator, config: MaterialsConfig, model: ArticulatedModel
+) -> tuple[Material, ...]:
+    """The model's materials, one per visual, each distinct one changed by its own draw."""
+    drawn: dict[tuple[object, ...], Material] = {}
+    out: list[Material] = []
+    for visual in model.visuals:
+        m = visual.material
+        key = (m.name, m.base_color, m.metallic, m.roughness, id(m.texture))
+        if key not in drawn:
+            chance, hue = rng.random(), rng.uniform(-1, 1) * config.hue
+            value = rng.uniform(*config.value)
+            rough, metal = rng.uniform(*config.roughness), rng.uniform(*config.metallic)
+            drawn[key] = m
+            if chance < config.probability:
+                h, s, v = colorsys.rgb_to_hsv(*m.base_color[:3])
+                rgb = colorsys.hsv_to_rgb((h + hue) % 1.0, s, min(v * float(value), 1.0))
+                drawn[key] = replace(
+                    m,
+                    base_color=(*rgb, m.base_color[3]),
+                    metallic=float(metal),
+                    roughness=float(rough),
+                )
+        out.append(drawn[key])
+    return tuple(out)
+
+
+def draw_textures(
+    rng: np.random.Generator, config: TexturesConfig, model: ArticulatedModel,
+    materials: tuple[Material, ...], size: float,
+) -> tuple[tuple[Material, ...], Array, dict[str, str]]:
+    """Materials with drawn textures, tile sizes [visuals] m (0: none drawn), and kinds by part.
+
+    `size` is the robot's, in m. A drawn texture replaces the colour of everything on its part.
+    """
+    tile = np.zeros(len(materials))
+    out, kinds = list(materials), dict[str, str]()
+    images = ImageFolder(config.folder) if config.folder else None
+    for part in sorted({v.part for v in model.visuals}):
+        chance, scale = rng.random(), rng.uniform(*config.scale)
+        kind = str(rng.choice(config.kinds))
+        child = np.random.default_rng(rng.integers(2**63))
+        if chance >= config.probability:
+            continue
+        shape = (config.size, config.size)
+        image = draw_picture((kind,), images, shape, child, tileable=True)
+        kinds[model.part_names[part]] = config.folder or kind
+        for k, visual in enumerate(model.visuals):
+            # what alpha cuts into shape keeps its own texture, and so its holes
+            if visual.part == part and out[k].alpha_cutoff is None:
+                m = out[k]
+                out[k] = Material(m.name, (1.0, 1.0, 1.0, 1.0), m.metallic, m.roughness, image)
+                tile[k] = scale * size
+    return tuple(out), tile, kinds
+
+
+def draw_background(
+    rng: np.random.Generator, config: BackgroundConfig, camera: Camera, floor: float,
+    center: Array, reach: float,
+) -> tuple[NDArray[np.uint8] | None, tuple[RoomSurface, ...], str]:
+    """A backdrop picture [H W 3], or a room's surfaces; and the name of what was drawn."""
+    is_room, kind = rng.random() < config.room, str(rng.choice(config.kinds))
+    if is_room:
+        eye = camera.world_from_cam[:3, 3]
+        distance = float(np.linalg.norm(eye - center))
+        room = draw_room(rng, config, floor_z=floor, center=center, camera_position=eye,
+                         distance=distance, reach=reach)
+        return None, room, "room"
+    shape = (camera.height, camera.width)
+    if kind == "plain" and not config.folder:
+        gray = np.round(255.0 * np.asarray(config.color)).astype(np.uint8)
+        return np.broadcast_to(gray, (*shape, 3)).copy(), (), kind
+    images = ImageFolder(config.folder) if config.folder else None
+    image = draw_picture((kind,), images, shape, rng, tileable=False)
+    return image, (), config.folder or kind
+
+
+def draw_image(rng: np.random.Generator, config: ImageConfig) -> tuple[float, int, float, float]:
+    """Noise (grey levels), its seed, blur (px) and exposure (stops)."""
+    noise, blur, exposure = (
+        float(rng.uniform(*r)) for r in (config.noise, config.blur, config.exposure)
+    )
+    return noise, int(rng.integers(2**62)), blur, exposure
+
+
+def draw_scene(
+    streams: Streams, model: ArticulatedModel, trajectory: JointTrajectory, camera: Camera,
+    points: Array, floor: float,
+) -> tuple[Scene, dict[str, Any]]:
+    """Everything that motion and camera leave open, and a record of what was drawn.
+
+    `points` [N 3] m (world) outline the robot over all frames.
+    """
+    config = streams.config.randomization
+    low, high = points.min(0), points.max(0)
+    center, size = (low + high) / 2.0, float(np.linalg.norm(high - low))
+    reach = float(np.linalg.norm((points - center)[:, :2], axis=1).max())
+    lights, ambient = draw_lights(streams.rng("lights"), config.lights)
+    materials = draw_materials(streams.rng("materials"), config.materials, model)
+    materials, tile, kinds = draw_textures(
+        streams.rng("textures"), config.textures, model, materials, size
+    )
+    backdrop, room, background = draw_background(
+        streams.rng("background"), config.background, camera, floor, center, reach
+    )
+    noise, noise_seed, blur, exposure = draw_image(streams.rng("image"), config.image)
+    scene = Scene(
+        model, trajectory, camera, lights, ambient, config.lights.shadows, materials, tile,
+        backdrop, room, noise, noise_seed, blur, exposure,
+    )  # fmt: skip
+    record = {
+        "vertical_fov_deg": float(
+            np.degrees(2 * np.arctan(camera.height / 2 / camera.intrinsics[1, 1]))
+        ),
+        "world_from_cam": camera.world_from_cam.tolist(),
+        "floor": floor,
+        "lights": [
+            {"direction": l.direction.tolist(), "color": list(l.color), "intensity": l.intensity}
+            for l in lights
+        ],
+        "ambient": ambient,
+        "materials": [
+            {"part": model.part_names[v.part], "name": m.name, "base_color": list(m.base_color),
+             "metallic": m.metallic, "roughness": m.roughness, "texture_size": float(s)}
+            for v, m, s in zip(model.visuals, materials, tile, strict=True)
+        ],
+        "textures": kinds,
+        "background": background,
+        "image": {"noise": noise, "blur": blur, "exposure": exposure},
+    }
+    return scene, record

@@ -1,0 +1,53 @@
+"""Plain data that decides every pixel of a sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import ArticulatedModel, Material
+from ...robots.motion.trajectory import JointTrajectory
+from ..types.camera import Camera
+from .room import RoomSurface
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light from infinity."""
+
+    direction: Array
+    """[3] unit, world frame, the way the light travels."""
+    color: tuple[float, float, float]
+    """Linear RGB, 0..1"""
+    intensity: float
+    """Radiance factor."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One sequence before it is drawn. Nothing random is left in it."""
+
+    model: ArticulatedModel
+    trajectory: JointTrajectory
+    camera: Camera
+    lights: tuple[Light, ...]
+    ambient: float
+    shadows: bool
+    materials: tuple[Material, ...]
+    """One per visual of the model."""
+    texture_size: Array
+    """[len(visuals)] m: side of a texture's tile where UVs come from box projection; 0 keeps the
+    mesh's own UVs."""
+    backdrop: NDArray[np.uint8] | None
+    """[H W 3] picture behind everything (no surface), or None if there is a room."""
+    room: tuple[RoomSurface, ...]
+    noise: float
+    """Standard deviation, grey levels."""
+    noise_seed: int
+    blur: float
+    """px"""
+    exposure: float
+    """stops"""

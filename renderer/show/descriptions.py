@@ -1,0 +1,174 @@
+"""What is known about a sequence, in words: the tables of the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...robots.geometry.transforms import inverse
+from ..types.sequence import Meta, State
+
+Rows = list[tuple[str, str]]
+HEADINGS = {
+    "pixels": "fewest pixels",
+    "share": "least unoccluded share",
+    "motion": "own flow, px per step",
+}
+"""Of what `meta.observability` says of a joint; `displacement` is the column `total`."""
+LONGEST = 600
+"""Characters of one value; the raw metadata below the tables are longer."""
+
+
+def joint_table(meta: Meta, state: State) -> dict[str, list[Any]]:
+    """`{"head": [column], "rows": [[text of each column] of each joint]}`, scored joints first.
+
+    What `meta.observability` says of single joints is in further columns.
+    """
+    head = ["joint", "scored", "type", "parent → child", "limits", "first → last", "total"]
+    known = per_joint(meta.observability, meta.joint_names)
+    columns = list(dict.fromkeys(column for values in known.values() for column in values
+                                 if column != "displacement"))  # fmt: skip
+    names = ("(world)", *meta.part_names)
+    rows: list[list[str]] = []
+    for j in sorted(range(len(meta.joint_names)),
+                    key=lambda j: meta.joint_names[j] not in meta.scored_joints):  # fmt: skip
+        name, kind, limits = meta.joint_names[j], meta.joint_types[j], meta.joint_limits[j]
+        q = state.joint_positions[:, j]
+        rows.append([
+            name,
+            "yes" if name in meta.scored_joints else "–",
+            kind,
+            f"{names[int(state.joint_parent_part[j])]} → {names[int(state.joint_child_part[j])]}",
+            " … ".join(position(x, kind) for x in limits) if limits else "none",
+            f"{position(float(q[0]), kind)} → {position(float(q[-1]), kind)}",
+            position(float(q[-1] - q[0]), kind),
+            *(text(known.get(name, {}).get(column, "–")) for column in columns),
+        ])  # fmt: skip
+    return {"head": head + [HEADINGS.get(c, c.replace("_", " ")) for c in columns], "rows": rows}
+
+
+def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
+    """`[{"title", "rows": [(key, text)]}]` and, last, the raw metadata as `{"title", "raw"}`."""
+    drawn = dict(meta.randomization)
+    lights = {k: drawn.pop(k) for k in ("lights", "ambient", "shadows") if k in drawn}
+    observability = {k: v for k, v in meta.observability.items()
+                     if k not in meta.joint_names and not _of_joints(v, meta.joint_names)}
+    camera = drawn.pop("camera", {})
+    for said_elsewhere in ("vertical_fov_deg", "world_from_cam", "materials"):
+        drawn.pop(said_elsewhere, None)  # by the camera's rows, or too long but for the raw data
+    raw = {name: getattr(meta, name) for name in meta.__dataclass_fields__}
+    sequence: Rows = [
+        ("name", meta.name), ("seed / index", f"{meta.seed} / {meta.index}"),
+        ("frames", f"{meta.frames}, {_seconds(state)}"),
+        ("image", f"{meta.width} × {meta.height} px"), ("format", meta.format),
+        ("parts / joints", f"{len(meta.part_names)} / {len(meta.joint_names)}"),
+    ]  # fmt: skip
+    out: list[tuple[str, Rows]] = [
+        ("Robot", flat(meta.asset)),
+        ("Sequence", sequence),
+        ("Camera", camera_rows(meta, state) + flat(camera)),
+        ("Lights", [(key.removeprefix("lights / "), said) for key, said in flat(lights)]),
+        ("Observability", flat(observability)),
+        ("Other drawn values", flat(drawn)),
+        ("Renderer", flat(meta.renderer)),
+    ]
+    tables: list[dict[str, Any]] = [{"title": title, "rows": rows} for title, rows in out if rows]
+    return [*tables, {"title": "Raw metadata", "raw": json.dumps(plain(raw), indent=1)[:200_000]}]
+
+
+def camera_rows(meta: Meta, state: State) -> Rows:
+    """Where the camera is, in the first frame."""
+    k, world_from_cam = state.intrinsics, inverse(state.cam_from_world)
+    eye = world_from_cam[0, :3, 3]
+    fov = [math.degrees(2 * math.atan(n / (2 * f)))
+           for n, f in ((meta.width, k[0, 0]), (meta.height, k[1, 1]))]  # fmt: skip
+    travel = float(np.linalg.norm(world_from_cam[:, :3, 3] - eye, axis=-1).max())
+    turned = float(np.abs(state.cam_from_world[:, :3, :3] - state.cam_from_world[0, :3, :3]).max())
+    still = travel < 1e-9 and turned < 1e-9
+    return [
+        ("model", meta.camera_model),
+        ("focal length", f"{k[0, 0]:.1f}, {k[1, 1]:.1f} px"),
+        ("principal point", f"({k[0, 2]:.1f}, {k[1, 2]:.1f}) px"),
+        ("field of view", f"{fov[0]:.1f}° × {fov[1]:.1f}°"),
+        ("position in the world", text(eye) + " m"),
+        ("moves", "no" if still else f"yes, up to {travel:.3f} m from where it starts"),
+    ]
+
+
+def position(value: float, kind: str) -> str:
+    """A joint position or its change: degrees, or metres of a prismatic joint."""
+    return f"{value:.4f} m" if kind == "prismatic" else f"{math.degrees(value):.1f}°"
+
+
+def per_joint(said: Mapping[str, Any], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """joint -> column -> value: of `{joint: {column: value}}` and `{column: {joint: value}}`,
+    at the top or one level below."""
+    out: dict[str, dict[str, Any]] = {}
+    for key, value in {"": said, **said}.items():
+        if not _of_joints(value, joints):
+            continue
+        for joint, entry in value.items():
+            columns = entry if isinstance(entry, Mapping) else {key or "value": entry}
+            if joint in joints:
+                out.setdefault(joint, {}).update(columns)
+    return out
+
+
+def _of_joints(value: Any, joints: Sequence[str]) -> bool:
+    """Whether this is a mapping from joint names (the top level may hold other keys too)."""
+    return isinstance(value, Mapping) and any(key in joints for key in value)
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> Rows:
+    """(key, text) of each value; the keys of inner mappings are joined by ` / `."""
+    rows: Rows = []
+    for key, value in values.items():
+        name = f"{prefix}{key}".replace("_", " ")
+        if isinstance(value, Mapping) and value:
+            rows += flat(value, f"{name} / ")
+        elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
+            rows += flat({str(i + 1): item for i, item in enumerate(value)}, f"{name} / ")
+        elif value not in ("", [], ()):
+            rows.append((name, text(value)))
+    return rows
+
+
+def text(value: Any) -> str:
+    """One value as a reader wants it: few digits, yes and no."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.4g}"
+    if isinstance(value, (list, tuple)):
+        return "(" + ", ".join(text(item) for item in value[:16]) + (
+            ", …)" if len(value) > 16 else ")")  # fmt: skip
+    if isinstance(value, Mapping) and not value:
+        return "none"
+    shown = "–" if value is None or value == "" else str(value)
+    return shown if len(shown) <= LONGEST else shown[:LONGEST] + " …"
+
+
+def plain(value: Any) -> Any:
+    """JSON values of mappings, sequences and NumPy values; NaN and infinities become text."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
+
+
+def _seconds(state: State) -> str:
+    if len(state.times) < 2:
+        return "an instant"
+    step = float(np.median(np.diff(state.times)))
+    return f"{state.times[-1] - state.times[0]:.2f} s" + (f" at {1 / step:.4g} Hz" if step else "")

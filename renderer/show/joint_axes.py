@@ -1,0 +1,100 @@
+"""Joint axes in the image: where each joint's screw projects to, and a drawing of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...robots.geometry.transforms import Array
+from ..types.camera import project
+from ..types.sequence import Meta, State
+from .colors import Image, palette, write
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A joint's axis in the image, px. None of the points need lie inside it."""
+
+    joint: int
+    """0-based"""
+    tail: tuple[float, float]
+    head: tuple[float, float]
+    """(u, v); the direction tail -> head is that of a positive motion."""
+    point: tuple[float, float]
+    """Where the axis passes nearest to the child part's origin."""
+
+
+def joint_axes(meta: Meta, state: State, t: int) -> list[Axis]:
+    """Each joint's axis in frame t; a joint whose axis is behind the camera has none.
+
+    The piece that is drawn is as long in metres as 0.4 of the image's height is at the
+    object's distance in the first frame: it turns and comes nearer as the object does.
+    """
+    child = state.joint_child_part - 1
+    origin = np.einsum("tij,tpj->tpi", state.cam_from_world[[0, t]],
+                       state.world_from_part[[0, t], :, :, 3])[..., :3]
+    z = origin[0, :, 2]
+    distance = float(np.median(z[z > 0])) if (z > 0).any() else 1.0
+    half = 0.2 * distance * meta.height / state.intrinsics[1, 1]
+    out: list[Axis] = []
+    for j, (screw, kind) in enumerate(zip(state.joint_screw[t], meta.joint_types, strict=True)):
+        direction = screw[:3]
+        near_child = origin[1, child[j]]
+        if kind != "prismatic":
+            on_axis = np.cross(direction, screw[3:])
+            near_child = on_axis + ((near_child - on_axis) @ direction) * direction
+        if not near_child[2] > 0.02 * distance:  # also where the pose is NaN
+            continue
+        # Cut where the line would pass through the camera's plane, behind which nothing projects.
+        cut = abs(0.9 * near_child[2] / direction[2]) if direction[2] else np.inf
+        reach = direction * min(half, cut)
+        uv = project(state.intrinsics, near_child + np.stack([-reach, 0.0 * reach, reach]))[:, :2]
+        tail, point, head = ((float(u), float(v)) for u, v in uv)
+        out.append(Axis(j, tail, head, point))
+    return out
+
+
+def axis_image(rgb: Image, meta: Meta, state: State, t: int, scored_only: bool = False) -> Image:
+    """A copy of `rgb` [H W 3] with the joints' axes of frame t: arrows in the child part's colour.
+
+    `rgb` may be smaller or larger than the sequence's own size.
+    """
+    import cv2
+
+    out = np.ascontiguousarray(rgb).copy()
+    height, width = out.shape[:2]
+    scale = np.array([width / meta.width, height / meta.height])
+    colors = palette(len(meta.part_names))
+    thick = max(1, round(min(height, width) / 240))
+    bits = 4  # OpenCV's fixed-point coordinates: sub-pixel ends
+    limit = 8 * max(height, width)  # a far-off end must not overflow an int
+
+    def at(uv: tuple[float, float]) -> tuple[int, int]:
+        x, y = np.clip((np.array(uv) + 0.5) * scale - 0.5, -limit, limit) * 2**bits
+        return round(float(x)), round(float(y))
+
+    for axis in joint_axes(meta, state, t):
+        scored = meta.joint_names[axis.joint] in meta.scored_joints
+        if scored_only and not scored:
+            continue
+        r, g, b = (int(c) for c in colors[int(state.joint_child_part[axis.joint])])
+        wing = _arrow(axis)
+        lines = ((axis.tail, axis.head), (wing[0], axis.head), (wing[1], axis.head))
+        weight = (2 if scored else 1) * thick
+        for color, extra in (((255, 255, 255), 2 * thick), ((r, g, b), 0)):  # a halo, then the line
+            for a, z in lines:
+                cv2.line(out, at(a), at(z), color, weight + extra, cv2.LINE_AA, bits)
+            radius = round((2 * thick + extra / 2) * 2**bits)
+            cv2.circle(out, at(axis.point), radius, color, -1, cv2.LINE_AA, bits)
+        u, v = at(axis.head)
+        write(out, meta.joint_names[axis.joint], (u >> bits, v >> bits))
+    return out
+
+
+def _arrow(axis: Axis) -> Array:
+    """The two ends [2 2] px of an arrow head's wings."""
+    head, back = np.array(axis.head), np.array(axis.tail) - np.array(axis.head)
+    back = 0.12 * back
+    side = 0.5 * np.array([-back[1], back[0]])
+    return np.stack([head + back + side, head + back - side])

@@ -1,0 +1,280 @@
+"""One self-contained page in which to look at a sequence and its truth."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+import os
+import re
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import __version__
+from ...errors import GcbenchError
+from ..types.sequence import Frame, Sequence
+from .colors import (
+    NOTHING,
+    VISIBILITY,
+    Image,
+    coordinate_image,
+    depth_colors,
+    depth_image,
+    flow_image,
+    flow_wheel,
+    normal_image,
+    palette,
+    part_image,
+    visibility_image,
+)
+from .descriptions import joint_table, sections
+from .joint_axes import joint_axes
+from .marks import has_points, points_image
+
+MAX_FRAMES, MAX_SIDE, MAX_PIXELS = 120, 640, 20_000_000
+"""Bounds of a page: frames, px of a picture's longer side, px of all frames together."""
+VALUES_SIDE = 320
+"""px: longer side of the grid on which a page knows the values under the pointer."""
+FLOW_UNIT = 1 / 64
+"""px, as on disk"""
+PANES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility", "normal", "coordinates",
+         "points")
+"""The last three where the sequence has such layers."""
+
+
+def write_page(sequence: Sequence, out: Path) -> Path:
+    """Write the page of a sequence to `out`: one HTML file that needs no network. Returns `out`.
+
+    Long or large sequences are shown with fewer frames and smaller pictures; the page says so.
+    Raises GcbenchError if it cannot be written.
+    """
+    return replace_file(out, page(sequence).encode())
+
+
+def page(sequence: Sequence) -> str:
+    """The page as HTML.
+
+    Names come from models that nobody vouches for. They are in the page as JSON in which no
+    character can end the script element, and the script sets them as text; a content security
+    policy admits that script alone and no address.
+    """
+    template = (Path(__file__).parent / "show.html").read_text(encoding="utf-8")
+    data = json.dumps(page_data(sequence), allow_nan=False, separators=(",", ":"))
+    for character in "<>&":  # all that is not ASCII is escaped already
+        data = data.replace(character, f"\\u{ord(character):04x}")
+    found = re.search(r"<script>(.*?)</script>", template, re.DOTALL)
+    assert found, "show.html has one inline script"
+    digest = base64.b64encode(hashlib.sha256(found[1].encode()).digest()).decode()
+    return template.replace("SCRIPT_SHA256", digest).replace("PAGE_DATA", data)
+
+
+def page_data(sequence: Sequence) -> dict[str, Any]:
+    """Everything that the page's script reads, as JSON values."""
+    meta, state = sequence.meta, sequence.state
+    frames = [int(t) for t in chosen_frames(len(sequence))]
+    width, height = picture_size(meta.width, meta.height, len(frames))
+    grid = picture_size(meta.width, meta.height, len(frames), VALUES_SIDE)
+    near, far, largest = ranges(sequence, frames)
+    unit = far * 4 / 65535  # m; what is farther than that is shown as that far
+    parts = len(meta.part_names)
+    layers = layer_names(sequence)
+    images: dict[str, list[str | None]] = {name: [] for name in (*PANES[:6], *layers)}
+    values: list[str] = []
+    for t in frames:
+        frame = sequence.frame(t)
+        for name, uri in _pictures(frame, (width, height), (near, far, largest), parts).items():
+            images[name].append(uri)
+        for name, image in layer_images(sequence, t, (width, height)).items():
+            images[name].append(data_uri(image, 85 if name == "points" else None))
+        values.append(data_uri(_values(frame, *grid, unit)))
+    colors = [_css(c) for c in palette(parts)]
+    scale = [180 / math.pi if kind != "prismatic" else 1.0 for kind in meta.joint_types]
+    return {
+        "version": __version__,
+        "name": meta.name,
+        "robot": str(meta.asset.get("name", "")),
+        "total": len(sequence),
+        "frames": frames,
+        "times": _rounded(state.times),
+        "size": [meta.width, meta.height],
+        "picture": [width, height],
+        "grid": list(grid),
+        "images": images,
+        "values": values,
+        "depth": {"near": near, "far": far, "unit": unit,
+                  "colors": [_css(c) for c in depth_colors()[::15]]},
+        "flow": {"largest": largest, "unit": FLOW_UNIT, "wheel": data_uri(flow_wheel(96))},
+        "nothing": _css(NOTHING),
+        "visibility": [{"name": text, "color": _css(c)} for text, c in VISIBILITY.values()],
+        "parts": [{"name": name, "color": color, "pixels": _integers(state.part_pixels[:, i])}
+                  for i, (name, color) in enumerate(zip(meta.part_names, colors[1:], strict=True))],
+        "joints": [{"name": name, "unit": "m" if meta.joint_types[j] == "prismatic" else "°",
+                    "scored": name in meta.scored_joints,
+                    "color": colors[int(state.joint_child_part[j])],
+                    "positions": _rounded(state.joint_positions[:, j] * scale[j])}
+                   for j, name in enumerate(meta.joint_names)],
+        "axes": [[[a.joint, *_rounded(np.array([a.tail, a.point, a.head]).ravel())]
+                  for a in joint_axes(meta, state, t)] for t in frames],
+        "table": joint_table(meta, state),
+        "sections": sections(meta, state),
+    }  # fmt: skip
+
+
+def layer_names(sequence: Sequence) -> list[str]:
+    """Which of the panes "normal", "coordinates" and "points" there are."""
+    there = {"normal": sequence.normal is not None,
+             "coordinates": sequence.coordinates is not None, "points": has_points(sequence.state)}
+    return [name for name, is_there in there.items() if is_there]
+
+
+def layer_images(sequence: Sequence, t: int, size: tuple[int, int]) -> dict[str, Image]:
+    """The pictures of frame t for `layer_names`, of (width, height) px."""
+    frame, box = sequence.frame(t), sequence.state.coordinate_box
+    out: dict[str, Image] = {}
+    if frame.normal is not None:
+        out["normal"] = normal_image(sampled(frame.normal, *size))
+    if frame.coordinates is not None and box is not None:
+        chosen = (sampled(frame.coordinates, *size), sampled(frame.part, *size))
+        out["coordinates"] = coordinate_image(*chosen, box)
+    if has_points(sequence.state):
+        out["points"] = points_image(resized(frame.rgb, *size), sequence.meta, sequence.state, t)
+    return out
+
+
+def chosen_frames(frames: int, most: int = MAX_FRAMES) -> NDArray[np.int64]:
+    """At most `most` frame numbers out of `frames`, evenly spread, the first and last included."""
+    return np.unique(np.rint(np.linspace(0, frames - 1, min(frames, most))).astype(np.int64))
+
+
+def picture_size(
+    width: int, height: int, frames: int, side: int = MAX_SIDE
+) -> tuple[int, int]:
+    """(width, height) px of a page's pictures: never larger than the sequence's own."""
+    zoom = min(1.0, side / max(width, height),
+               math.sqrt(MAX_PIXELS / (max(frames, 1) * width * height)))  # fmt: skip
+    return max(1, round(width * zoom)), max(1, round(height * zoom))
+
+
+def ranges(sequence: Sequence, frames: Iterable[int]) -> tuple[float, float, float]:
+    """(near m, far m, largest flow px) over these frames, so that colours do not flicker."""
+    near, far, largest = math.inf, 0.0, 0.0
+    for t in frames:
+        frame = sequence.frame(t)
+        z = frame.depth[::2, ::2]
+        z = z[np.isfinite(z) & (z > 0)]
+        if z.size:
+            near, far = min(near, float(z.min())), max(far, float(np.percentile(z, 99)))
+        for flow in (frame.flow, frame.flow_backward):
+            if flow is not None:
+                squared = (flow[..., 0] ** 2 + flow[..., 1] ** 2)[np.isfinite(flow).all(axis=-1)]
+                largest = max(largest, math.sqrt(float(squared.max(initial=0.0))))
+    if not near < far:
+        near, far = (near * 0.99, near * 1.01) if near < math.inf else (0.5, 1.0)
+    return near, far, largest
+
+
+def sampled(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
+    """The values [height width ...] at the pixels of `image` in the middle of each cell.
+
+    Never an average: between two parts there is no third, and between two depths no surface.
+    """
+    rows, columns = (((np.arange(n) + 0.5) * whole / n).astype(np.intp)
+                     for n, whole in zip((height, width), image.shape[:2], strict=True))
+    return image[rows[:, None], columns]
+
+
+def resized(rgb: Image, width: int, height: int) -> Image:
+    """A photograph [height width 3], averaged over each cell."""
+    import cv2
+
+    if rgb.shape[:2] == (height, width):
+        return rgb
+    return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _pictures(
+    frame: Frame, size: tuple[int, int], span: tuple[float, float, float], parts: int
+) -> dict[str, str | None]:
+    """The address of each pane's picture; None where this frame has none."""
+    near, far, largest = span
+
+    def flow_uri(flow: NDArray[np.float32] | None) -> str | None:
+        return None if flow is None else data_uri(flow_image(sampled(flow, *size), largest), 90)
+
+    seen = frame.visibility
+    return {
+        "rgb": data_uri(resized(frame.rgb, *size), 85),
+        "depth": data_uri(depth_image(sampled(frame.depth, *size), near, far)),
+        "part": data_uri(part_image(sampled(frame.part, *size), parts)),
+        "flow": flow_uri(frame.flow),
+        "flow_backward": flow_uri(frame.flow_backward),
+        "visibility": None if seen is None else data_uri(visibility_image(sampled(seen, *size))),
+    }
+
+
+def _values(frame: Frame, width: int, height: int, depth_unit: float) -> Image:
+    """[13 height, width] grey: visibility and the bytes (high first) of depth, part and both
+    flows, one plane below the other. A picture is what a browser inflates fastest."""
+    depth, part, visibility, *flows = (
+        None if image is None else sampled(image, width, height)
+        for image in (frame.depth, frame.part, frame.visibility, frame.flow, frame.flow_backward)
+    )
+    assert depth is not None and part is not None
+    words = [np.clip(np.rint(np.nan_to_num(depth) / depth_unit), 0, 65535), part]
+    for flow in flows:
+        known = np.full((height, width, 2), np.nan) if flow is None else flow
+        code = np.nan_to_num(np.clip(np.rint(known / FLOW_UNIT) + 32768, 1, 65535))
+        words += [code[..., 0], code[..., 1]]
+    planes = [np.zeros((height, width)) if visibility is None else visibility]
+    for word in words:
+        planes += [word.astype(np.uint16) >> 8, word.astype(np.uint16) & 255]
+    return np.concatenate(planes).astype(np.uint8)
+
+
+def data_uri(picture: Image, quality: int | None = None) -> str:
+    """A picture, RGB [H W 3] or grey [H W], as a `data:` address; lossless without a quality."""
+    import cv2
+
+    if picture.ndim == 2:
+        kind, pixels, options = "png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 6]
+    else:
+        kind, pixels = "webp", np.ascontiguousarray(picture[..., ::-1])
+        options = [cv2.IMWRITE_WEBP_QUALITY, quality or 101]
+    _, code = cv2.imencode(f".{kind}", pixels, options)
+    return f"data:image/{kind};base64," + base64.b64encode(code.tobytes()).decode()
+
+
+def replace_file(out: Path, content: bytes) -> Path:
+    """Write a file whole or not at all. Raises GcbenchError if it cannot be written."""
+    temporary = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=out.parent, prefix=f".{out.name}.", delete=False) as f:
+            temporary = Path(f.name)
+            f.write(content)
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)  # a temporary file is private, a report is not
+        temporary.replace(out)
+    except OSError as error:
+        if temporary:
+            temporary.unlink(missing_ok=True)
+        raise GcbenchError(f"cannot write {out}: {error.strerror or error}") from error
+    return out
+
+
+def _css(color: Iterable[int]) -> str:
+    return "#" + "".join(f"{int(c):02x}" for c in color)
+
+
+def _rounded(values: NDArray[np.float64]) -> list[float | None]:
+    return [round(float(x), 4) if math.isfinite(x) else None for x in values]
+
+
+def _integers(values: NDArray[np.int64]) -> list[int]:
+    return [int(x) for x in values]

@@ -1,0 +1,198 @@
+"""Pictures to paste into a paper, an issue or a chat: contact sheet, GIF and MP4."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+import warnings
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import GcbenchError
+from ..types.sequence import Sequence
+from .colors import NOTHING, Image, depth_image, flow_image, part_image
+from .joint_axes import axis_image
+from .page import chosen_frames, layer_images, picture_size, ranges, replace_file, resized, sampled
+
+SHEET_SEQUENCES, SHEET_FRAMES, FILM_FRAMES = 100, 5, 300
+SHEET_TILE, SMALL_TILE, FILM_TILE = 320, 200, 400
+"""px: longer side of one picture; small where there are more than SHEET_LARGE."""
+SHEET_LARGE = 20
+GAP, STRIP = 10, 20
+"""px between pictures; height of the strip with a picture's caption."""
+PAPER, LINE, INK = 255, 205, 40
+"""Grey levels."""
+SHORTEST = 2.0
+"""s that a film lasts at least: shorter ones are slowed down, and say so."""
+CODECS = ("vp09", "avc1", "mp4v")
+"""The first two play in browsers. OpenCV's own wheels can write the first, not the second."""
+
+
+def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
+    """Write one PNG: of one sequence RGB with axes, depth, parts and flow over time (a row each);
+    of several the first frame of each, up to SHEET_SEQUENCES. Returns `out`.
+
+    Raises GcbenchError if there is no sequence, or the file cannot be written.
+    """
+    if isinstance(sequences, Sequence):
+        rows = _over_time(sequences)
+    else:
+        shown = list(itertools.islice(sequences, SHEET_SEQUENCES))
+        few = len(shown) <= SHEET_LARGE
+        tiles = [_first(s, SHEET_TILE if few else SMALL_TILE) for s in shown]
+        columns = min(len(tiles), 4 if len(tiles) <= 12 else 5 if few else 10)
+        rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
+    if not rows:
+        raise GcbenchError("nothing to show: the dataset holds no sequence yet")
+    return replace_file(out, _png(_grid(rows)))
+
+
+def film(sequence: Sequence) -> Iterator[Image]:
+    """Pictures [h w 3] over time, of even size: RGB with axes, depth, parts and flow to the next
+    frame, two by two."""
+    numbers = [int(t) for t in chosen_frames(len(sequence), FILM_FRAMES)]
+    span = ranges(sequence, numbers)
+    speed = _seconds_per_picture(sequence) / _true_seconds_per_picture(sequence)
+    note = "" if speed < 1.01 else f"  1/{speed:.2g} of true speed"
+    for t in numbers:
+        rgb, depth, part, flow = _tiles(sequence, t, FILM_TILE, span)
+        title = f"t = {sequence.state.times[t]:.3f} s{note}"
+        rows = [[(rgb[0], title), depth], [part, flow]]
+        layers = _layers(sequence, t, FILM_TILE)
+        rows += [layers[i : i + 2] for i in range(0, len(layers), 2)]
+        picture = _grid(rows)
+        height, width = (n - n % 2 for n in picture.shape[:2])  # video codecs halve the colours
+        yield picture[:height, :width]
+
+
+def write_gif(sequence: Sequence, out: Path) -> Path:
+    """Write the film as an animated GIF. Returns `out`; GcbenchError if it cannot be written."""
+    import io
+
+    from PIL import Image as Pillow
+
+    pictures = [Pillow.fromarray(picture).quantize(256) for picture in film(sequence)]
+    buffer = io.BytesIO()
+    milliseconds = max(20, round(_seconds_per_picture(sequence) * 100) * 10)  # the format's unit
+    pictures[0].save(buffer, "GIF", save_all=True, append_images=pictures[1:],
+                     duration=milliseconds, loop=0)  # fmt: skip
+    return replace_file(out, buffer.getvalue())
+
+
+def write_mp4(sequence: Sequence, out: Path) -> Path:
+    """Write the film as MP4 in the first of CODECS that this OpenCV can write. Returns `out`.
+
+    Warns if browsers will not play the result. Raises GcbenchError if there is no encoder, the
+    name does not end in .mp4 or the file cannot be written.
+    """
+    import cv2
+
+    if out.suffix.lower() != ".mp4":
+        raise GcbenchError(f"{out} is no MP4 file: give a name that ends in .mp4")
+    if not out.parent.is_dir():
+        raise GcbenchError(f"cannot write {out}: there is no folder {out.parent}")
+    pictures = film(sequence)
+    first = next(pictures)
+    rate, size = 1 / _seconds_per_picture(sequence), first.shape[1::-1]
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
+        part = Path(folder) / "film.mp4"
+        for codec in CODECS:
+            writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*codec), rate, size)
+            if writer.isOpened():
+                break
+        else:
+            raise GcbenchError(f"this OpenCV ({cv2.__version__}) cannot write MP4: use a GIF")
+        for picture in itertools.chain([first], pictures):
+            writer.write(np.ascontiguousarray(picture[..., ::-1]))
+        writer.release()
+        if codec == "mp4v":
+            warnings.warn(f"{out}: MPEG-4 Part 2, which players show and most browsers do not",
+                          stacklevel=2)  # fmt: skip
+        part.replace(out)
+    return out
+
+
+LAYER_CAPTIONS = {"normal": "normals", "coordinates": "coordinates in the parts",
+                  "points": "keypoints and tracks"}
+
+Tile = tuple[Image, str]
+"""A picture and its caption."""
+
+
+def _tiles(
+    sequence: Sequence, t: int, side: int, span: tuple[float, float, float]
+) -> tuple[Tile, Tile, Tile, Tile]:
+    """RGB with axes, depth, parts, flow of frame t."""
+    meta, frame, (near, far, largest) = sequence.meta, sequence.frame(t), span
+    size = picture_size(meta.width, meta.height, 1, side)
+    rgb = axis_image(resized(frame.rgb, *size), meta, sequence.state, t, scored_only=True)
+    blank = np.full_like(rgb, NOTHING)
+    flow = blank if frame.flow is None else flow_image(sampled(frame.flow, *size), largest)
+    return (
+        (rgb, f"frame {t}, t = {sequence.state.times[t]:.2f} s"),
+        (depth_image(sampled(frame.depth, *size), near, far), f"depth {near:.2f} - {far:.2f} m"),
+        (part_image(sampled(frame.part, *size), len(meta.part_names)), "parts"),
+        (flow, "no next frame" if frame.flow is None else f"flow, up to {largest:.1f} px"),
+    )
+
+
+def _layers(sequence: Sequence, t: int, side: int) -> list[Tile]:
+    """Pictures of the layers of frame t, if the sequence has any."""
+    size = picture_size(sequence.meta.width, sequence.meta.height, 1, side)
+    found = layer_images(sequence, t, size)
+    return [(image, LAYER_CAPTIONS[name]) for name, image in found.items()]
+
+
+def _over_time(sequence: Sequence) -> list[list[Tile]]:
+    # The last frame has no flow: a sheet with a black corner would ask for an explanation.
+    numbers = [int(t) for t in chosen_frames(max(len(sequence) - 1, 1), SHEET_FRAMES)]
+    span = ranges(sequence, numbers)
+    columns = [[*_tiles(sequence, t, SHEET_TILE, span), *_layers(sequence, t, SHEET_TILE)]
+               for t in numbers]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def _first(sequence: Sequence, side: int) -> Tile:
+    meta = sequence.meta
+    rgb = resized(sequence.rgb[0], *picture_size(meta.width, meta.height, 1, side))
+    return rgb, f"{meta.index}: {meta.asset.get('name', meta.name)}"
+
+
+def _grid(rows: list[list[Tile]]) -> Image:
+    """The tiles on paper, each with its caption below; pictures may differ in size."""
+    import cv2
+
+    height = max(tile.shape[0] for row in rows for tile, _ in row)
+    width = max(tile.shape[1] for row in rows for tile, _ in row)
+    high, wide = height + STRIP + GAP, width + GAP
+    sheet = np.full((GAP + high * len(rows), GAP + wide * len(rows[0]), 3), PAPER, np.uint8)
+    for y, row in enumerate(rows):
+        for x, (tile, caption) in enumerate(row):
+            top, left = GAP + y * high, GAP + x * wide
+            bottom, end = top + tile.shape[0], left + tile.shape[1]
+            sheet[top - 1 : bottom + 1, left - 1 : end + 1] = LINE  # zero flow is white, as paper
+            sheet[top:bottom, left:end] = tile
+            place = (left + 1, bottom + STRIP - 6)
+            shown = caption.encode("ascii", "replace").decode()[: width // 7]
+            cv2.putText(sheet, shown, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (INK, INK, INK), 1,
+                        cv2.LINE_AA)  # fmt: skip
+    return sheet
+
+
+def _png(picture: Image) -> bytes:
+    import cv2
+
+    return cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes()
+
+
+def _true_seconds_per_picture(sequence: Sequence) -> float:
+    times = sequence.state.times
+    pictures = min(len(times), FILM_FRAMES)
+    span = float(times[-1] - times[0])
+    return span / (pictures - 1) if pictures > 1 and span > 0 else SHORTEST
+
+
+def _seconds_per_picture(sequence: Sequence) -> float:
+    return max(_true_seconds_per_picture(sequence), SHORTEST / min(len(sequence), FILM_FRAMES))

@@ -1,0 +1,126 @@
+"""The truth of a kept draw, frame by frame: flow both ways, visibility, and layers on demand."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array, apply
+from ...robots.model.articulated_model import ArticulatedModel
+from ..scene.config import RenderConfig
+from ..scene.posed_model import rest_in_part
+from ..scene.room import RoomSurface
+from ..types.camera import Camera
+from ..types.sequence import Frame
+from .correspondence import Moved, SurfacePoints, pose_table, surface_points, visibility
+from .deforming import DeformingPoints, deforming_points
+from .layers import coordinate_boxes, coordinate_image, normal_image
+from .rejection import Draw
+from .tracks import KEYPOINT_SHARE, View, keypoint_paths, track_paths
+
+
+def needs_faces(model: ArticulatedModel, layers: tuple[str, ...]) -> bool:
+    """Whether the triangle of each pixel must be drawn."""
+    return "normal" in layers or any(v.deforms for v in model.visuals)
+
+
+def room_normal(
+    room: Sequence[RoomSurface], face: NDArray[np.int32], camera: Camera
+) -> NDArray[np.float32]:
+    """Normals [H W 3] (layers.py) of a room's triangles `face` [H W], counted through surfaces."""
+    starts = np.cumsum([0, *(len(s.vertices) for s in room)])
+    corners = np.concatenate([s.faces + n for s, n in zip(room, starts, strict=False)])
+    vertices = apply(camera.cam_from_world, np.concatenate([s.vertices for s in room]))
+    return normal_image(face, corners.astype(np.int64), vertices)
+
+
+class SequenceTruth:
+    """What is known of a draw's frames; `part_pixels` is whole after all frames were asked for."""
+
+    def __init__(
+        self, config: RenderConfig, index: int, model: ArticulatedModel, draw: Draw,
+        depth_unit: float, room_normal: NDArray[np.float32] | None,
+    ) -> None:
+        """`room_normal` [H W 3] is what the layer `normal` shows where the model is not."""
+        self.config, self.model, self.draw = config, model, draw
+        self.layers, self._index, self._depth_unit = config.layers, index, depth_unit
+        self._room_normal = room_normal
+        frames = config.frames
+        self.cam_from_world = np.tile(draw.camera.cam_from_world, (frames, 1, 1))
+        self._table = pose_table(self.cam_from_world, draw.motion.world_from_part)
+        self.part_pixels = np.zeros((frames, len(model.parent)), np.int64)
+        wanted = "coordinates" in self.layers
+        self.coordinate_box = coordinate_boxes(model) if wanted else None
+        self._at_rest = rest_in_part(model) if wanted else np.zeros((0, 3))
+        outline = draw.motion.posed.vertices(0) if "keypoints" in self.layers else np.zeros((1, 3))
+        self.keypoint_tolerance = KEYPOINT_SHARE * float(np.linalg.norm(np.ptp(outline, axis=0)))
+
+    def frame(self, t: int, rgb: Callable[[], NDArray[np.uint8]]) -> Frame:
+        """Frame t; `rgb` is asked for its image at last, as it may be drawn meanwhile."""
+        draw, table = self.draw, self._table
+        depth, part = draw.depth[t], draw.part[t]
+        world_moves = bool((table[:, 0] != table[0, 0]).any())
+        points = surface_points(
+            depth, part, draw.camera.intrinsics, len(self.model.parent), world_moves)
+        self.part_pixels[t] = points.part_pixels
+        deforming = self._deforming(points, t)
+        forward = backward = seen = None
+        if t > 0:
+            backward = points.flow_image(self._moved(points, deforming, t, t - 1))
+        if t < self.config.frames - 1:
+            moved = self._moved(points, deforming, t, t + 1)
+            forward = points.flow_image(moved)
+            seen = visibility(
+                points, moved, draw.depth[t + 1], draw.part[t + 1], self._depth_unit)
+        coordinates = None
+        if "coordinates" in self.layers:
+            coordinates = coordinate_image(points, table[t], deforming, self._at_rest, part.shape)
+        normal = self._normal(t) if "normal" in self.layers else None
+        return Frame(rgb(), depth, part, forward, backward, seen, normal, coordinates)
+
+    def point_state(self) -> dict[str, Any]:
+        """Arrays of the state that belong to the layers."""
+        out: dict[str, Any] = {}
+        draw, posed, config = self.draw, self.draw.motion.posed, self.config
+        view = View(draw.camera, draw.depth, draw.part, self._depth_unit)
+        if self.coordinate_box is not None:
+            out["coordinate_box"] = self.coordinate_box
+        if "keypoints" in self.layers:
+            found = keypoint_paths(self.model, posed.world_from_part, view, self.keypoint_tolerance)
+            out |= {f"keypoint_{name}": value for name, value in vars(found).items()}
+        if "tracks" in self.layers:
+            stream = 0 if config.stream == "test" else 1
+            rng = np.random.default_rng(
+                [config.seed, stream, self._index, zlib.crc32(b"tracks")])
+            found, query = track_paths(rng, config.track_points, posed, view, draw.face)
+            out |= {f"track_{name}": value for name, value in vars(found).items()}
+            out["track_query"] = query
+        return out
+
+    def _vertices(self, t: int) -> Array:
+        """[V 3] m in the camera frame."""
+        return apply(self.cam_from_world[t], self.draw.motion.posed.vertices(t))
+
+    def _deforming(self, points: SurfacePoints, t: int) -> DeformingPoints | None:
+        posed = self.draw.motion.posed
+        if not posed.deforming:
+            return None
+        return deforming_points(points, self.draw.face[t], posed, self._vertices(t))
+
+    def _moved(
+        self, points: SurfacePoints, deforming: DeformingPoints | None, t: int, other: int
+    ) -> Moved:
+        rigid = points.moved(self._table[t], self._table[other])
+        return deforming.moved(rigid, self._vertices(other)) if deforming else rigid
+
+    def _normal(self, t: int) -> NDArray[np.float32]:
+        draw = self.draw
+        face = np.where(draw.part[t] > 0, draw.face[t], np.int32(-1))
+        normal = normal_image(face, draw.motion.posed.faces, self._vertices(t))
+        if self._room_normal is None:
+            return normal
+        return np.where((draw.part[t] > 0)[..., None], normal, self._room_normal)

@@ -1,0 +1,88 @@
+"""Whether the motion of a sequence can be seen: the benchmark protocol's rule, from the truth.
+
+A sequence is observable if every scored joint moves far enough, shows enough pixels of what it
+moves, unoccluded enough, and moves them by enough pixels, in images of 640 x 480 (other sizes:
+counts scale with the area, motion with the smaller ratio of sides); and if nothing touches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array, prismatic_motion, revolute_motion
+from ...robots.model.articulated_model import PRISMATIC, ArticulatedModel
+from ..types.camera import Camera, project
+
+MIN_ANGLE, MIN_DISTANCE = np.radians(10.0), 0.03
+MIN_PIXELS, MIN_SHARE = 400, 0.25
+MIN_MOTION = 0.3
+
+
+@dataclass(frozen=True)
+class JointVisibility:
+    """What the images show of a scored joint."""
+
+    displacement: float
+    """Over the whole sequence, rad or m."""
+    pixels: int
+    """Fewest visible pixels of its moving subtree in a frame."""
+    share: float
+    """Smallest share of the subtree's pixels that nothing else hides, in a frame."""
+    motion: float
+    """Its own contribution to image motion: median over its subtree, mean over steps, px."""
+
+    def reason(self, prismatic: bool, width: int, height: int) -> str:
+        """The first rule that is broken: "displacement", "hidden", "occluded", "still" or ""."""
+        if abs(self.displacement) < (MIN_DISTANCE if prismatic else MIN_ANGLE) * (1 - 1e-9):
+            return "displacement"
+        if self.pixels < MIN_PIXELS * (width * height) / (640 * 480):
+            return "hidden"
+        if self.share < MIN_SHARE:
+            return "occluded"
+        if self.motion < MIN_MOTION * min(width / 640, height / 480):
+            return "still"
+        return ""
+
+
+def subtrees(model: ArticulatedModel, joints: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """[joints P] the parts that each of the given joints moves (mimicking parts included)."""
+    out = np.zeros((len(joints), len(model.parent)), bool)
+    for k, joint in enumerate(joints):
+        for part in np.flatnonzero((model.joint == joint) & (model.motion != 0)):
+            out[k] |= model.subtree(int(part))
+    return out
+
+
+def own_motion(
+    depth: NDArray[np.float32],
+    index: NDArray[np.int64],
+    number: NDArray[np.uint16],
+    camera: Camera,
+    screw: Array,
+    prismatic: bool,
+    step: float,
+    moved: NDArray[np.bool_],
+) -> float:
+    """Median length, px, of the flow that one joint's step alone makes on the parts it moves.
+
+    depth [H W] m of a frame, the flat index [N] of its pixels with a part and that part's number
+    [N], the joint's screw [6] in the camera frame there, the step in rad or m, moved [P].
+    """
+    index = index[moved[number - 1]]
+    if not index.size:
+        return 0.0
+    index = index[:: max(1, len(index) // 2000)]  # 2000 tell the median well
+    v, u = np.divmod(index, camera.width)
+    pixels = np.stack([u, v, np.ones_like(u)], axis=1).astype(np.float64)
+    points = pixels @ np.linalg.inv(camera.intrinsics).T * depth.ravel()[index, None]
+    motion = (prismatic_motion if prismatic else revolute_motion)(screw, step)
+    there = project(camera.intrinsics, points @ motion[:3, :3].T + motion[:3, 3])
+    return float(np.median(np.linalg.norm(there[:, :2] - pixels[:, :2], axis=1)))
+
+
+def is_prismatic(model: ArticulatedModel, joint: int) -> bool:
+    """Whether an independent joint shifts rather than turns."""
+    return bool(model.motion[model.joint_child[joint]] == PRISMATIC)

@@ -1,0 +1,257 @@
+"""Drawing motion and camera until the motion can be seen, and the model's truth on the way.
+
+Only depth and part numbers are rendered to judge a draw, and the sequence then uses them: a kept
+draw costs one pass more than its truth, a refused one stops at the first frame that breaks the
+rule.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import GcbenchError
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import Animation, ArticulatedModel, joint_screws
+from ..gl.rasterizer import Rasterizer
+from ..scene.config import RenderConfig
+from ..scene.motion import Motion, MotionSampler
+from ..scene.sampling import Streams, draw_camera
+from ..types.camera import Camera
+from .observability import MIN_ANGLE, JointVisibility, is_prismatic, own_motion, subtrees
+
+MAX_DRAWS = 100
+"""Draws before a sequence is kept although it is not observable (and marked so)."""
+_LEAST_BAD = ("", "displacement", "still", "occluded", "hidden", "collision")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A judged motion and camera, with truth and evidence of every frame. S scored joints."""
+
+    motion: Motion
+    camera: Camera
+    depth: list[NDArray[np.float32]]
+    """T x [H W] m, 0 where the model is not"""
+    part: list[NDArray[np.uint16]]
+    """T x [H W]"""
+    face: list[NDArray[np.int32]]
+    """T x [H W] triangle through all visuals, -1 where the model is not; empty where none asks"""
+    covered: NDArray[np.int64]
+    """[T S] pixels of each joint's moving subtree with nothing before it"""
+    flow: Array
+    """[T-1 S] px, each joint's own contribution to image motion at a step"""
+    joints: dict[str, JointVisibility]
+    reason: str
+    """Why it is not observable, "" if it is."""
+
+
+class DrawSampler:
+    """Draws sequences of one model and config, and judges them."""
+
+    def __init__(
+        self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
+        rasterizer: Rasterizer, animation: Animation | None = None,
+    ) -> None:
+        self.model, self.scored, self.config = model, scored, config
+        self.motions = MotionSampler(model, scored, config, animation)
+        self._rasterizer = rasterizer
+        self._joints = np.array([model.joint_names.index(n) for n in scored], np.int64)
+        self._prismatic = [is_prismatic(model, int(j)) for j in self._joints]
+        self._moved = subtrees(model, self._joints)
+        self._patterns, self._group = _groups(self._moved)
+        longest = np.radians(config.randomization.motion.max_step) * (config.frames - 1)
+        self._too_short = longest < MIN_ANGLE
+
+    def draw(self, streams: Streams) -> tuple[Draw, dict[str, int]]:
+        """The first observable draw, and how many were refused for which reason.
+
+        If there is none in MAX_DRAWS, the first of those that break the rule least; if observable
+        or not does not matter (`keep_unobservable`), the first of all.
+        """
+        refused: list[str] = []
+        while len(refused) < MAX_DRAWS:
+            draw = self._attempt(streams, len(refused), self.config.keep_unobservable)
+            if isinstance(draw, Draw):
+                return draw, dict(Counter(refused))
+            refused.append(draw)
+        best = min(range(len(refused)), key=lambda a: _LEAST_BAD.index(refused[a]))
+        kept = self._attempt(streams, best, keep=True)
+        assert isinstance(kept, Draw)
+        del refused[best]
+        return kept, dict(Counter(refused))
+
+    def judged_again(self, draw: Draw, part: list[NDArray[np.uint16]]) -> Draw:
+        """The draw with the evidence of other part images T x [H W]: the room may hide pixels."""
+        pixels = np.stack([self._count(p[p > 0]) for p in part])
+        joints, reason = self._verdict(draw.motion, pixels, draw.covered, draw.flow)
+        return replace(draw, joints=joints, reason=reason)
+
+    def _attempt(self, streams: Streams, attempt: int, keep: bool) -> Draw | str:
+        """A draw; or, unless it is to be kept anyhow, why it is refused."""
+        motion = self.motions.draw(streams.rng("motion", attempt))
+        if motion.touches and not keep:
+            return "collision"
+        # An animation may lead anywhere, and no rule refuses what it leads out of the image.
+        framed = slice(None) if self.motions.animation else slice(1)
+        camera = draw_camera(
+            streams.rng("camera", attempt), self.config.randomization.camera,
+            self.config.width, self.config.height,
+            self.motions.outline(motion.posed, framed), motion.floor,
+        )
+        draw = self._judge(motion, camera, keep)
+        if isinstance(draw, str) or keep:
+            return draw
+        # A video too short for the least displacement is kept, and marked, without more draws.
+        wanted = not draw.reason or (draw.reason == "displacement" and self._too_short)
+        return draw if wanted else draw.reason
+
+    def _judge(self, motion: Motion, camera: Camera, keep: bool) -> Draw | str:
+        """Render depth and parts of all frames; unless kept, stop at one that breaks the rule."""
+        poses, frames, joints = motion.world_from_part, self.config.frames, len(self.scored)
+        steps = np.diff(motion.trajectory.positions[:, self._joints], axis=0)
+        screws = joint_screws(self.model, camera.cam_from_world @ poses)[:, self._joints]
+        depth: list[Any] = [None] * frames
+        part: list[Any] = [None] * frames
+        face: list[Any] = [None] * frames
+        pixels, covered = np.zeros((2, frames, joints), np.int64)
+        flow = np.zeros((frames - 1, joints))
+        self._rasterizer.begin_truth(self.model, camera, poses, motion.posed.bounds)
+        # The ends of a motion are where it is most likely to hide: judge them first.
+        order = sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t))
+        self._draw_truth(motion, order[0])
+        for t, then in zip(order, [*order[1:], None], strict=True):
+            depth[t], part[t] = self._rasterizer.read_truth()
+            if self._rasterizer.faces:
+                face[t] = self._rasterizer.read_faces()
+            if then is not None:  # drawn meanwhile
+                self._draw_truth(motion, then)
+            index = np.flatnonzero(part[t] > 0)
+            number = part[t].ravel()[index]
+            pixels[t] = self._count(number)
+            covered[t] = pixels[t] + self._hidden(motion, t, camera, index, number)
+            for j in range(joints) if t < frames - 1 else ():
+                flow[t, j] = own_motion(
+                    depth[t], index, number, camera, screws[t, j], self._prismatic[j],
+                    steps[t, j], self._moved[j],
+                )
+            reason = "" if keep else self._reason(_seen(pixels[[t]], covered[[t]]))
+            if reason:
+                return reason
+        seen, reason = self._verdict(motion, pixels, covered, flow)
+        if not self._rasterizer.faces:
+            face = []
+        return Draw(motion, camera, depth, part, face, covered, flow, seen, reason)
+
+    def _draw_truth(self, motion: Motion, t: int) -> None:
+        self._rasterizer.place(motion.posed.surfaces(t))
+        self._rasterizer.draw_truth(motion.world_from_part[t])
+
+    def _verdict(
+        self, motion: Motion, pixels: NDArray[np.int64], covered: NDArray[np.int64], flow: Array
+    ) -> tuple[dict[str, JointVisibility], str]:
+        """What is seen of each scored joint, and why it is not enough."""
+        positions = motion.trajectory.positions[:, self._joints]
+        seen = [
+            replace(joint, displacement=float(positions[-1, j] - positions[0, j]),
+                    motion=float(flow[:, j].mean()) if len(flow) else 0.0)
+            for j, joint in enumerate(_seen(pixels, covered))
+        ]
+        reason = "collision" if motion.touches else self._reason(seen)
+        return dict(zip(self.scored, seen, strict=True)), reason
+
+    def _reason(self, seen: list[JointVisibility]) -> str:
+        """The worst rule that a joint breaks, or ""."""
+        reasons = [
+            joint.reason(slides, self.config.width, self.config.height)
+            for joint, slides in zip(seen, self._prismatic, strict=True)
+        ]
+        return max(reasons, key=_LEAST_BAD.index, default="")
+
+    def _count(self, number: NDArray[np.uint16]) -> NDArray[np.int64]:
+        """[S] visible pixels of each scored joint's subtree, from the part numbers of pixels."""
+        counts = np.bincount(number, minlength=len(self.model.parent) + 1)[1:]
+        return self._moved @ counts
+
+    def _hidden(
+        self, motion: Motion, t: int, camera: Camera, index: NDArray[np.int64],
+        number: NDArray[np.uint16],
+    ) -> NDArray[np.int64]:
+        """[S] pixels where each scored joint's subtree lies behind other parts of the model.
+
+        From the flat index [N] and part number [N] of frame t's pixels with a part. A subtree is
+        drawn only where parts that it does not move are seen.
+        """
+        if not len(self.scored):
+            return np.zeros(0, np.int64)
+        poses = motion.world_from_part[t]
+        self._rasterizer.place(motion.posed.surfaces(t))
+        boxes = _boxes(index, number, len(poses), camera.width)
+        hiders = np.array([
+            _around(boxes[(self._moved[self._moved[:, part]] == 0).any(0)])
+            for part in range(len(poses))
+        ])
+        outlines = self._rasterizer.outlines(camera, poses)
+        low, high = (np.maximum(outlines[:, :2], hiders[:, :2]),
+                     np.minimum(outlines[:, 2:], hiders[:, 2:]))
+        self._rasterizer.draw_coverage(
+            poses, self._group, np.concatenate([low, np.maximum(low, high)], axis=1))
+        bits = self._rasterizer.read_coverage().ravel()[index]
+        masks = [sum(1 << g for g, row in enumerate(self._patterns) if row[j])
+                 for j in range(len(self.scored))]
+        return np.array([
+            np.count_nonzero((bits & np.uint32(mask)) * ~moved[number - 1])
+            for mask, moved in zip(masks, self._moved, strict=True)
+        ], np.int64)
+
+
+def _boxes(
+    index: NDArray[np.int64], number: NDArray[np.uint16], parts: int, width: int
+) -> NDArray[np.int64]:
+    """[P 4] px around each part's pixels: first column and row, and those after the last.
+
+    Zeros for a part that shows none.
+    """
+    order = np.argsort(number, kind="stable")
+    row, column = np.divmod(index[order].astype(np.int32), np.int32(width))
+    seen, first = np.unique(number[order], return_index=True)
+    out = np.zeros((parts, 4), np.int64)
+    if len(seen):
+        out[seen - 1] = np.stack([
+            np.minimum.reduceat(column, first), np.minimum.reduceat(row, first),
+            np.maximum.reduceat(column, first) + 1, np.maximum.reduceat(row, first) + 1,
+        ], axis=1)
+    return out
+
+
+def _around(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """[4] the box around boxes [N 4] (as `_boxes`); zeros around none."""
+    boxes = boxes[boxes[:, 2] > 0]
+    if not len(boxes):
+        return np.zeros(4, np.int64)
+    return np.concatenate([boxes[:, :2].min(0), boxes[:, 2:].max(0)])
+
+
+def _seen(pixels: NDArray[np.int64], covered: NDArray[np.int64]) -> list[JointVisibility]:
+    """Fewest pixels and smallest share of each joint, from counts [T S]; the rest is infinite."""
+    share = np.minimum(pixels / np.maximum(covered, 1), 1.0)
+    return [JointVisibility(np.inf, int(n), float(s), np.inf)
+            for n, s in zip(pixels.min(0), share.min(0), strict=True)]
+
+
+def _groups(moved: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Distinct sets of joints that move a part, [groups S], and each part's group [P] (-1: none).
+
+    From moved [S P].
+    """
+    patterns, group = np.unique(moved.T, axis=0, return_inverse=True)
+    keep = patterns.any(1) if patterns.size else np.zeros(len(patterns), bool)
+    if keep.sum() > 32:
+        raise GcbenchError(f"{keep.sum()} joints cannot be scored at once; choose 32 at most")
+    number = np.where(keep, np.cumsum(keep) - 1, -1)
+    return patterns[keep], number[group.ravel()]
+

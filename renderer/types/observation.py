@@ -1,0 +1,90 @@
+"""What a method may see of a sequence, and what it returns: the types that methods are built on.
+
+They stand here, beside the sequence, so that a method needs nothing of the benchmark.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import ArticulatedModel
+
+Inputs = Literal["none", "rgb", "rgbd", "rgbd-noise"]
+Knowledge = Literal["none", "free", "axes", "kinematics", "model"]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """T frames of H x W pixels, J scored joints. What the method's knowledge lacks is None."""
+
+    rgb: NDArray[np.uint8] | None
+    """[T H W 3]; None at knowledge `none`."""
+    depth: NDArray[np.float32] | None
+    """[T H W] z in the camera frame, m, 0 = no surface; None on the `rgb` track."""
+    intrinsics: Array
+    """[3 3] px"""
+    times: Array
+    """[T] s"""
+    n_joints: int
+    """Number of scored joints."""
+    joint_types: tuple[str, ...]
+    """[J] "revolute", "continuous" or "prismatic", from the base outward."""
+    joint_parent: tuple[int, ...] = ()
+    """[J] which scored joint carries each, -1 for none; empty: each is carried by the one before.
+    """
+    depth_noise: float = 0.0
+    """Standard deviation of the depth's noise, m (the track says it)."""
+    cam_from_world: Array | None = None
+    """[4 4]; at knowledge `axes` and above."""
+    axis_direction: Array | None = None
+    """[J 3] unit, camera frame at frame 0; at `axes` and above."""
+    axis_line: Array | None = None
+    """[J 6] (l, m = p x l), camera frame at frame 0, prismatic (l, 0); from `kinematics` on."""
+    model: ArticulatedModel | None = None
+    """At `model`."""
+    part: NDArray[np.uint8] | None = None
+    """[T H W] true parts, 0 still background, j what scored joint j is the last to move; only for
+    an oracle row."""
+    flow: NDArray[np.float32] | None = None
+    """[T-1 H W 2] true flow, px; only for an oracle row."""
+
+    @property
+    def parents(self) -> NDArray[np.int64]:
+        """[J] `joint_parent`, also where it was left empty."""
+        return np.array(self.joint_parent or range(-1, self.n_joints - 1), np.int64)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a method returns."""
+
+    displacement: Array
+    """[T J] of each scored joint since frame 0, rad or m, from the base outward; row 0 is 0."""
+    screw: Array | None = None
+    """[J 6] each joint's axis in the camera frame at frame 0."""
+    part: NDArray[np.uint8] | None = None
+    """[T H W] estimated parts, 0 still background, j = 1..J what joint j is the last to move."""
+    sigma: Array | None = None
+    """[T J] standard deviation of the displacement, rad or m."""
+
+
+class Method(Protocol):
+    """Anything with these; there is nothing to inherit."""
+
+    name: str
+    inputs: tuple[Inputs, ...]
+    """Tracks that it supports."""
+    knowledge: tuple[Knowledge, ...]
+    """Knowledge levels that it supports."""
+    training: str
+    """"none", "self-supervised" or "supervised: on what"."""
+    version: str
+
+    def estimate(self, observation: Observation) -> Estimate:
+        """Estimate the motion of one sequence."""
+        ...

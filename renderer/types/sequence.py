@@ -1,0 +1,185 @@
+"""A rendered video and its ground truth, in memory or decoded lazily from disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+
+FORMAT = "gcbench/1"
+BACKGROUND, VISIBLE, OCCLUDED, OUT_OF_IMAGE = 0, 1, 2, 3
+"""Values of a visibility image."""
+
+
+Item = TypeVar("Item", bound=np.generic, covariant=True)
+
+
+class Stack(Protocol[Item]):
+    """Images of a sequence, one a frame: an array, or a `LazyStack` that decodes when indexed."""
+
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[NDArray[Item]]: ...
+    def __getitem__(self, index: int | slice, /) -> NDArray[Item]:
+        """An int gives one image, a slice a stacked array."""
+        ...
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One instant. H x W pixels."""
+
+    rgb: NDArray[np.uint8]
+    """[H W 3]"""
+    depth: NDArray[np.float32]
+    """[H W] z in the camera frame, m; 0 where there is no surface."""
+    part: NDArray[np.uint16]
+    """[H W] 1-based part number, 0 background."""
+    flow: NDArray[np.float32] | None
+    """[H W 2] (du, dv) to the next frame, px; NaN where unknown; None in the last frame."""
+    flow_backward: NDArray[np.float32] | None
+    """[H W 2] to the frame before; None in the first frame."""
+    visibility: NDArray[np.uint8] | None
+    """[H W] whether the forward correspondence is seen in the next frame: BACKGROUND, VISIBLE,
+    OCCLUDED or OUT_OF_IMAGE; None in the last frame."""
+    normal: NDArray[np.float32] | None = None
+    """[H W 3] unit, camera frame, of the surface towards the camera; NaN where there is none."""
+    coordinates: NDArray[np.float32] | None = None
+    """[H W 3] m, the point in its part's own frame (at rest, where it deforms); NaN where there is
+    no part."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything about a sequence that is exact: `state.npz`. T frames, J joints, P parts."""
+
+    times: Array
+    """[T] s"""
+    joint_positions: Array
+    """[T J] rad or m"""
+    intrinsics: Array
+    """[3 3] px"""
+    cam_from_world: Array
+    """[T 4 4]"""
+    world_from_part: Array
+    """[T P 4 4]"""
+    joint_screw: Array
+    """[T J 6] in the camera frame at t: direction and moment p x l; prismatic: direction, zeros."""
+    joint_parent_part: NDArray[np.int64]
+    """[J] part number as in the masks; 0 where the parent is no part."""
+    joint_child_part: NDArray[np.int64]
+    """[J] part number as in the masks."""
+    part_pixels: NDArray[np.int64]
+    """[T P] visible pixels"""
+    coordinate_box: Array | None = None
+    """[P 2 3] m, least and greatest `coordinates` of each part. This and what follows is None where
+    the dataset was rendered without the layer."""
+    keypoint_part: NDArray[np.int64] | None = None
+    """[K] part number that carries each keypoint"""
+    keypoint_world: Array | None = None
+    """[T K 3] m"""
+    keypoint_image: Array | None = None
+    """[T K 2] px; NaN behind the camera"""
+    keypoint_visible: NDArray[np.bool_] | None = None
+    """[T K] in the image, and not far behind what is seen there"""
+    track_part: NDArray[np.int64] | None = None
+    """[N] part number of each tracked point"""
+    track_query: NDArray[np.int64] | None = None
+    """[N] frame in which the point was chosen: there it is the centre of a pixel"""
+    track_world: Array | None = None
+    """[T N 3] m"""
+    track_image: Array | None = None
+    """[T N 2] px; NaN behind the camera"""
+    track_visible: NDArray[np.bool_] | None = None
+    """[T N]"""
+
+
+@dataclass(frozen=True)
+class Meta:
+    """`meta.json`: what a reader needs beside the arrays."""
+
+    name: str
+    asset: Mapping[str, Any]
+    """name, source, licence, sha256, notes"""
+    joint_names: tuple[str, ...]
+    joint_types: tuple[str, ...]
+    """[J] "revolute", "continuous" or "prismatic"."""
+    joint_limits: tuple[tuple[float, float] | None, ...]
+    """[J] rad or m, None where a joint has none."""
+    part_names: tuple[str, ...]
+    scored_joints: tuple[str, ...]
+    width: int
+    height: int
+    frames: int
+    seed: int
+    index: int
+    randomization: Mapping[str, Any]
+    """What was drawn (docs/dataset.md)."""
+    renderer: Mapping[str, str]
+    """GL renderer and version strings."""
+    observability: Mapping[str, Any]
+    depth_unit: float = 0.0001
+    """m per unit of the depth PNG"""
+    camera_model: str = "pinhole"
+    units: Mapping[str, str] | None = None
+    deforming_parts: tuple[str, ...] = ()
+    """Names of the parts with surfaces that move otherwise than the part."""
+    layers: tuple[str, ...] = ()
+    """Optional truth that is stored: of "normal", "coordinates", "keypoints", "tracks"."""
+    keypoint_names: tuple[str, ...] = ()
+    """[K]"""
+    keypoint_tolerance: float = 0.0
+    """m behind the visible surface at which a keypoint still counts as visible."""
+    tracks: int = 0
+    """N"""
+    format: str = FORMAT
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A video with its truth. The image stacks are arrays, or decode a frame when indexed."""
+
+    meta: Meta
+    state: State
+    rgb: Stack[np.uint8]
+    """T x [H W 3]"""
+    depth: Stack[np.float32]
+    """T x [H W] m, 0 = no surface"""
+    part: Stack[np.uint16]
+    """T x [H W]"""
+    flow: Stack[np.float32]
+    """T-1 x [H W 2], entry t: t -> t+1"""
+    flow_backward: Stack[np.float32]
+    """T-1 x [H W 2], entry t: t+1 -> t"""
+    visibility: Stack[np.uint8]
+    """T-1 x [H W]"""
+    normal: Stack[np.float32] | None = None
+    """T x [H W 3] (Frame.normal); None without the layer"""
+    coordinates: Stack[np.float32] | None = None
+    """T x [H W 3] m (Frame.coordinates); None without the layer"""
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return self.meta.frames
+
+    def frame(self, t: int) -> Frame:
+        """The frame at t in 0..T-1."""
+        last = self.meta.frames - 1
+        return Frame(
+            rgb=self.rgb[t],
+            depth=self.depth[t],
+            part=self.part[t],
+            flow=self.flow[t] if t < last else None,
+            flow_backward=self.flow_backward[t - 1] if t > 0 else None,
+            visibility=self.visibility[t] if t < last else None,
+            normal=None if self.normal is None else self.normal[t],
+            coordinates=None if self.coordinates is None else self.coordinates[t],
+        )
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Frames in order."""
+        return (self.frame(t) for t in range(self.meta.frames))

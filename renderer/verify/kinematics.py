@@ -1,0 +1,281 @@
+"""Checks of `state.npz` and `meta.json`: shapes, kinematics, screws, limits.
+
+Nothing here calls the code that made the truth, but for the times of an animation: motions are
+matrix exponentials, and the forward kinematics is written a second time, once from the model's
+arrays and once from the URDF itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import FIXED, PRISMATIC, ArticulatedModel
+from ..dataset.state_arrays import state_shapes
+from ..scene.motion import animation_times
+from ..types.sequence import Sequence, State
+from .checks import Check, check
+
+METRES, RADIANS = 1e-6, 1e-6
+
+
+def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
+                 urdf: Path | None = None, link_names: Mapping[str, str] | None = None
+                 ) -> list[Check]:
+    """All checks that need no image. Poses are compared with the model and the URDF if given.
+
+    `link_names` says what the sequence calls links of the URDF by other names than theirs; a joint
+    is called like the link that it moves.
+    """
+    checks = [_shapes(sequence)]
+    if not checks[0].ok:
+        return checks
+    checks.append(_finite(sequence.state))
+    if not checks[-1].ok:
+        return checks
+    checks += _rigid(sequence.state)
+    checks.append(_times(sequence.state))
+    checks.append(_limits(sequence))
+    checks += _screws(sequence)
+    names, positions = sequence.meta.joint_names, sequence.state.joint_positions
+    if "animation" in sequence.meta.randomization:
+        return checks + (_animated_poses(sequence, model) if model is not None else [])
+    if model is not None:
+        checks += _poses(sequence, poses_from_model(model, names, positions), "model")
+    if urdf is not None:
+        found = poses_from_urdf(urdf, names, positions, link_names)
+        checks += _poses(sequence, found, "URDF")
+    return checks
+
+
+def _shapes(sequence: Sequence) -> Check:
+    """Every array of the state, and the length of every stack, against the meta data."""
+    meta, s = sequence.meta, sequence.state
+    t, j, p = meta.frames, len(meta.joint_names), len(meta.part_names)
+    expected = state_shapes(meta)
+    wrong = [k for k, shape in expected.items() if np.shape(getattr(s, k)) != shape]
+    lengths = {"rgb": t, "depth": t, "part": t,
+               "flow": t - 1, "flow_backward": t - 1, "visibility": t - 1}
+    lengths |= {k: t for k in ("normal", "coordinates") if k in meta.layers}
+    stacks = {k: getattr(sequence, k) for k in lengths}
+    wrong += [k for k, n in lengths.items() if stacks[k] is None or len(stacks[k]) != n]
+    if len(meta.joint_types) != j or len(meta.joint_limits) != j:
+        wrong.append("joint_types, joint_limits")
+    if not {*meta.scored_joints} <= {*meta.joint_names}:
+        wrong.append("scored_joints")
+    child, parent = s.joint_child_part, s.joint_parent_part
+    alien = np.any((child < 1) | (child > p)) or np.any((parent < 0) | (parent > p))
+    if not wrong and alien:
+        wrong.append("joint_child_part, joint_parent_part")
+    return check("shapes", len(wrong), 0, "arrays", ", ".join(wrong),
+                 samples=len(expected) + len(lengths) + 3)
+
+
+def _finite(s: State) -> Check:
+    fields = ["times", "joint_positions", "intrinsics", "cam_from_world", "world_from_part",
+              "joint_screw"]
+    fields += [k for k in ("coordinate_box", "keypoint_world", "track_world")
+               if getattr(s, k) is not None]
+    bad = [int((~np.isfinite(getattr(s, k))).sum()) for k in fields]
+    return check("state finite", bad, 0, "values", lambda i: fields[i],
+                 samples=sum(np.size(getattr(s, k)) for k in fields))
+
+
+def _rigid(s: State) -> list[Check]:
+    k = s.intrinsics
+    pinhole = [k[2, 0], k[2, 1], k[2, 2] - 1, k[1, 0], min(k[0, 0], 0), min(k[1, 1], 0)]
+    checks = [check("intrinsics pinhole", pinhole, 1e-12, "px")]
+    for name, poses in (("camera", s.cam_from_world[:, None]), ("part", s.world_from_part)):
+        r = poses[..., :3, :3]
+        residual = np.stack([
+            np.abs(np.swapaxes(r, -1, -2) @ r - np.eye(3)).max((-1, -2)),
+            np.abs(np.linalg.det(r) - 1),
+            np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max(-1)], axis=-1)
+        place = _frame_item("part", poses.shape[1])
+        checks.append(check(f"{name} poses rigid", residual.max(-1), 1e-9, "", place))
+    return checks
+
+
+def _times(s: State) -> Check:
+    return check("times increase", np.diff(s.times) <= 0, 0, "steps", lambda i: f"frame {i + 1}")
+
+
+def _limits(sequence: Sequence) -> Check:
+    q = sequence.state.joint_positions
+    limits = np.array([(-np.inf, np.inf) if x is None else x for x in sequence.meta.joint_limits])
+    low, high = limits.reshape(-1, 2).T
+    over = np.maximum(0, np.maximum(low - q, q - high))
+    return check("joint limits", over, 1e-6, "rad|m", _frame_item("joint", q.shape[1]))
+
+
+def _screws(sequence: Sequence) -> list[Check]:
+    """Axes are screws, stand still in both parts they join, and the child moves about them."""
+    s = sequence.state
+    prismatic = np.array([t == "prismatic" for t in sequence.meta.joint_types], bool)
+    direction, m = s.joint_screw[..., :3], s.joint_screw[..., 3:]
+    joints = len(prismatic)
+    place = _frame_item("joint", joints)
+    form = np.abs(np.linalg.norm(direction, axis=-1) - 1) + np.abs(np.sum(direction * m, axis=-1))
+    form += np.where(prismatic, np.linalg.norm(m, axis=-1), 0)
+    checks = [check("screw form", form, 1e-9, "", place,
+                    note="unit direction, perpendicular moment, none if prismatic")]
+
+    world = np.broadcast_to(np.eye(4), (len(s.times), 1, 4, 4))
+    parts = np.concatenate([world, s.world_from_part], axis=1)  # part 0: the world
+    cam_from_part = s.cam_from_world[:, None] @ parts
+    twist = _twist(s.joint_screw, prismatic)
+    cam_from_child = cam_from_part[:, s.joint_child_part]
+    cam_from_parent = cam_from_part[:, s.joint_parent_part]
+    moved = [np.linalg.inv(c) @ twist @ c for c in (cam_from_child, cam_from_parent)]
+    fixed = np.max([np.abs(axis - axis[:1]).max((-1, -2)) for axis in moved], axis=0)
+    checks.append(check("screw fixed in its parts", fixed, METRES, "rad|m", place))
+
+    parent_from_child = np.linalg.inv(cam_from_parent) @ cam_from_child
+    step = np.diff(s.joint_positions, axis=0)[..., None, None]
+    predicted = _exp(moved[1][:-1] * step) @ parent_from_child[:-1]
+    return checks + _pose_checks("joint moves its child", predicted, parent_from_child[1:], place)
+
+
+def _poses(sequence: Sequence, expected: dict[str, Array], source: str) -> list[Check]:
+    """Stored poses against those of a forward kinematics, both relative to the root part.
+
+    The root itself may stand anywhere; the parts that the other side does not know are counted.
+    """
+    names, actual = sequence.meta.part_names, sequence.state.world_from_part
+    unknown = [n for n in names if n not in expected]
+    checks = [check(f"parts known to the {source}", len(unknown), 0, "parts", ", ".join(unknown),
+                    samples=len(names))]
+    if unknown:
+        return checks
+    stack = np.stack([expected[n] for n in names], axis=1)
+    relative = np.linalg.inv(stack[:, :1]) @ stack
+    own = np.linalg.inv(actual[:, :1]) @ actual
+    place = _frame_item("part", len(names))
+    return checks + _pose_checks(f"poses from the {source}", relative, own, place)
+
+
+def _animated_poses(sequence: Sequence, model: ArticulatedModel) -> list[Check]:
+    """Stored poses against the model's animation from the time on that was drawn."""
+    drawn = dict(sequence.meta.randomization["animation"])
+    found = [a for a in model.animations if a.name == drawn.get("name")]
+    checks = [check("animation known to the model", not found, 0, "sequences",
+                    f"{drawn.get('name')!r}")]
+    if not found or set(sequence.meta.part_names) != set(model.part_names):
+        return checks
+    times = animation_times(sequence.state.times, float(drawn["start"]), found[0].duration)
+    poses = found[0].at(times).world_from_part
+    expected = {name: poses[:, p] for p, name in enumerate(model.part_names)}
+    return checks + _poses(sequence, expected, "animation")
+
+
+def poses_from_model(model: ArticulatedModel, joint_names: ArrayLike, positions: Array
+                     ) -> dict[str, Array]:
+    """root_from_part [T 4 4] of each part name, by matrix exponentials of the model's arrays."""
+    column = {str(n): i for i, n in enumerate(np.asarray(joint_names))}
+    poses: list[Array] = []
+    for p, parent in enumerate(model.parent):
+        pose = np.broadcast_to(model.parent_from_part_at_zero[p], (len(positions), 4, 4))
+        if model.motion[p] != FIXED:
+            i = column.get(model.joint_names[model.joint[p]])
+            q = positions[:, i] if i is not None else np.zeros(len(positions))
+            twist = _twist(model.screw[p], model.motion[p] == PRISMATIC)
+            pose = pose @ _exp(twist * (model.gear[p] * q + model.offset[p])[:, None, None])
+        poses.append(pose if parent < 0 else poses[parent] @ pose)
+    return dict(zip(model.part_names, poses, strict=True))
+
+
+def poses_from_urdf(
+    urdf: Path, joint_names: ArrayLike, positions: Array,
+    link_names: Mapping[str, str] | None = None,
+) -> dict[str, Array]:
+    """root_from_link [T 4 4] of each link of a URDF, from its own text.
+
+    yourdfpy reads the file; the motion is ours, because its mimic of a mimic is wrong. A movable
+    joint that the sequence does not know is taken to stand at zero. `link_names` is as in
+    `verify_state`.
+    """
+    import yourdfpy
+    from scipy.spatial.transform import Rotation
+
+    robot: Any = yourdfpy.URDF.load(str(urdf), load_meshes=False, build_scene_graph=False).robot
+    joints: dict[str, Any] = {j.name: j for j in robot.joints}
+    column = {str(n): i for i, n in enumerate(np.asarray(joint_names))}
+    called: dict[str, str] = dict(link_names or {})
+
+    def value(name: str, seen: frozenset[str] = frozenset()) -> Array:
+        mimic = joints[name].mimic
+        if mimic is None or mimic.joint not in joints or name in seen:
+            i = column.get(called.get(joints[name].child, name))
+            return positions[:, i] if i is not None else np.zeros(len(positions))
+        gear = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
+        offset = 0.0 if mimic.offset is None else float(mimic.offset)
+        return gear * value(mimic.joint, seen | {name}) + offset
+
+    def motion(joint: Any) -> Array:
+        out = np.broadcast_to(np.eye(4), (len(positions), 4, 4)).copy()
+        axis = np.asarray([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, np.float64)
+        along = axis / np.linalg.norm(axis) * value(joint.name)[:, None]
+        if joint.type in ("revolute", "continuous"):
+            out[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
+        elif joint.type == "prismatic":
+            out[:, :3, 3] = along
+        return out
+
+    by_child = {j.child: j for j in joints.values()}
+    poses: dict[str, Array] = {}
+
+    def pose(link: str) -> Array:
+        if link not in poses:
+            joint = by_child.get(link)
+            if joint is None:
+                poses[link] = np.broadcast_to(np.eye(4), (len(positions), 4, 4))
+            else:
+                origin = np.eye(4) if joint.origin is None else joint.origin
+                poses[link] = pose(joint.parent) @ origin @ motion(joint)
+        return poses[link]
+
+    links: list[str] = [link.name for link in robot.links]
+    return {called.get(link, link): pose(link) for link in links}
+
+
+def _twist(screw: Array, prismatic: Any) -> Array:
+    """Velocity matrix [... 4 4] of a screw [... 6]; the exponential of its multiples is motion."""
+    straight = np.asarray(prismatic)[..., None]
+    w = np.where(straight, 0.0, screw[..., :3])
+    v = np.where(straight, screw[..., :3], screw[..., 3:])
+    out = np.zeros((*screw.shape[:-1], 4, 4))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    out[..., :3, :3] -= np.swapaxes(out[..., :3, :3], -1, -2).copy()
+    out[..., :3, 3] = v
+    return out
+
+
+def _exp(twists: Array) -> Array:
+    """Matrix exponential [... 4 4]: its series for a 256th of the twist, squared eight times."""
+    power = term = np.broadcast_to(np.eye(4), twists.shape)
+    for k in range(1, 11):
+        term = term @ (twists / 256) / k
+        power = power + term
+    for _ in range(8):
+        power = power @ power
+    return power
+
+
+def _pose_checks(name: str, expected: Array, actual: Array, place: Callable[[int], str]
+                 ) -> list[Check]:
+    """Distance of positions, and the angle between rotations (exact for small ones)."""
+    shift = np.linalg.norm(expected[..., :3, 3] - actual[..., :3, 3], axis=-1)
+    turn = np.linalg.norm(expected[..., :3, :3] - actual[..., :3, :3], axis=(-1, -2)) / np.sqrt(2)
+    return [check(f"{name}: position", shift, METRES, "m", place),
+            check(f"{name}: rotation", turn, RADIANS, "rad", place)]
+
+
+def _frame_item(item: str, n: int) -> Callable[[int], str]:
+    """The place of a flat index into [T n]; parts count from 1, as in the masks."""
+    first = 1 if item == "part" else 0
+    return lambda i: f"frame {i // n} {item} {i % n + first}"

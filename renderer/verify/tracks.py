@@ -1,0 +1,169 @@
+"""Checks of keypoints and tracks against poses, camera, depth and flow."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robots.geometry.transforms import Array
+from ...robots.model.articulated_model import ArticulatedModel
+from ..types.sequence import Sequence
+from .checks import Check, check, merge, share
+from .rays import FLOW, Block, View, block, deforming_numbers, pixel_name
+
+METRES, PIXELS = 1e-6, 1e-4
+
+
+def verify_points(sequence: Sequence, model: ArticulatedModel | None = None) -> list[Check]:
+    """All checks of the layers `keypoints` and `tracks`; keypoints are those of the model, if one
+    is given that has them.
+    """
+    layers, checks = sequence.meta.layers, list[Check]()
+    if "keypoints" in layers:
+        checks += _keypoints(sequence, model)
+    if "tracks" in layers:
+        checks += _tracks(sequence)
+    return list(merge(checks))
+
+
+def _keypoints(sequence: Sequence, model: ArticulatedModel | None) -> list[Check]:
+    meta, s = sequence.meta, sequence.state
+    part, world, visible = s.keypoint_part, s.keypoint_world, s.keypoint_visible
+    assert part is not None and world is not None and visible is not None
+    checks = [_numbers("keypoint", part, sequence)]
+    if not checks[0].ok:
+        return checks
+    local = _in_parts(sequence, part, world)
+    checks.append(_still("keypoint", local, np.ones(len(part), bool)))
+    if model is not None and model.part_names == meta.part_names:
+        same = model.keypoint_names == meta.keypoint_names
+        checks.append(check("keypoints of the model", not same, 0, "sequences", "other names"))
+        if same:
+            checks.append(check("keypoint: where the model has it", local - model.keypoint, METRES,
+                                "m", lambda i: meta.keypoint_names[i // 3 % max(len(part), 1)]))
+    projection, z = _projection("keypoint", sequence, world, s.keypoint_image)
+    checks += projection
+    slack = meta.depth_unit
+    for t in range(meta.frames):
+        inside, border, around = _around(sequence, t, s.keypoint_image, part)
+        depth = np.where(around.depth > 0, around.depth, np.inf)
+        depth = np.where(around.inside, depth, -np.inf)
+        beyond = z[t] - depth.max(axis=0) - meta.keypoint_tolerance
+        sure = ~border & (np.abs(beyond) > slack)
+        wrong = sure & (visible[t] != (inside & (beyond <= 0)))
+        checks.append(share("keypoint: visible", wrong, 0,
+                            lambda i, t=t: f"frame {t} {meta.keypoint_names[i]}"))
+    return checks
+
+
+def _tracks(sequence: Sequence) -> list[Check]:
+    meta, s = sequence.meta, sequence.state
+    part, query, world, image, visible = (
+        s.track_part, s.track_query, s.track_world, s.track_image, s.track_visible)
+    assert part is not None and query is not None and world is not None
+    assert image is not None and visible is not None
+    checks = [_numbers("track", part, sequence),
+              check("track: query frames", (query < 0) | (query >= meta.frames), 0, "points")]
+    if not all(c.ok for c in checks):
+        return checks
+    rigid = ~np.isin(part, deforming_numbers(sequence))
+    checks.append(_still("track", _in_parts(sequence, part, world), rigid))
+    projection, z = _projection("track", sequence, world, image)
+    checks += projection
+    checks += _chosen(sequence, part, query, image, z)
+    for t in range(meta.frames):
+        inside, border, around = _around(sequence, t, image, part)
+        tolerance = np.maximum(2 * meta.depth_unit, 0.002 * z[t])
+        beyond = np.maximum(around.near - z[t], z[t] - around.far)
+        sure = ~border & ((beyond > 1.2 * tolerance + meta.depth_unit)
+                          | (beyond < 0.8 * tolerance - meta.depth_unit))
+        wrong = sure & (visible[t] != (inside & (beyond <= tolerance)))
+        checks.append(share("track: visible", wrong, 0,
+                            lambda i, t=t: f"frame {t} point {i}"))
+    return checks
+
+
+def _chosen(sequence: Sequence, part: NDArray[np.int64], query: NDArray[np.int64], image: Array,
+            z: Array) -> list[Check]:
+    """In its own frame a point is the centre of a pixel of its part, at the pixel's depth; flow
+    from there, forward and back, is the step of the track: of surfaces that deform, too.
+    """
+    points = np.arange(len(query))
+    at = image[query, points]
+    pixel = np.rint(np.nan_to_num(at)).astype(np.int64)
+    checks = [check("track: begins at a pixel", at - pixel, PIXELS, "px",
+                    lambda i: f"point {i // 2}")]
+    if not checks[0].ok:
+        return checks
+    unit = sequence.meta.depth_unit
+    for t in np.unique(query).tolist():
+        now = np.flatnonzero(query == t)
+        u, v = pixel[now].T
+        place = pixel_name(sequence, t)
+        wide = sequence.meta.width
+
+        names = [f"point {i} {place(int(y) * wide + int(x))}"
+                 for i, x, y in zip(now, u, v, strict=True)]
+        where = names.__getitem__
+
+        checks.append(share("track: begins on its part", sequence.part[t][v, u] != part[now], 0,
+                            where))
+        gap = np.abs(sequence.depth[t][v, u] - z[t, now])
+        checks.append(check("track: begins on the surface", np.maximum(0, gap - unit / 2),
+                            0.02 * unit + 1e-6 * float(z[t, now].max(initial=0.0)), "m", where))
+        steps = [(t + 1, sequence.flow, t)] if t + 1 < sequence.meta.frames else []
+        steps += [(t - 1, sequence.flow_backward, t - 1)] if t > 0 else []
+        for other, stack, number in steps:
+            flow = stack[number][v, u].astype(np.float64)
+            step = image[other, now] - at[now]
+            both = np.isfinite(flow).all(axis=1) & np.isfinite(step).all(axis=1)
+            error = np.where(both, np.linalg.norm(flow - step, axis=1), 0.0)
+            checks.append(check("track: goes with the flow", error, FLOW, "px", where))
+    return checks
+
+
+def _numbers(kind: str, part: NDArray[np.int64], sequence: Sequence) -> Check:
+    alien = (part < 1) | (part > len(sequence.meta.part_names))
+    return check(f"{kind}: part numbers", alien, 0, "points")
+
+
+def _in_parts(sequence: Sequence, part: NDArray[np.int64], world: Array) -> Array:
+    """[T N 3] m: points [T N 3] in the frames of their parts."""
+    pose = np.linalg.inv(sequence.state.world_from_part)[:, part - 1]
+    return np.einsum("tnij,tnj->tni", pose[..., :3, :3], world) + pose[..., :3, 3]
+
+
+def _still(kind: str, local: Array, rigid: NDArray[np.bool_]) -> Check:
+    moved = np.linalg.norm(local - local[:1], axis=-1)[:, rigid]
+    return check(f"{kind}: rides on its part", moved, METRES, "m",
+                 lambda i: f"frame {i // max(int(rigid.sum()), 1)}")
+
+
+def _projection(kind: str, sequence: Sequence, world: Array, image: Array | None
+                ) -> tuple[list[Check], Array]:
+    """The image [T N 2] is that of the world [T N 3]; and depth [T N] m."""
+    s = sequence.state
+    assert image is not None
+    cam = np.einsum("tij,tnj->tni", s.cam_from_world[:, :3, :3], world)
+    cam += s.cam_from_world[:, None, :3, 3]
+    z = cam[..., 2]
+    uv = cam @ s.intrinsics[:2].T / z[..., None]
+    known, n = np.isfinite(image).all(axis=-1), max(world.shape[1], 1)
+    error = np.where(known, np.linalg.norm(image - uv, axis=-1), 0.0)
+    return [check(f"{kind}: image of the world", error, PIXELS, "px",
+                  lambda i: f"frame {i // n} point {i % n}"),
+            share(f"{kind}: known where it should be", known != (z > 0), 0,
+                  lambda i: f"frame {i // n} point {i % n}")], z
+
+
+def _around(sequence: Sequence, t: int, image: Array | None, part: NDArray[np.int64]
+            ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Block]:
+    """Whether each point is in the image [N], is at its border [N], and the pixels around it."""
+    assert image is not None
+    meta = sequence.meta
+    view = View(sequence.part[t].ravel().astype(np.int64),
+                sequence.depth[t].ravel().astype(np.float64))
+    u, v = np.clip(np.nan_to_num(image[t], nan=-1e6), -1e6, 1e6).T
+    out = np.max([-0.5 - u, u - meta.width + 0.5, -0.5 - v, v - meta.height + 0.5], axis=0)
+    around = block(np.stack([u, v]), part, view, meta.width, meta.height)
+    return out < 0, np.abs(out) < PIXELS, around

@@ -1,0 +1,124 @@
+"""Ovens and ranges, and toaster ovens."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from . import textures as pictures
+from .doors import door, hung_handle
+from .finish import Finish, draw_finish
+from .fittings import GAP, centred, feet, hollow_box, knob, vents
+from .hob import cooktop, oven_controls
+from .partnet_export import Link, Paint, Shape, Thing
+from .prints import decal, door_label, label
+from .racks import heating, wire_rack
+from .sampling import Dice
+from .shapes import at, slab
+
+
+def oven(dice: Dice, number: int) -> Thing:
+    """A range or a built-in oven (75 %), or a toaster oven: the door is hinged at its bottom."""
+    return _big_oven(dice, number) if dice.chance(75) else _toaster(dice, number)
+
+
+def _big_oven(dice: Dice, number: int) -> Thing:
+    look = draw_finish(dice, ("steel", "black", "white", "slate", "cream", "red", "navy", "sage"),
+                       (6, 6, 4, 2, 2, 2, 2, 1))
+    w, h, d = dice.length(0.55, 0.62), dice.length(0.55, 0.75), dice.length(0.50, 0.60)
+    t, strip = dice.length(0.022, 0.036), dice.length(0.08, 0.15)
+    foot = dice.length(0.0, 0.02)
+    below = dice.length(0.09, 0.17)  # a drawer or a plinth; the open door's handle needs the room
+    front, cabinet = d / 2, h - foot
+    middle, dh = foot + cabinet / 2, h - foot - strip - below
+    door_y = foot + below + dh / 2
+    hole = (0.0, door_y - middle, w - 2 * dice.length(0.035, 0.06), dh - 0.07)
+    dark = Paint("inside", dice.near(dice.pick(((46, 48, 54), (70, 72, 76), (60, 56, 52))), 6),
+                 picture=pictures.speckled(dice.rng, (58, 60, 66), 6) if look.textured else None)
+    body = hollow_box(replace(look, inside=dark), (w, cabinet), (-d / 2, front), hole, middle, 0.06,
+                    0.005, 0.015)
+    if foot >= 0.006:
+        body += feet(dice, look, (w / 2 - 0.05, d / 2 - 0.06), foot)
+    drawer = slab(w - 2 * GAP, below - 2 * GAP, (0.0, t), 0.006, 0.004)
+    body.append(Shape("drawer", at(drawer, 0.0, foot + below / 2, front),
+                      dice.pick((look.front, look.trim, look.body))))
+    if dice.chance(40):
+        body.append(vents((0.0, foot + below - 0.03, front + t),
+                          (w * 0.7, 0.012), "front", dice.number(8, 20)))
+    top = h - strip / 2
+    plate = slab(w - 2 * GAP, strip - GAP, (0.0, t), dice.length(0.002, 0.01), 0.004)
+    body.append(Shape("panel", at(plate, 0.0, top, front), look.panel))
+    if dice.chance(60):
+        body += cooktop(dice, look, w, d, h)
+    body += heating(dice, hole, middle, d)
+    details, knobs = oven_controls(dice, look, (w, strip), (0.0, top, front + t))
+    return _with_oven_door(dice, number, look, [*body, *details], knobs,
+                           (w - 2 * GAP, dh - GAP, t), (0.0, door_y, front), hole, middle, d)
+
+
+def _toaster(dice: Dice, number: int) -> Thing:
+    look = draw_finish(dice, ("steel", "black", "white", "red", "cream", "teal", "graphite"),
+                       (6, 5, 3, 2, 2, 2, 1))
+    w, h, d = dice.length(0.40, 0.50), dice.length(0.24, 0.32), dice.length(0.30, 0.40)
+    t, foot = dice.length(0.010, 0.016), dice.length(0.012, 0.022)
+    pw = dice.length(0.09, 0.13)
+    side = 1 if dice.chance(90) else -1
+    below = dice.length(0.036, 0.048)
+    cabinet = h - foot
+    middle, dw, dh = foot + cabinet / 2, w - pw, cabinet - below - dice.length(0.02, 0.035)
+    x, y, front = -side * pw / 2, foot + below + dh / 2, d / 2
+    hole = (x, y - middle, dw - 0.05, dh - 0.03)
+    body = hollow_box(look, (w, cabinet), (-d / 2, front), hole, middle, 0.03,
+                    dice.length(0.006, 0.03), 0.01)
+    body += feet(dice, look, (w / 2 - 0.04, d / 2 - 0.04), foot)
+    px = side * (w / 2 - pw / 2)
+    body.append(Shape("panel", at(slab(pw - 0.012, cabinet - 0.02, (0.0, t), 0.008, 0.003), px,
+                                  middle, front), look.panel))
+    body += [vents((s * w / 2, middle, 0.0), (d * 0.5, 0.03),
+                   "right" if s > 0 else "left", dice.number(6, 14)) for s in (-1, 1)]
+    body += heating(dice, hole, middle, d)
+    count = dice.number(2, 4)
+    step = (cabinet - 0.05) / count
+    radius = min(dice.length(0.015, 0.024), pw * 0.3, 0.34 * step)
+    style, knobs = dice.number(0, 3), list[Link]()
+    ring = pictures.gauge(look.ink, look.panel.color, dice.number(6, 13))
+    for k in range(count):
+        place = (px, middle + ((count - 1) / 2 - k) * step, front + t)
+        body.append(decal("gauge", ring, 2.9 * radius, place))
+        knobs.append(knob(dice, look, radius, place, style))
+    if dice.chance(70):
+        body.append(label(dice, look, pw * 0.6, 0.013, look.panel,
+                          (px, middle + cabinet / 2 - 0.018, front + t)))
+    return _with_oven_door(dice, number, look, body, knobs, (dw - 0.014, dh - GAP, t),
+                           (x, y, front), hole, middle, d)
+
+
+def _with_oven_door(
+    dice: Dice, number: int, look: Finish, body: list[Shape], knobs: list[Link],
+    size: tuple[float, float, float], place: tuple[float, float, float],
+    hole: tuple[float, float, float, float], middle: float, depth: float,
+) -> Thing:
+    """The oven with its door, handle and shelves."""
+    (w, h, t), (x, y, front) = size, place
+    window = (0.0, -dice.length(0.0, 0.02), w * dice.number(55, 82) / 100,
+              h * dice.number(45, 64) / 100)
+    shapes = [replace(s, solid=at(s.solid, x, y, front + 0.001))
+              for s in door(dice, look, size, window)]
+    z = front + 0.001 + t
+    if dice.chance(40):
+        shapes += door_label(dice, look, min(0.3 * w, dice.length(0.06, 0.1)), shapes)
+    hinge = (x, y - h / 2 + t / 2, front + 0.001 + t / 2)
+    links = [Link("body", tuple(body)),
+             Link("door", tuple(shapes), 0, "revolute", hinge, (1.0, 0.0, 0.0),
+                  (0.0, dice.angle(1.40, 1.57)))]
+    links.append(hung_handle(dice, look, w * dice.pick((0.6, 0.75, 0.9)), False,
+                         (x, y + h / 2 - min(0.035, 0.13 * h), z), links[1]))
+    deep, wide = depth - 0.13, hole[2] - 0.012
+    z0, steel = front - 0.03 - deep / 2, Paint("rack", (186, 188, 190))
+    count = dice.number(0, 2 if h > 0.3 else 1)
+    for k in range(count):
+        y0 = middle + hole[1] + hole[3] * ((k + 1) / (count + 1) - 0.5)
+        rack = at(wire_rack(dice, wide, deep), x, y0, z0)
+        links.append(Link("rack", (Shape("rack", rack, steel),), 0, "prismatic",
+                          (x, round(y0, 5), round(z0, 5)), (0.0, 0.0, 1.0),
+                          (0.0, round(min(0.4, 0.85 * deep), 3))))
+    return centred("Oven", number, [*links, *knobs])

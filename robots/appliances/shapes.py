@@ -1,0 +1,170 @@
+"""Solids that appliances are made of. Axes: x to the right of who stands before the appliance,
+y up, z towards them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.transforms import Array
+from .lofts import Ring, Solid, circle, cosine, loft, ring, rounded_rectangle, sine
+
+_EDGE = 3
+"""Facets of a rounded edge."""
+
+
+def slab(width: float, height: float, z: tuple[float, float], radius: float = 0.0,
+         edge: float = 0.0, back_edge: float = 0.0) -> Solid:
+    """A plate in the x-y plane from z[0] to z[1], corners rounded by `radius`, the edges around
+    its front (and back) by `edge` (and `back_edge`)."""
+    def outline(inset: float) -> tuple[Array, Array]:
+        return rounded_rectangle(width - 2 * inset, height - 2 * inset, max(radius - inset, 0.0))
+
+    rings: list[Ring] = []
+    steps = np.linspace(0.0, 90.0, _EDGE + 1)
+    if back_edge > 0:
+        rings += [ring(outline(back_edge * (1 - c)), z[0] + back_edge * (1 - s), c, -s)
+                  for c, s in zip(sine(steps), cosine(steps), strict=True)]
+    else:
+        rings.append(ring(outline(0.0), z[0]))
+    if edge > 0:
+        rings += [ring(outline(edge * (1 - c)), z[1] - edge * (1 - s), c, s)
+                  for c, s in zip(cosine(steps), sine(steps), strict=True)]
+    else:
+        rings.append(ring(outline(0.0), z[1]))
+    return loft(rings, first_cap=True, last_cap=True)
+
+
+def frame(width: float, height: float, hole: tuple[float, float, float, float],
+          z: tuple[float, float], radius: float = 0.0, edge: float = 0.0,
+          hole_radius: float = 0.0) -> Solid:
+    """A plate like `slab` with a hole (x, y of its centre, width, height)."""
+    x, y, w, h = hole
+
+    def outer(inset: float) -> tuple[Array, Array]:
+        return rounded_rectangle(width - 2 * inset, height - 2 * inset, max(radius - inset, 0.0))
+
+    points, normal = rounded_rectangle(w, h, hole_radius)
+    inner = points + np.array([x, y]), -normal
+    steps = np.linspace(0.0, 90.0, _EDGE + 1)
+    rings = [ring(outer(0.0), z[0], 0.0, -1.0), ring(outer(0.0), z[0])]
+    if edge > 0:
+        rings += [ring(outer(edge * (1 - c)), z[1] - edge * (1 - s), c, s)
+                  for c, s in zip(cosine(steps), sine(steps), strict=True)]
+    else:
+        rings.append(ring(outer(0.0), z[1]))
+    rings += [ring(outer(edge), z[1], 0.0, 1.0), ring(inner, z[1], 0.0, 1.0), ring(inner, z[1]),
+              ring(inner, z[0]), ring(inner, z[0], 0.0, -1.0)]
+    return loft(rings, closed=True)
+
+
+def shell(width: float, height: float, z: tuple[float, float],
+          hole: tuple[float, float, float, float], radius: float, edge: float,
+          hole_radius: float = 0.0) -> Solid:
+    """The outside of a box and its front up to a hole (as in `frame`); `cavity` goes in there."""
+    x, y, w, h = hole
+    points, normal = rounded_rectangle(w, h, hole_radius)
+    steps = np.linspace(0.0, 90.0, _EDGE + 1)
+    back = [ring(rounded_rectangle(width - 2 * edge * (1 - c), height - 2 * edge * (1 - c),
+                                   max(radius - edge * (1 - c), 0.0)), z[0] + edge * (1 - s), c, -s)
+            for c, s in zip(sine(steps), cosine(steps), strict=True)]
+    front = [Ring(b.points * [1.0, 1.0, 0.0] + [0.0, 0.0, z[1] + z[0] - b.points[0, 2]],
+                  b.normals * [1.0, 1.0, -1.0]) for b in reversed(back)]
+    hole_ring = ring((points + np.array([x, y]), -normal), z[1], 0.0, 1.0)
+    return loft([*back, *front, hole_ring], first_cap=True)
+
+
+def cavity(opening: tuple[float, float], z: tuple[float, float], radius: float) -> Solid:
+    """The inside of a box that is open at z[1]: walls and back, facing inward; about the origin."""
+    points, normal = rounded_rectangle(*opening, radius)
+    outline = points, -normal
+    walls = loft([ring(outline, z[1]), ring(outline, z[0])])
+    return joined([walls, loft([ring(outline, z[0])], last_cap=True)])
+
+
+def disc(radius: float, z: tuple[float, float], edge: float = 0.0, sides: int = 24,
+         top: float | None = None) -> Solid:
+    """A cylinder along z, tapered to the radius `top`, its front edge rounded by `edge`."""
+    last = radius if top is None else top
+    rings = [ring(circle(radius, sides), z[0]), ring(circle(last, sides), z[1] - edge)]
+    if edge > 0:
+        steps = np.linspace(0.0, 90.0, _EDGE + 1)[1:]
+        rings += [ring(circle(last - edge * (1 - c), sides), z[1] - edge * (1 - s), c, s)
+                  for c, s in zip(cosine(steps), sine(steps), strict=True)]
+    return loft(rings, first_cap=True, last_cap=True)
+
+
+def tube(path: ArrayLike, radius: float, normal: ArrayLike, sides: int = 10,
+         flat: float = 1.0) -> Solid:
+    """A bar along the points `path` [K 3], which lie in a plane with this unit normal [3].
+
+    It is `radius` thick in the plane and `flat` times as thick across it.
+    """
+    p, across = np.asarray(path, np.float64), np.asarray(normal, np.float64)
+    step = np.diff(p, axis=0)
+    step = step / np.sqrt((step * step).sum(1, keepdims=True))
+    before, after = np.vstack([step[:1], step]), np.vstack([step, step[-1:]])
+    along = before + after
+    length = np.sqrt((along * along).sum(1, keepdims=True))  # 2 cos(half the bend)
+    along = along / length
+    side = np.cross(across, along)
+    unit = circle(1.0, sides)[1]
+    rings: list[Ring] = []
+    for k in range(len(p)):
+        wide = 2.0 / float(length[k, 0])  # a mitre is wider than the bar
+        offset = unit[:, :1] * side[k] * wide + unit[:, 1:] * across * flat
+        facing = unit[:, :1] * side[k] + unit[:, 1:] * across / flat
+        facing = facing / np.sqrt((facing * facing).sum(1, keepdims=True))
+        rings.append(Ring(p[k] + radius * offset, facing))
+    return loft(rings, first_cap=True, last_cap=True)
+
+
+def rod(a: ArrayLike, b: ArrayLike, radius: float, sides: int = 6) -> Solid:
+    """A straight bar from a to b, each [3]."""
+    line = np.asarray([a, b], np.float64)
+    along = np.abs(line[1] - line[0])
+    other = np.eye(3)[int(np.argmin(along))]
+    normal = np.cross(line[1] - line[0], other)
+    return tube(line, radius, normal / np.sqrt((normal * normal).sum()), sides)
+
+
+def picture(width: float, height: float, z: float) -> Solid:
+    """A rectangle that faces +z and shows a whole texture."""
+    corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float64)
+    vertices = np.column_stack([corner * [width / 2.0, height / 2.0], np.full(4, z)])
+    return Solid(vertices, np.tile([0.0, 0.0, 1.0], (4, 1)), np.array([[0, 1, 2], [0, 2, 3]]),
+                 (corner + 1.0) / 2.0)
+
+
+_TURNS = {
+    "right": np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], np.float64),
+    "left": np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], np.float64),
+    "up": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], np.float64),
+    "down": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float64),
+    "back": np.array([[-1, 0, 0], [0, 1, 0], [0, 0, -1]], np.float64),
+}
+
+
+def facing(solid: Solid, where: str) -> Solid:
+    """The solid turned so that its +z looks right, left, up, down or back."""
+    turn = _TURNS[where]
+    # one term of each sum is not zero, so that the order of summation does not matter
+    return Solid(solid.vertices @ turn.T, solid.normals @ turn.T, solid.faces, solid.uv)
+
+
+def at(solid: Solid, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
+    """The solid shifted."""
+    return Solid(solid.vertices + np.array([x, y, z]), solid.normals, solid.faces, solid.uv)
+
+
+def joined(solids: Sequence[Solid]) -> Solid:
+    """All of them as one; UVs are kept if all have them."""
+    starts = np.cumsum([0, *(len(s.vertices) for s in solids)])
+    uvs = [s.uv for s in solids if s.uv is not None]
+    return Solid(
+        np.concatenate([s.vertices for s in solids]), np.concatenate([s.normals for s in solids]),
+        np.concatenate([s.faces + start for s, start in zip(solids, starts, strict=False)]),
+        np.concatenate(uvs) if len(uvs) == len(solids) else None)

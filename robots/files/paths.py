@@ -1,0 +1,202 @@
+"""Where a model's meshes and textures lie, and which files a model may reach.
+
+Models are untrusted input. The rule: a reference is relative (or `package://`), its extension is
+that of a mesh or a texture, and the file it leads to, symbolic links followed, lies inside the
+asset root. The root is what the caller says, else the parent of the nearest folder above the URDF
+that holds a `package.xml` (sibling packages are reachable, as in a ROS workspace), else the folder
+MAX_LEVELS above the URDF; it never is the file system's root, the user's home or a folder above
+it. Folders that the caller names as packages, or in ROS_PACKAGE_PATH, are roots of their own.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import unquote
+
+from ..model.articulated_model import ModelError
+
+MESHES = frozenset({".stl", ".obj", ".dae", ".ply", ".glb", ".gltf"})
+TEXTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"})
+MATERIALS = frozenset({".mtl"})
+BUFFERS = frozenset({".bin"})
+MAX_FILE_BYTES = 256 * 2**20
+MAX_LEVELS = 3
+MAX_REFERENCE = 1024
+
+
+class MissingAssetError(ModelError):
+    """A file that the model refers to is nowhere; the message lists the places tried."""
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file that may be read; what it refers to in its turn must lie inside `root`."""
+
+    path: Path
+    root: Path
+
+
+@dataclass(frozen=True)
+class AssetFinder:
+    """Finds the files of one model; all paths are resolved."""
+
+    folder: Path
+    root: Path
+    packages: tuple[tuple[str, Path], ...] = ()
+
+    def find(self, reference: str, suffixes: frozenset[str] | None = MESHES) -> Asset:
+        """The file that a URDF means by `reference`; `suffixes` None: of any kind.
+
+        Raises MissingAssetError if it is nowhere, ModelError if it may not be read.
+        """
+        scheme, name = _split(reference)
+        if suffixes is not None:
+            _check_suffix(reference, name, suffixes)
+        candidates = self._in_packages(name) if scheme == "package" else self._relative(name)
+        return _first(reference, candidates)
+
+    def nested(self, asset: Asset, reference: str, suffixes: frozenset[str]) -> Asset:
+        """The file that a mesh file means by `reference`: beside it, or inside the same root.
+
+        Exporters write absolute paths of their author's machine into materials; only the last
+        component of such a path is used, beside the mesh.
+        """
+        folder, name = asset.path.parent, reference.strip().replace("\\", "/")
+        last = name.rsplit("/", 1)[-1]
+        _check_suffix(reference, name, suffixes)
+        relative = not re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|/", name)
+        names = ([name] if relative else []) + [last]
+        return _first(reference, ((folder / n, asset.root) for n in _spellings(names)))
+
+    def _relative(self, name: str) -> Iterator[tuple[Path, Path]]:
+        # The folders above come second: some simulators give paths relative to a search path.
+        for folder in self._upwards():
+            for n in _spellings([name]):
+                yield folder / n, self.root
+
+    def _in_packages(self, name: str) -> Iterator[tuple[Path, Path]]:
+        package, _, rest = name.lstrip("/").partition("/")
+        for n in _spellings([rest]) if rest else ():
+            for known, folder in self.packages:
+                if known == package:
+                    yield folder / n, folder
+            for folder in _ros_package_path():
+                if folder.name == package:
+                    yield folder / n, folder
+                yield folder / package / n, folder / package
+        for folder in self._upwards():
+            for n in _spellings([name.lstrip("/")]):
+                yield folder / n, self.root
+            for n in _spellings([rest]) if rest else ():
+                yield folder / n, self.root
+
+    def _upwards(self) -> Iterator[Path]:
+        yield self.folder
+        for folder in self.folder.parents:
+            if not folder.is_relative_to(self.root):
+                return
+            yield folder
+
+
+def asset_finder(
+    urdf: Path, packages: Mapping[str, Path] | None = None, asset_root: Path | None = None
+) -> AssetFinder:
+    """The finder of the model at `urdf`; `packages` maps package names to their folders."""
+    folder = urdf.resolve().parent
+    if asset_root is None:
+        root = _default_root(folder)
+    else:
+        root = Path(asset_root).resolve()
+        if not folder.is_relative_to(root):
+            raise ModelError(f"{urdf}: is not inside the asset root {root}")
+    known = tuple((name, Path(path).resolve()) for name, path in (packages or {}).items())
+    return AssetFinder(folder, root, known)
+
+
+def read_file(path: Path, limit: int = MAX_FILE_BYTES) -> bytes:
+    """The bytes of a regular file of at most `limit` bytes; raises ModelError."""
+    try:
+        with path.open("rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise ModelError(f"{path}: is not a regular file")
+            data = file.read(limit + 1)
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if len(data) > limit:
+        raise ModelError(f"{path}: is larger than {limit} bytes, the largest file that is read")
+    return data
+
+
+def _default_root(folder: Path) -> Path:
+    above = [folder, *folder.parents]
+    wanted = above[min(MAX_LEVELS, len(above) - 1)]
+    for candidate in above[: 2 * MAX_LEVELS]:
+        if (candidate / "package.xml").is_file():
+            wanted = candidate.parent
+            break
+    home = Path.home().resolve()
+    too_high = {Path(folder.anchor), home, *home.parents}
+    inside = [f for f in above if f.is_relative_to(wanted) and f not in too_high]
+    return inside[-1] if inside else folder
+
+
+def _ros_package_path() -> list[Path]:
+    entries = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+    return [Path(entry).resolve() for entry in entries if entry]
+
+
+def _split(reference: str) -> tuple[str, str]:
+    """Scheme ("package" or "") and path of a reference in a URDF, refused where unsafe."""
+    text = reference.strip().replace("\\", "/")
+    if not text or len(text) > MAX_REFERENCE or not text.isprintable():
+        raise ModelError(f"file name {reference[:60]!r} is empty, too long or unprintable")
+    match = re.match(r"([A-Za-z][A-Za-z0-9+.-]*):(//)?", text)
+    scheme, name = (match[1].lower(), text[match.end():]) if match else ("", text)
+    if scheme in ("package", "model"):
+        return "package", name
+    if scheme not in ("", "file") and len(scheme) > 1:
+        raise ModelError(f"{reference!r} is a network or unknown address; only files are read")
+    if len(scheme) == 1 or name.startswith(("/", "~")):
+        raise ModelError(f"{reference!r} is an absolute path; write it relative or package://")
+    return "", name
+
+
+def _check_suffix(reference: str, name: str, suffixes: frozenset[str]) -> None:
+    suffix = Path(name).suffix.lower()
+    if suffix not in suffixes:
+        known = " ".join(sorted(suffixes))
+        raise ModelError(f"{reference!r} has extension {suffix!r}; what is read: {known}")
+
+
+def _spellings(names: list[str]) -> list[str]:
+    """Each name as it stands and with its %20s decoded."""
+    return list(dict.fromkeys(s for n in names for s in (n, unquote(n))))
+
+
+def _first(reference: str, candidates: Iterable[tuple[Path, Path]]) -> Asset:
+    tried: dict[str, None] = {}
+    outside: Path | None = None
+    for path, root in candidates:
+        try:
+            real = path.resolve()
+            if not real.is_relative_to(root):
+                outside = root
+            elif real.suffix.lower() != path.suffix.lower():
+                continue  # a link from an innocent name to another kind of file
+            elif real.is_file():
+                return Asset(real, root)
+        except (OSError, ValueError, RuntimeError):
+            continue  # a name that no file can have, or a loop of links
+        tried[os.path.normpath(path)] = None
+    if outside is not None:
+        raise ModelError(
+            f"{reference!r} leads out of the model's asset root {outside}; "
+            "give asset_root a folder that holds the model and its meshes"
+        )
+    places = ", ".join(tried)
+    raise MissingAssetError(f"{reference!r} is missing; tried {places}")

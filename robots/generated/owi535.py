@@ -1,0 +1,302 @@
+"""The OWI-535 "Robotic Arm Edge", a toy arm: built from published facts, nothing is fetched.
+
+Kinematics and keypoints are those that CRAVES (Zuo et al., CVPR 2019) publishes for this arm, the
+outer sizes those of the product; what lies between is modelled after its look. The base frame has
+x forward at rotation 0, y to the left, z up from the table. CRAVES' own frames are left-handed
+(Unreal Engine's), and its base looks along -y: a point (x, y, z) of its base is (-y, -x, z) here,
+and what it calls lateral points to the right.
+
+The gripper's two fingers are held by parallel cranks, all driven by one joint; the fingertips are
+closed at 0 and 45 mm apart at its limit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..geometry.transforms import transform
+from ..meshes.solids import bar, block, circle, hull, plate, rod, rounded
+from ..model.articulated_model import FIXED, REVOLUTE, ArticulatedModel, Material, Visual
+from ..model.surface import Surface, moved, visuals_of_part
+from ..model.texture import base_color
+
+SHOULDER, UPPER_ARM, FOREARM, HAND = 67.66, 89.68, 113.58, 75.0
+"""mm: table to shoulder, shoulder to elbow, elbow to wrist, wrist to grasp point."""
+LIMITS = {"rotation": (-130.0, 130.0), "base": (-90.0, 60.0), "elbow": (-60.0, 90.0),
+          "wrist": (-45.0, 45.0)}  # fmt: skip
+"""deg"""
+OPENING = 45.0
+"""mm between the fingertips at the gripper's limit."""
+
+_CRANK = 30.0  # mm between a crank's two pivots
+_PIVOTS = ((20.0, 17.0), (31.0, 12.0))  # mm, in the hand, of the outer and inner left crank
+_CLOSED = -np.arcsin(7.5 / _CRANK)  # rad: the cranks' direction where the fingers meet
+GRIPPER = float(np.arcsin((OPENING / 2 - 7.5) / _CRANK) - _CLOSED)
+"""rad that the cranks turn from closed to open."""
+
+_M = 1e-3
+
+
+def _plastic(name: str, srgb: tuple[float, float, float], roughness: float = 0.45,
+             metallic: float = 0.0) -> Material:
+    return Material(name, base_color(srgb), metallic, roughness)
+
+
+BLACK = _plastic("black plastic", (0.11, 0.11, 0.12))
+YELLOW = _plastic("yellow plastic", (0.98, 0.76, 0.06), 0.38)
+FOAM = _plastic("foam pad", (0.24, 0.24, 0.25), 0.95)
+STEEL = _plastic("steel", (0.72, 0.72, 0.74), 0.3, 1.0)
+LENS = _plastic("LED", (0.93, 0.95, 0.98), 0.15)
+GREY = _plastic("grey plastic", (0.33, 0.33, 0.35), 0.5)
+WIRES = [_plastic(f"{name} wire", srgb, 0.5) for name, srgb in (
+    ("red", (0.75, 0.08, 0.07)), ("blue", (0.10, 0.22, 0.62)), ("white", (0.85, 0.85, 0.83)))]
+Solids = list[tuple[Material, Surface]]
+
+
+@dataclass(frozen=True)
+class _Part:
+    name: str
+    parent: str
+    origin: tuple[float, float, float]
+    """mm, in the parent."""
+    axis: tuple[float, float, float]
+    """Zeros: fixed."""
+    joint: str
+    gear: float
+    solids: Solids
+
+
+def owi535() -> ArticulatedModel:
+    """The arm: joints rotation, base, elbow, wrist and gripper, all rad, and 17 keypoints."""
+    parts = _parts()
+    names = [part.name for part in parts]
+    joints = (*LIMITS, "gripper")
+    limits = np.array([*np.radians(list(LIMITS.values())), (0.0, GRIPPER)])
+    visuals: list[Visual] = []
+    for p, part in enumerate(parts):
+        visuals += visuals_of_part(p, [
+            Surface(s.vertices * _M, s.faces, s.normals, material=m) for m, s in part.solids])
+    keypoints = _keypoints()
+    return ArticulatedModel(
+        name="owi535", part_names=tuple(names),
+        parent=np.array([names.index(p.parent) if p.parent else -1 for p in parts], np.int64),
+        parent_from_part_at_zero=transform(None, np.array([p.origin for p in parts]) * _M),
+        motion=np.array([REVOLUTE if p.joint else FIXED for p in parts], np.int64),
+        screw=np.array([(*p.axis, 0.0, 0.0, 0.0) for p in parts]),
+        joint=np.array([joints.index(p.joint) if p.joint else -1 for p in parts], np.int64),
+        gear=np.array([p.gear for p in parts]), offset=np.zeros(len(parts)), joint_names=joints,
+        joint_child=np.array([[p.joint for p in parts].index(j) for j in joints], np.int64),
+        joint_types=("revolute",) * len(joints), limits=limits, visuals=tuple(visuals),
+        keypoint_names=tuple(name for name, _, _ in keypoints),
+        keypoint_part=np.array([names.index(part) for _, part, _ in keypoints], np.int64),
+        keypoint=np.array([point for _, _, point in keypoints]) * _M)
+
+
+def _keypoints() -> list[tuple[str, str, tuple[float, float, float]]]:
+    """(name, part, point in mm): CRAVES' 17 in its order, in frames of ours."""
+    z = SHOULDER
+    return [
+        ("shoulder", "upper_arm", (0.0, 0.0, 0.0)),
+        ("elbow", "forearm", (0.0, 0.0, 0.0)),
+        ("wrist", "hand", (0.0, 0.0, 0.0)),
+        ("battery_front", "base", (-62.1, -0.8, z - 12.2)),
+        ("base_right", "base", (-1.7, -80.8, z - 67.7)),
+        ("base_left", "base", (2.3, 79.2, z - 67.2)),
+        ("battery_back", "base", (-129.9, -0.6, z - 6.2)),
+        ("upper_arm_left_low", "upper_arm", (0.4, 26.1, 34.4)),
+        ("upper_arm_left_high", "upper_arm", (0.5, 26.1, 55.4)),
+        ("upper_arm_right_low", "upper_arm", (0.1, -25.9, 34.6)),
+        ("upper_arm_right_high", "upper_arm", (-0.2, -25.9, 55.7)),
+        ("forearm_back", "forearm", (-30.2, -1.3, 0.0)),
+        ("forearm_top", "forearm", (28.3, -1.3, 17.1)),
+        ("forearm_bottom", "forearm", (35.3, -1.8, -16.9)),
+        ("forearm_front", "forearm", (62.6, -1.7, -0.6)),
+        ("grip", "hand", (72.7, 1.7, 13.0)),
+        ("lamp", "hand", (41.8, 1.4, 25.7)),
+    ]
+
+
+def _parts() -> list[_Part]:
+    """Parents before children; frames are aligned with the base's at joint value zero."""
+    pitch, up, none = (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    parts = [
+        _Part("base", "", none, none, "", 1.0, _base()),
+        _Part("turret", "base", (0.0, 0.0, SHOULDER), up, "rotation", 1.0, _turret()),
+        _Part("upper_arm", "turret", none, pitch, "base", 1.0, _upper_arm()),
+        _Part("forearm", "upper_arm", (0.0, 0.0, UPPER_ARM), pitch, "elbow", 1.0, _forearm()),
+        _Part("hand", "forearm", (FOREARM, 0.0, 0.0), pitch, "wrist", 1.0, _hand()),
+    ]
+    reach = _CRANK * np.cos(_CLOSED), _CRANK * np.sin(_CLOSED)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        for name, (x, y), layer in zip(("outer", "inner"), _PIVOTS, (8.5, 4.5), strict=True):
+            crank = f"{name}_crank_{side}"
+            parts.append(_Part(crank, "hand", (x, sign * y, 0.0), up, "gripper", sign,
+                               _crank((reach[0], sign * reach[1]), layer)))
+            if name == "outer":
+                parts.append(_Part(f"finger_{side}", crank, (reach[0], sign * reach[1], 0.0), up,
+                                   "gripper", -sign, _finger(sign)))
+    parts.append(_Part("grasp", "hand", (HAND, 0.0, 0.0), none, "", 1.0, []))
+    return parts
+
+
+def _base() -> Solids:
+    foot = rounded([(80, -34), (80, 34), (46, 80.8), (-30, 80.8), (-58, 52), (-148.6, 52),
+                    (-148.6, -52), (-58, -52), (-30, -80.8), (46, -80.8)],
+                   (22, 22, 26, 26, 18, 10, 10, 18, 26, 26))
+    solids: Solids = [
+        (BLACK, plate(foot, (0.0, 9.0))),
+        (BLACK, hull(np.concatenate([np.insert(0.93 * foot[foot[:, 0] > -56], 2, 9.0, axis=1),
+                                     np.insert(circle((0, 0), 56), 2, 16.0, axis=1)]))),
+        (BLACK, rod((0, 0, 15), (0, 0, 24), 54, 50, 64)),
+        # four D cells lie in two rows, under a lid with grips
+        (BLACK, block((-148.0, -47, 6), (-61.9, 47, 55.6), 2.5)),
+        (BLACK, hull(np.concatenate([
+            np.insert(rounded([(-148, -44), (-108, -44), (-108, 44), (-148, 44)], 6), 2, 50.0,
+                      axis=1),
+            np.insert(rounded([(-144, -40), (-114, -40), (-114, 40), (-144, 40)], 6), 2, 61.5,
+                      axis=1)]))),
+        (YELLOW, block((-103, -30, 50), (-71, 30, 56.3), 1.5)),
+        (BLACK, block((-98, -22, 50), (-76, 22, 57.0), 1.0)),
+        # the switch box's socket and cable stub
+        (GREY, block((-121, -49.5, 18), (-89, -44, 36), 1)),
+    ]
+    for y in (-1.0, 1.0):
+        solids += [(BLACK, block((-140, y * 47 - 3, 9), (-70, y * 47 + 3, 48), 2))]
+        solids += [(YELLOW, plate(circle((40, y * 48), 5.5, 24), (8, 11.5)))]
+        solids += [(STEEL, rod((40, y * 48, 11), (40, y * 48, 12.2), 2.6, sides=16))]
+        solids += [(BLACK, block((-146 + k * 9, y * 46 - 4.5, 20), (-142 + k * 9, y * 46 + 4.5, 46),
+                                 1)) for k in range(1, 8)]
+    return solids
+
+
+def _turret() -> Solids:
+    """The housing of base and shoulder gears, on a disc; its frame is at the shoulder."""
+    side = rounded([(-36, -33), (36, -33), (34, -10), (15, 15), (-15, 15), (-34, -10)],
+                   (5, 5, 12, 14, 14, 12))
+    panel = rounded([(-30, -29), (30, -29), (28.5, -11), (19, -1), (-19, -1), (-28.5, -11)],
+                    (3, 3, 8, 4, 4, 8))
+    solids: Solids = [
+        (BLACK, rod((0, 0, -43.7), (0, 0, -33), 45, 42, 64)),
+        (YELLOW, rod((0, 0, -39), (0, 0, -37), 44.6, 44.2, 64)),
+        (BLACK, plate(side, (-19.0, 19.0), axis="y")),
+        (YELLOW, plate(panel, (-20.6, 20.6), axis="y")),
+        (BLACK, rod((0, -22.8, 0), (0, 22.8, 0), 14)),
+        # the shoulder's motor looks out behind, the rotation's in front
+        (BLACK, rod((-28, 0, -16), (-45, 0, -16), 13.5, 12.5)),
+        (STEEL, rod((-44, 0, -16), (-47, 0, -16), 9)),
+        (BLACK, block((25, -13, -31), (43, 13, -12), 4)),
+    ]
+    for y in (-1.0, 1.0):
+        for x, z in ((-26, -25), (26, -25), (-24, -11), (24, -11)):
+            solids.append((STEEL, rod((x, y * 20, z), (x, y * 21.2, z), 2.2, sides=12)))
+    return solids
+
+
+def _upper_arm() -> Solids:
+    """Two side plates with posts, and gear covers at both joints."""
+    profile = bar((0, 0), (0, UPPER_ARM), 17.5, 17.5, 0.72)
+    holes = [circle((0, 22.5), 4.2, 24), circle((0, 45), 6.4, 24), circle((0, 67.5), 4.2, 24)]
+    solids: Solids = [(BLACK, plate(profile, (s * 23.4, s * 26.0), holes, "y"))
+                      for s in (-1.0, 1.0)]
+    solids += [(BLACK, rod((0, -24, z), (0, 24, z), 3.6)) for z in (34.5, 55.5)]
+    for s in (-1.0, 1.0):
+        solids += [(STEEL, rod((0, s * 25, z), (0, s * 26.1, z), 2.9, sides=20))
+                   for z in (34.5, 55.5)]
+        for z in (0.0, UPPER_ARM):
+            solids += [(YELLOW, rod((0, s * 25, z), (0, s * 28.5, z), 13.5, 12.0)),
+                       (BLACK, rod((0, s * 28, z), (0, s * 29.3, z), 6.5)),
+                       (STEEL, rod((0, s * 29, z), (0, s * 29.9, z), 2.6, sides=16))]
+    return solids + _wires((-9, 20, 14), (-7, 8, 32), (-7, 8, 60), (-9, 18, 72))
+
+
+def _forearm() -> Solids:
+    """The elbow's gear box between yellow panels, and two side plates that hold the wrist."""
+    core = rounded([(-30.2, -17), (58, -17), (62.6, -8), (62.6, 8), (58, 17), (-30.2, 17)],
+                   (16.9, 5, 4, 4, 5, 16.9))
+    panel = rounded([(-25.5, -13), (55, -13), (58, -6), (58, 6), (55, 13), (-25.5, 13)],
+                    (12.5, 4, 3, 3, 4, 12.5))
+    solids: Solids = [
+        (BLACK, plate(core, (-18.5, 18.5), axis="y")),
+        (BLACK, rod((0, -23.0, 0), (0, 23.0, 0), 11)),
+        (BLACK, rod((40, -14, 0), (40, 14, 0), 14)),
+        (BLACK, block((14, -11, 12), (44, 11, 17.1), 2)),
+        (BLACK, block((22, -9, -16.95), (50, 9, -12), 1)),
+    ]
+    hole = circle((0, 0), 12.2, 32)
+    slots = [rounded([(19, -4), (45, -4), (45, 4), (19, 4)], 3.9)]
+    for s in (-1.0, 1.0):
+        solids.append((YELLOW, plate(panel, (s * 18.0, s * 21.6), [hole, *slots], "y")))
+        solids += [(STEEL, rod((x, s * 21, z), (x, s * 22.1, z), 2.2, sides=12))
+                   for x, z in ((-18, 0), (17, 9.5), (17, -9.5), (50, 8.5), (50, -8.5))]
+        link = bar((50, 0), (FOREARM, 0), 14.5, 13.0, 0.7)
+        solids.append((BLACK, plate(link, (s * 15.4, s * 17.8),
+                                    [circle((74, 0), 5, 24), circle((91, 0), 3.6, 24)], "y")))
+        solids += [(YELLOW, rod((FOREARM, s * 17, 0), (FOREARM, s * 20.2, 0), 10.0, 9.0)),
+                   (STEEL, rod((FOREARM, s * 20, 0), (FOREARM, s * 21, 0), 2.6, sides=16))]
+    solids += [(BLACK, rod((82.5, -16, 0), (82.5, 16, 0), 3.2, sides=20))]
+    return solids + _wires((30, -4, 16.5), (56, -4, 18.5), (72, -6, 10), (98, -12, 8))
+
+
+def _wires(*points: tuple[float, float, float]) -> Solids:
+    """Three wires side by side along a line."""
+    return [(m, moved(rod(a, b, 0.9, sides=8), transform(None, (0, 2.1 * k, 0))))
+            for k, m in enumerate(WIRES) for a, b in pairwise(points)]
+
+
+def _hand() -> Solids:
+    """The gear box of wrist and gripper, the lamp on it, and the arms that hold the cranks."""
+    core = rounded([(-12.5, -11.5), (12, -11.5), (18, -12.5), (36, -12.5), (36, 12.5), (18, 12.5),
+                    (12, 11.5), (-12.5, 11.5)], (11.4, 3, 3, 3, 3, 3, 3, 11.4))
+    wide = rounded([(15.5, -10), (34, -10), (34, 10), (15.5, 10)], 2.5)
+    solids: Solids = [
+        (BLACK, plate(core, (-14.6, 14.6), axis="y")),
+        (YELLOW, plate(wide, (-16.6, 16.6), axis="y")),
+        (BLACK, rod((0, -15.2, 0), (0, 15.2, 0), 8)),
+        # the gripper's motor, below
+        (BLACK, rod((4, 0, -15), (31, 0, -15), 9.0)),
+        (STEEL, rod((2, 0, -15), (5, 0, -15), 6.0)),
+        # the lamp, above
+        (BLACK, block((14, -7, 10), (36, 7, 16), 2)),
+        (BLACK, rod((15, 0, 19.2), (30, 0, 19.2), 5.2, 6.5)),
+        (BLACK, rod((30, 0, 19.2), (43.2, 0, 19.2), 6.5)),
+        (LENS, rod((43, 0, 19.2), (45.4, 0, 19.2), 5.0, 3.4)),
+    ]
+    for z in (-1.0, 1.0):
+        fork = rounded([(14, -21), (24, -21), (37, -15.5), (37, 15.5), (24, 21), (14, 21)],
+                       (3, 6, 3, 3, 6, 3))
+        solids.append((BLACK, plate(fork, (z * 10.4, z * 12.4))))
+    for s in (-1.0, 1.0):
+        solids += [(STEEL, rod((x, s * y, -13), (x, s * y, 13), 2.0, sides=16))
+                   for x, y in _PIVOTS]
+    return solids
+
+
+def _crank(end: tuple[float, float], layer: float) -> Solids:
+    """Two bars from the pivot to `end`, above and below the finger's middle; +-`layer` mm."""
+    profile = bar((0, 0), end, 3.6, 3.6, 0.8)
+    return [(BLACK, plate(profile, (z * (layer - 1.2), z * (layer + 1.2))))
+            for z in (-1.0, 1.0)]
+
+
+def _finger(sign: float) -> Solids:
+    """The left (1) or right (-1) finger; its frame is at the outer crank's pivot."""
+    x, y = _PIVOTS[0][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[0][1] + _CRANK * np.sin(_CLOSED)
+    inner = _PIVOTS[1][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[1][1] + _CRANK * np.sin(_CLOSED)
+
+    def placed(s: Surface) -> Surface:
+        """From the hand's frame, where the left finger is closed; mirrored for the right one."""
+        return moved(moved(s, transform(None, (-x, -y, 0.0))), np.eye(4), (1.0, sign, 1.0))
+
+    body = rounded([(x - 4, y - 3), (inner[0], 2.2), (75, 2.2), (75, 5), (inner[0] + 3, 9),
+                    (x, y + 4), (x - 4, y + 3)], (2.5, 2, 0.9, 1.5, 3, 2.5, 2.5))
+    solids: Solids = [
+        (BLACK, plate(body, (-3.2, 3.2))),
+        (BLACK, plate(rounded([(inner[0], 2.2), (75, 2.2), (75, 4.2), (inner[0] + 1, 5.4)],
+                              (0.4, 0.8, 0.8, 0.8)), (-13.0, 13.0))),
+        (FOAM, block((inner[0] + 1, 0.0, -12), (74.4, 2.6, 12), 0.6)),
+    ]
+    solids += [(STEEL, rod((*at, -10.5), (*at, 10.5), 1.8, sides=16)) for at in ((x, y), inner)]
+    return [(m, placed(s)) for m, s in solids]

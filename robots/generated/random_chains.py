@@ -1,0 +1,205 @@
+"""Random articulated chains and loose rigid objects: models to learn from that nobody scores.
+
+Plain by default, as robots are; a renderer that draws textures puts them on.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry.transforms import Array, rotation_about, transform
+from ..meshes.primitives import box, capsule, cylinder, joined, revolved, sphere
+from ..model.articulated_model import FIXED, PRISMATIC, REVOLUTE, ArticulatedModel, Material
+from ..model.surface import Surface, moved, visuals_of_part
+
+_LOOSE = 0.25  # share of models that are loose bodies
+_BRANCH = 0.2  # share of links that hang on an earlier one
+_SLIDES = 0.1  # share of prismatic joints in chains
+_AXES = np.eye(3)
+
+
+def random_object(number: int) -> ArticulatedModel:
+    """The model of a number: a chain of 2 to 6 links with joints between, or 1 to 4 loose bodies.
+
+    m; a chain stands on the origin along z. Equal for equal numbers, unlike for others. Loose
+    bodies turn about any axis and slide along two others, each by joints of its own.
+    """
+    rng = np.random.default_rng([zlib.crc32(b"random objects"), number])
+    links = _loose(rng) if rng.random() < _LOOSE else _chain(rng)
+    return _model(f"random:{number}", links)
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A part on its way into a model."""
+
+    parent: int
+    pose: Array
+    """[4 4] in the parent at rest"""
+    motion: int
+    axis: Array
+    """[3] through the part's origin, in its frame"""
+    limits: tuple[float, float]
+    """rad or m"""
+    shapes: list[Surface]
+
+
+def _chain(rng: np.random.Generator) -> list[_Link]:
+    palette = _palette(rng)
+    radius = rng.uniform(0.03, 0.09)
+    still = np.zeros(3)
+    foot = [_painted(_turned_shape(rng, 1.4 * radius, rng.uniform(0.05, 0.3)), palette, rng)]
+    links = [_Link(-1, transform(), FIXED, still, (0.0, 0.0), foot)]
+    ends = [transform(translation=_up(foot[0].vertices[:, 2].max()))]
+    for _ in range(int(rng.integers(2, 7))):
+        parent = len(links) - 1
+        if parent and rng.random() < _BRANCH:
+            parent = int(rng.integers(0, parent + 1))
+        axis = _AXES[rng.choice(3, p=(0.25, 0.5, 0.25))]
+        slides = rng.random() < _SLIDES
+        shapes, end = _arm(rng, radius, axis, palette)
+        bend = rotation_about(_AXES[rng.integers(3)], rng.uniform(-1.3, 1.3))
+        limits = (-rng.uniform(0.05, 0.2), rng.uniform(0.05, 0.2)) if slides else (
+            -rng.uniform(0.6, 2.4), rng.uniform(0.6, 2.4))
+        links.append(_Link(parent, ends[parent] @ transform(bend),
+                           PRISMATIC if slides else REVOLUTE, axis, limits, shapes))
+        ends.append(end)
+        radius *= rng.uniform(0.7, 1.0)
+    return links
+
+
+def _arm(
+    rng: np.random.Generator, radius: float, axis: Array, palette: list[Material]
+) -> tuple[list[Surface], Array]:
+    """Surfaces of a link and the pose of its end in its frame: often a housing around the joint,
+    with the beam beside it, as industrial arms have."""
+    length = rng.uniform(2.0, 9.0) * radius
+    side = np.zeros(3)
+    shapes: list[Surface] = []
+    if rng.random() < 0.7:
+        wide, long = rng.uniform(1.05, 1.6) * radius, rng.uniform(1.5, 3.2) * radius
+        housing = cylinder(wide, long) if rng.random() < 0.75 else sphere(1.1 * wide)
+        shapes.append(_painted(moved(housing, _along(axis)), palette, rng))
+        if axis[2] == 0 and rng.random() < 0.5:
+            side = axis * rng.choice((-1.0, 1.0)) * (long / 2.0 + radius / 2.0)
+    beam = _beam(rng, radius, length)
+    shapes.append(_painted(moved(beam, transform(translation=side)), palette, rng))
+    for _ in range(int(rng.integers(0, 3))):  # rings and boxes: the little that plain arms show
+        at = transform(translation=side + _up(rng.uniform(0.1, 0.9) * length))
+        detail = cylinder(1.06 * radius, rng.uniform(0.1, 0.5) * radius)
+        if rng.random() < 0.4:
+            detail = box([radius * x for x in rng.uniform(0.5, 2.2, 3)])
+        shapes.append(_painted(moved(detail, at), palette, rng))
+    return shapes, transform(translation=side + _up(length))
+
+
+def _beam(rng: np.random.Generator, radius: float, length: float) -> Surface:
+    """A solid from the origin to `length` along z."""
+    kind = rng.integers(4)
+    if kind == 0:
+        made = cylinder(radius, length)
+    elif kind == 1:
+        made = box([2 * radius, 2 * radius * rng.uniform(0.5, 1.3), length])
+    elif kind == 2:
+        made = capsule(radius, length)
+    else:
+        return _turned_shape(rng, radius, length)
+    return moved(made, transform(translation=_up(length / 2.0)))
+
+
+def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> Surface:
+    """A lathe's work from the origin to `length` along z: a smooth profile between flat ends."""
+    z = np.linspace(0.0, 1.0, 25)
+    waves = np.sin(np.pi * np.arange(1, 4) * z[:, None] + rng.uniform(0, 2 * np.pi, 3))
+    r = 1.0 + waves @ (rng.uniform(0.0, 0.25, 3)) + rng.uniform(-0.4, 0.4) * z
+    r, z = radius * np.clip(r, 0.3, 1.8), length * z
+    slope = np.gradient(r, z)
+    steep = np.hypot(1.0, slope)
+    return joined([
+        revolved([0.0, r[0]], [0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]),
+        revolved(r, z, 1.0 / steep, -slope / steep),
+        revolved([r[-1], 0.0], [length, length], [0.0, 0.0], [1.0, 1.0]),
+    ])
+
+
+def _loose(rng: np.random.Generator) -> list[_Link]:
+    """Bodies near each other; two slides without surface carry the hinge of each."""
+    still = np.zeros(3)
+    links = [_Link(-1, transform(), FIXED, still, (0.0, 0.0), [])]
+    palette = _palette(rng)
+    for _ in range(int(rng.integers(1, 5))):
+        frame = rotation_about(_direction(rng), rng.uniform(0.0, np.pi))
+        pose = transform(frame, rng.uniform(-0.35, 0.35, 3) + _up(0.5))
+        reach = rng.uniform(0.05, 0.25)
+        links.append(_Link(0, pose, PRISMATIC, _AXES[0], (-reach, reach), []))
+        links.append(_Link(len(links) - 1, transform(), PRISMATIC, _AXES[1], (-reach, reach), []))
+        size = rng.uniform(0.03, 0.16)
+        shapes = [_painted(_beam(rng, size * rng.uniform(0.6, 1.4), size * rng.uniform(1.0, 4.0)),
+                           palette, rng)]
+        for _ in range(int(rng.integers(0, 3))):
+            at = transform(rotation_about(_direction(rng), rng.uniform(0.0, np.pi)),
+                           size * rng.uniform(-1.0, 1.0, 3))
+            shapes.append(_painted(moved(_beam(rng, 0.5 * size, size), at), palette, rng))
+        links.append(_Link(len(links) - 1, transform(), REVOLUTE, _direction(rng), (-1.5, 1.5),
+                           shapes))
+    return links
+
+
+def _palette(rng: np.random.Generator) -> list[Material]:
+    """One to three colours: greys, whites, dark ones, or any."""
+    out: list[Material] = []
+    for k in range(int(rng.integers(1, 4))):
+        kind = rng.random()
+        if kind < 0.3:
+            color = rng.uniform(0.4, 0.9) * rng.uniform(0.92, 1.0, 3)
+        elif kind < 0.55:
+            color = rng.uniform(0.01, 0.3) * rng.uniform(0.9, 1.0, 3)
+        else:
+            color = rng.random(3) ** 1.5
+        r, g, b = (float(c) for c in color)
+        out.append(Material(f"color{k}", (r, g, b, 1.0), 0.0, float(rng.uniform(0.3, 0.9))))
+    return out
+
+
+def _painted(shape: Surface, palette: list[Material], rng: np.random.Generator) -> Surface:
+    return replace(shape, material=palette[rng.integers(len(palette))])
+
+
+def _up(z: float) -> Array:
+    return np.array([0.0, 0.0, z])
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    d = rng.standard_normal(3)
+    return d / np.linalg.norm(d)
+
+
+def _along(axis: Array) -> Array:
+    """Pose that takes z to one of the three axes."""
+    return transform(np.roll(np.eye(3), int(np.argmax(axis)) + 1, axis=1))
+
+
+def _model(name: str, links: list[_Link]) -> ArticulatedModel:
+    motion = np.array([link.motion for link in links])
+    child = np.flatnonzero(motion != FIXED)
+    joint = np.full(len(links), -1)
+    joint[child] = np.arange(len(child))
+    return ArticulatedModel(
+        name=name,
+        part_names=tuple(f"part{p}" for p in range(len(links))),
+        parent=np.array([link.parent for link in links]),
+        parent_from_part_at_zero=np.stack([link.pose for link in links]),
+        motion=motion,
+        screw=np.stack([np.concatenate([link.axis, np.zeros(3)]) for link in links]),
+        joint=joint,
+        gear=np.ones(len(links)),
+        offset=np.zeros(len(links)),
+        joint_names=tuple(f"joint{p}" for p in child),
+        joint_child=child,
+        joint_types=tuple("prismatic" if motion[p] == PRISMATIC else "revolute" for p in child),
+        limits=np.array([links[p].limits for p in child]).reshape(-1, 2),
+        visuals=tuple(v for p, link in enumerate(links) for v in visuals_of_part(p, link.shapes)),
+    )

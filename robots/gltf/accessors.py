@@ -1,0 +1,173 @@
+"""The bytes of a glTF file and the arrays in them, every range checked."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+from pathlib import Path
+from urllib.parse import unquote_to_bytes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.paths import MAX_FILE_BYTES, AssetFinder, MissingAssetError, read_file
+from ..geometry.transforms import Array
+from ..model.articulated_model import ModelError
+from .document import Document
+
+MAX_TOTAL_BYTES = 2**30
+MAX_TOTAL_NUMBERS = 2**26
+"""Of all accessors of a file together."""
+_COMPONENTS = {5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"),
+               5123: np.dtype("<u2"), 5125: np.dtype("<u4"), 5126: np.dtype("<f4")}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_ROWS = {"MAT2": 2, "MAT3": 3}  # columns of matrices begin at multiples of 4 bytes
+
+
+class Accessors:
+    """Decodes the accessors and images of one document; files lie in the folder of the model."""
+
+    def __init__(self, document: Document, path: Path) -> None:
+        folder = path.resolve().parent
+        self._gltf, self._binary = document.gltf, document.binary
+        self._finder = AssetFinder(folder, folder)
+        self._buffers: dict[int, bytes] = {}
+        self._arrays: dict[int, NDArray[np.generic]] = {}
+        self._bytes = self._numbers = 0
+
+    def kind(self, number: int) -> str:
+        """SCALAR, VEC2, ... MAT4."""
+        return str(self._gltf.accessors[number].type)
+
+    def count(self, number: int) -> int:
+        return int(self._gltf.accessors[number].count)
+
+    def integers(self, number: int) -> NDArray[np.int64]:
+        """[N] or [N width] of an accessor of unsigned integers; raises ModelError for others."""
+        array = self._array(number)
+        if array.dtype.kind != "u" or self._gltf.accessors[number].normalized:
+            raise ModelError(f"accessors[{number}] should hold unsigned integers")
+        return array.astype(np.int64)
+
+    def floats(self, number: int) -> Array:
+        """[N] or [N width] of an accessor, normalised integers as what they mean."""
+        array = self._array(number)
+        out = array.astype(np.float64)
+        if array.dtype.kind == "f":
+            if not np.isfinite(out).all():
+                raise ModelError(f"accessors[{number}] holds a number that is not finite")
+        elif self._gltf.accessors[number].normalized:
+            out = np.maximum(out / np.iinfo(array.dtype.str).max, -1.0)
+        return out
+
+    def image(self, number: int) -> tuple[bytes, str]:
+        """The bytes of an image file, and its name for messages."""
+        image, name = self._gltf.images[number], f"images[{number}]"
+        if image.bufferView is not None:  # pyright: ignore[reportUnnecessaryComparison]
+            return bytes(self._view(image.bufferView)), name
+        if image.uri is None:
+            raise ModelError(f"{name} has neither uri nor bufferView")
+        return self._resource(image.uri, name), name
+
+    def _array(self, number: int) -> NDArray[np.generic]:
+        if number not in self._arrays:
+            self._arrays[number] = self._decoded(number)
+        return self._arrays[number]
+
+    def _decoded(self, number: int) -> NDArray[np.generic]:
+        accessor, where = self._gltf.accessors[number], f"accessors[{number}]"
+        dtype, width, count = (_COMPONENTS[accessor.componentType], _WIDTHS[accessor.type],
+                               int(accessor.count))
+        self._numbers += count * width
+        if self._numbers > MAX_TOTAL_NUMBERS:
+            raise ModelError(f"has accessors of more than {MAX_TOTAL_NUMBERS} numbers")
+        if accessor.bufferView is None:
+            array = np.zeros((count, width), dtype)
+        else:
+            stride = self._gltf.bufferViews[accessor.bufferView].byteStride
+            array = self._strided(accessor.bufferView, int(accessor.byteOffset or 0), dtype,
+                                  accessor.type, count, stride, where)
+        sparse = accessor.sparse
+        if sparse is not None:
+            if sparse.count > count:
+                raise ModelError(f"{where} replaces {sparse.count} of {count} elements")
+            at = self._strided(sparse.indices.bufferView, int(sparse.indices.byteOffset or 0),
+                               _COMPONENTS[sparse.indices.componentType], "SCALAR",
+                               int(sparse.count), None, where).ravel().astype(np.int64)
+            if at[-1] >= count or (np.diff(at) <= 0).any():
+                raise ModelError(f"{where} has sparse indices that do not rise within its count")
+            array = array.copy()
+            array[at] = self._strided(sparse.values.bufferView, int(sparse.values.byteOffset or 0),
+                                      dtype, accessor.type, int(sparse.count), None, where)
+        return array[:, 0] if width == 1 else array
+
+    def _strided(self, view: int, offset: int, dtype: np.dtype[np.generic], kind: str, count: int,
+                 stride: int | None, where: str) -> NDArray[np.generic]:
+        """[count width] as they lie in a buffer view."""
+        width, size = _WIDTHS[kind], dtype.itemsize
+        rows = _ROWS.get(kind, width)
+        column = -(-rows * size // 4) * 4 if kind in _ROWS else rows * size
+        element = (width // rows) * column
+        step = element if stride is None else stride
+        data = self._view(view)
+        end = offset + (count - 1) * step + element
+        if step < element or end > len(data):
+            raise ModelError(f"{where} needs {end} bytes, and bufferViews[{view}] has {len(data)}"
+                             if step >= element else f"{where} has elements that overlap")
+        shape, strides = (count, width // rows, rows), (step, column, size)
+        return np.ndarray(shape, dtype, data, offset, strides).reshape(count, width)
+
+    def _view(self, number: int) -> memoryview:
+        view = self._gltf.bufferViews[number]
+        data = self._buffer(int(view.buffer))
+        start, length = int(view.byteOffset or 0), int(view.byteLength)
+        if start + length > len(data):
+            raise ModelError(f"bufferViews[{number}] ends at byte {start + length}, and "
+                             f"buffers[{view.buffer}] at {len(data)}")
+        return memoryview(data)[start:start + length]
+
+    def _buffer(self, number: int) -> bytes:
+        if number not in self._buffers:
+            buffer, where = self._gltf.buffers[number], f"buffers[{number}]"
+            if buffer.uri is not None:
+                data = self._resource(buffer.uri, where)
+            elif number == 0 and self._binary is not None:
+                data = self._binary
+            else:
+                raise ModelError(f"{where} has no uri, and there is no binary chunk for it")
+            if len(data) < buffer.byteLength:
+                raise ModelError(f"{where} has {len(data)} bytes of {buffer.byteLength}")
+            self._buffers[number] = data[:int(buffer.byteLength)]
+        return self._buffers[number]
+
+    def _resource(self, uri: str, where: str) -> bytes:
+        """The bytes at a data URI, or in a file beside the model's (or below)."""
+        if uri[:5].lower() == "data:":
+            data = _data_of_uri(uri, where)
+        else:
+            try:
+                name = f"./{uri}" if uri[:1].isspace() else uri  # such names begin with a space
+                data = read_file(self._finder.find(name, None).path, MAX_FILE_BYTES)
+            except MissingAssetError:
+                raise
+            except ModelError as error:
+                raise ModelError(f"{where}: {error}; only files in the model's folder are read"
+                                 ) from error
+        self._bytes += len(data)
+        if self._bytes > MAX_TOTAL_BYTES:
+            raise ModelError(f"the model's files exceed {MAX_TOTAL_BYTES} bytes")
+        return data
+
+
+def _data_of_uri(uri: str, where: str) -> bytes:
+    head, comma, body = uri.partition(",")
+    if not comma:
+        raise ModelError(f"{where} has a data URI without data")
+    if not head.lower().endswith(";base64"):
+        return unquote_to_bytes(body)
+    try:
+        text = re.sub(r"\s", "", body).replace("%3D", "=").rstrip("=")
+        return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise ModelError(f"{where} has a data URI that is not base64 ({error})") from error

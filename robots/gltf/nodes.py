@@ -1,0 +1,202 @@
+"""The nodes of a glTF file, and the parts that they become: rigid frames, and what scale leaves.
+
+A node's pose in the world is affine: scales of all the nodes above it are in it. A part's frame is
+rigid. The rule here: it stands at the node's origin, turned by the rotations of the node and all
+above it; what is left, `part_from_node`, belongs to the surfaces that the node carries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.transforms import Array, inverse, transform
+from ..model.articulated_model import ModelError
+from .document import Document, Node
+
+Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""World (z up) from glTF's (y up)."""
+THIN = 1e-6
+"""What a scale of zero becomes at rest, beside the others: a frame must have an inverse."""
+
+
+@dataclass(frozen=True)
+class NodeTree:
+    """All nodes of a file, by their number in it. N nodes."""
+
+    names: tuple[str, ...]
+    parent: NDArray[np.int64]
+    """[N] -1 for roots"""
+    order: tuple[int, ...]
+    """All nodes, parents before children; those of the scene first."""
+    scene: frozenset[int]
+    """The nodes that are drawn."""
+    has_matrix: NDArray[np.bool_]
+    """[N] its pose is a matrix: it cannot be animated."""
+    translation: Array
+    """[N 3]"""
+    rotation: Array
+    """[N 4] unit quaternion (x, y, z, w); of a matrix, its nearest rotation"""
+    scale: Array
+    """[N 3] as in the file, zeros included; ones where there is a matrix"""
+    linear: Array
+    """[N 3 3] rotation and scale (or the matrix), at rest, no scale smaller than THIN"""
+    vanished: NDArray[np.bool_]
+    """[N] scaled to nothing by the node itself"""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The nodes that are parts, and their frames at rest. P parts; the first is the scene."""
+
+    names: tuple[str, ...]
+    node: NDArray[np.int64]
+    """[P] number of the node; -1 for the scene"""
+    parent: NDArray[np.int64]
+    """[P]"""
+    world_from_part: Array
+    """[P 4 4] rigid"""
+    part_from_node: Array
+    """[P 4 4] linear: scale, mirroring and shear"""
+    world_from_scene: Array
+    """[4 4] to z up (and to metres, where a file was in another unit)"""
+
+    @cached_property
+    def part_of_node(self) -> dict[int, int]:
+        return {int(n): p for p, n in enumerate(self.node) if n >= 0}
+
+
+def node_tree(document: Document) -> NodeTree:
+    """Raises ModelError if the nodes make no forest, or a transform is none."""
+    gltf = document.gltf
+    nodes: Sequence[Node] = gltf.nodes  # pyright: ignore[reportAssignmentType]
+    parent = np.full(len(nodes), -1, np.int64)
+    for n, node in enumerate(nodes):
+        for child in node.children or ():
+            if parent[child] >= 0 or child == n:
+                raise ModelError(f"nodes[{child}] has two parents, {parent[child]} and {n}; "
+                                 "the nodes of a glTF file make a tree")
+            parent[child] = n
+    roots = [n for n in range(len(nodes)) if parent[n] < 0]
+    drawn = roots
+    if gltf.scenes:
+        drawn = list(dict.fromkeys(gltf.scenes[gltf.scene or 0].nodes or ()))
+        for n in drawn:
+            if parent[n] >= 0:
+                raise ModelError(f"a scene lists nodes[{n}], which is a child of another node")
+    first = _depth_first(nodes, drawn)
+    order = [*first, *_depth_first(nodes, [n for n in roots if n not in set(drawn)])]
+    if len(order) < len(nodes):
+        lost = min(set(range(len(nodes))) - set(order))
+        raise ModelError(f"nodes[{lost}] is its own ancestor; the nodes of a glTF file make a tree")
+    poses = [_pose(node, n) for n, node in enumerate(nodes)]
+    translation, rotation, scale, linear, vanished = (
+        np.array([p[k] for p in poses], np.float64) for k in range(5))
+    count = len(nodes)
+    return NodeTree(
+        tuple(node.name or "" for node in nodes), parent, tuple(order), frozenset(first),
+        np.array([node.matrix is not None for node in nodes], bool),
+        translation.reshape(count, 3), rotation.reshape(count, 4), scale.reshape(count, 3),
+        linear.reshape(count, 3, 3), vanished.astype(bool))
+
+
+def _depth_first(nodes: Sequence[Node], roots: Iterable[int]) -> list[int]:
+    order: list[int] = []
+    stack = list(roots)[::-1]
+    while stack:
+        n = stack.pop()
+        order.append(n)
+        stack.extend(reversed(nodes[n].children or ()))
+    return order
+
+
+def _pose(node: Node, n: int) -> tuple[Array, Array, Array, Array, bool]:
+    """Translation, quaternion, scale, linear part that has an inverse, whether it vanishes."""
+    if node.matrix is None:
+        q = np.array(node.rotation or (0.0, 0.0, 0.0, 1.0))
+        length = float(np.linalg.norm(q))
+        if length < 1e-6:
+            raise ModelError(f"nodes[{n}] has a rotation of zero length")
+        scale = np.array(node.scale or (1.0, 1.0, 1.0))
+        least = THIN * (np.abs(scale).max() or 1.0)
+        thick = np.where(np.abs(scale) < least, np.copysign(least, scale), scale)
+        linear = rotation_from_quaternion(q / length) * thick
+        return (np.array(node.translation or (0.0, 0.0, 0.0)), q / length, scale, linear,
+                bool((scale == 0.0).all()))
+    if node.translation or node.rotation or node.scale:
+        raise ModelError(f"nodes[{n}] has a matrix and a translation, rotation or scale, too")
+    matrix = np.array(node.matrix).reshape(4, 4).T
+    if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-6:
+        raise ModelError(f"nodes[{n}] has a matrix that is not affine")
+    u, s, v = np.linalg.svd(matrix[:3, :3])
+    linear = matrix[:3, :3] if s[2] > THIN * s[0] else u * np.maximum(s, THIN * (s[0] or 1.0)) @ v
+    return (matrix[:3, 3], quaternion_from_rotation(nearest_rotation(linear)), np.ones(3), linear,
+            bool(s[0] == 0.0))
+
+
+def rig(tree: NodeTree, wanted: Iterable[int], scene_name: str, unit: float) -> Rig:
+    """The parts of the wanted nodes and all above them; `unit` m is the file's unit of length."""
+    keep: set[int] = set()
+    for n in wanted:
+        while n >= 0 and n not in keep:
+            keep.add(n)
+            n = int(tree.parent[n])
+    nodes = [n for n in tree.order if n in keep]
+    part = {-1: 0, **{n: p + 1 for p, n in enumerate(nodes)}}
+    names = _unique([scene_name, *(tree.names[n] or f"node_{n}" for n in nodes)])
+    world_from_scene = transform(unit * Z_UP)
+    world = [world_from_scene]
+    turn = [Z_UP]
+    for n in nodes:
+        above = part[int(tree.parent[n])]
+        world.append(world[above] @ transform(tree.linear[n], tree.translation[n]))
+        turn.append(turn[above] @ rotation_from_quaternion(tree.rotation[n]))
+    turn[0] = np.eye(3)  # the scene's own frame is the world's
+    poses = transform(np.array(turn), np.array(world)[:, :3, 3])
+    return Rig(
+        names, np.array([-1, *nodes], np.int64),
+        np.array([-1, *(part[int(tree.parent[n])] for n in nodes)], np.int64), poses,
+        inverse(poses) @ np.array(world), world_from_scene)
+
+
+def _unique(names: Sequence[str]) -> tuple[str, ...]:
+    """Printable names of at most 100 characters, each once."""
+    out: dict[str, None] = {}
+    counts: dict[str, int] = {}
+    for name in names:
+        text = "".join(c if c.isprintable() else "_" for c in name).strip()[:100] or "node"
+        unique = text
+        while unique in out:
+            counts[text] = counts.get(text, 1) + 1
+            unique = f"{text}_{counts[text]}"
+        out[unique] = None
+    return tuple(out)
+
+
+def rotation_from_quaternion(q: Array) -> Array:
+    """Rotation [... 3 3] of unit quaternions [... 4] (x, y, z, w)."""
+    x, y, z, w = np.moveaxis(np.asarray(q, np.float64), -1, 0)
+    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def quaternion_from_rotation(rotation: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_quat(), np.float64)
+
+
+def nearest_rotation(linear: Array) -> Array:
+    """The rotation [... 3 3] next to linear maps [... 3 3]; of one that mirrors, next to it turned
+    inside out (minus itself).
+    """
+    sign = np.where(np.linalg.det(linear) < 0.0, -1.0, 1.0)[..., None, None]
+    u, _, v = np.linalg.svd(sign * linear)
+    u[..., :, 2] *= np.where(np.linalg.det(u @ v) < 0.0, -1.0, 1.0)[..., None]
+    return u @ v

@@ -1,0 +1,242 @@
+"""Reads a glTF 2.0 file (.glb, .gltf) into an articulated model. Models are untrusted input.
+
+Parts are nodes: those that carry meshes, the bones of skins, and all above them. Frames are rigid;
+scale goes into the surfaces, and where an animation changes it, into Posture.stretch. glTF's y is
+up; the model's z is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.paths import read_file
+from ..geometry.transforms import Array, inverse
+from ..meshes.library import quiet
+from ..model.articulated_model import (
+    FIXED,
+    ArticulatedModel,
+    ModelError,
+    Visual,
+    forward_kinematics,
+)
+from ..model.skinning import deformed
+from .accessors import Accessors
+from .animation import KeyedAnimation, read_animations
+from .document import Document, read_document
+from .invented_joints import with_joints
+from .materials import Materials
+from .meshes import (
+    Meshes,
+    Patch,
+    bound_visual,
+    joined,
+    moved_patch,
+    rigid_visual,
+    skinned_visuals,
+)
+from .nodes import Rig, node_tree, rig
+
+SMALLEST, LARGEST = 1e-3, 1e4
+"""m: the size of a model outside is taken for another unit, and noted."""
+MAX_MORPH_CHANNELS = 10_000
+
+
+def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel:
+    """Read the .glb or .gltf file at `path` with what lies in its folder.
+
+    With `allow_missing` an image that is nowhere is noted instead of stopping the load. Raises
+    ModelError (a GcbenchError) in one line for everything that a file can have wrong.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ModelError(f"{path}: no such file")
+    data = read_file(path)
+    try:
+        with quiet():
+            reader = _Reader(read_document(data), path, allow_missing)
+            model = reader.model(path.stem, 1.0)
+            size = _size(model)
+            if not SMALLEST <= size <= LARGEST:
+                if size < 1e-30:
+                    raise ModelError("is a single point")
+                unit = 10.0 ** -round(np.log10(size))
+                model = reader.model(path.stem, unit)
+                note = f"is {size:g} m large: its lengths are taken as {unit:g} m each"
+                model = replace(model, notes=(*model.notes, note))
+    except ModelError as error:
+        text = str(error)
+        raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
+    except (Exception, RecursionError) as error:
+        why = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ModelError(f"{path}: cannot be read as glTF ({why})") from error
+    return replace(model, source=path.name, sha256=hashlib.sha256(data).hexdigest(),
+                   licence=_licence(reader.document))
+
+
+class _Reader:
+    """What one document holds, on its way to a model."""
+
+    def __init__(self, document: Document, path: Path, allow_missing: bool) -> None:
+        self.document = document
+        self.accessors = Accessors(document, path)
+        self.materials = Materials(document, self.accessors, allow_missing)
+        self.tree = node_tree(document)
+        nodes = document.gltf.nodes
+        drawn = [n for n in self.tree.order if n in self.tree.scene and nodes[n].mesh is not None]
+        self.skinned = [n for n in drawn if nodes[n].skin is not None]
+        self.plain = [n for n in drawn if nodes[n].skin is None]
+        if not drawn:
+            raise ModelError("has nothing to draw: no node of its scene carries a mesh")
+
+    def model(self, name: str, unit: float) -> ArticulatedModel:
+        """The model, of which `unit` m is the unit of length."""
+        gltf, tree = self.document.gltf, self.tree
+        meshes = Meshes(self.document, self.accessors, self.materials)
+        bones = {n: [int(j) for j in gltf.skins[cast("int", gltf.nodes[n].skin)].joints or ()]
+                 for n in self.skinned}
+        scene = gltf.scenes[gltf.scene or 0].name if gltf.scenes else None
+        parts = rig(tree, [*self.plain, *(j for joints in bones.values() for j in joints)],
+                    scene or "scene", unit)
+        channels, weights = self._morphs(meshes)
+        animations = read_animations(self.document, self.accessors, tree, parts, channels, weights)
+        stretched = np.any([np.zeros(len(parts.node), bool),
+                            *(a.stretches for a in animations)], axis=0)
+        visuals = self._rigid_visuals(meshes, parts, channels, stretched, animations)
+        visuals += self._skinned_visuals(meshes, parts, channels, bones)
+        if not visuals:
+            raise ModelError("has nothing to draw: its meshes hold no triangles")
+        model = _still_model(name, parts, visuals, animations, weights)
+        part = parts.part_of_node
+        model = replace(model, notes=tuple(dict.fromkeys([
+            *self.document.notes, *meshes.notes, *self.materials.notes])))
+        moving = {p for a in animations for p in _own_motion(a, part)}
+        return with_joints(model, {part[j] for joints in bones.values() for j in joints}, moving,
+                           {part[n] for n in self.plain})
+
+    def _morphs(self, meshes: Meshes) -> tuple[dict[int, slice], Array]:
+        """The morph channels of each drawn node, and their weights at rest."""
+        gltf = self.document.gltf
+        channels: dict[int, slice] = {}
+        weights: list[float] = []
+        for n in [*self.plain, *self.skinned]:
+            node = gltf.nodes[n]
+            mesh = cast("int", node.mesh)
+            count = meshes.targets(mesh)
+            if not count:
+                continue
+            given = cast("Any", node).weights or gltf.meshes[mesh].weights or [0.0] * count
+            if len(given) != count:
+                raise ModelError(f"nodes[{n}] has {len(given)} weights for {count} morph targets")
+            channels[n] = slice(len(weights), len(weights) + count)
+            weights.extend(given)
+            if len(weights) > MAX_MORPH_CHANNELS:
+                raise ModelError(f"has more than {MAX_MORPH_CHANNELS} morph weights")
+        return channels, np.array(weights, np.float64)
+
+    def _rigid_visuals(
+        self, meshes: Meshes, parts: Rig, channels: dict[int, slice],
+        stretched: NDArray[np.bool_], animations: Collection[KeyedAnimation],
+    ) -> list[Visual]:
+        tree, part = self.tree, parts.part_of_node
+        scaled = {track.node for a in animations for track in a.tracks if track.path == "scale"}
+        gone: dict[int, bool] = {-1: False}
+        for n in tree.order:
+            gone[n] = gone[int(tree.parent[n])] or (bool(tree.vanished[n]) and n not in scaled)
+        visuals: list[Visual] = []
+        for n in self.plain:
+            if gone[n]:
+                meshes.notes["nodes of scale zero are not drawn"] = None
+                continue
+            p = part[n]
+            shape, own = parts.part_from_node[p], channels.get(n)
+            still: list[Patch] = []
+            for patch in meshes.patches(cast("int", self.document.gltf.nodes[n].mesh)):
+                if stretched[p] or (own is not None and np.abs(shape - np.eye(4)).max() > 1e-12):
+                    visuals.append(bound_visual(patch, p, shape, own))
+                elif own is not None:
+                    visuals.append(rigid_visual(patch, p, own))
+                else:
+                    still.append(moved_patch(patch, shape))
+            visuals.extend(rigid_visual(patch, p, None) for patch in joined(still))
+        return visuals
+
+    def _skinned_visuals(
+        self, meshes: Meshes, parts: Rig, channels: dict[int, slice], bones: dict[int, list[int]]
+    ) -> list[Visual]:
+        gltf, part = self.document.gltf, parts.part_of_node
+        visuals: list[Visual] = []
+        for n, joints in bones.items():
+            skin = gltf.skins[cast("int", gltf.nodes[n].skin)]
+            bone_part = np.array([part[j] for j in joints], np.int64)
+            bind = _inverse_binds(skin.inverseBindMatrices, len(joints), self.accessors)
+            part_from_mesh = parts.part_from_node[bone_part] @ bind
+            for i, patch in enumerate(meshes.patches(cast("int", gltf.nodes[n].mesh))):
+                try:
+                    visuals += skinned_visuals(patch, bone_part, part_from_mesh,
+                                               parts.world_from_part, channels.get(n))
+                except ModelError as error:
+                    raise ModelError(f"nodes[{n}], piece {i} of its mesh: {error}") from error
+        return visuals
+
+
+def _inverse_binds(accessor: int | None, count: int, accessors: Accessors) -> Array:
+    """[B 4 4]"""
+    if accessor is None:
+        return np.tile(np.eye(4), (count, 1, 1))
+    if accessors.kind(accessor) != "MAT4" or accessors.count(accessor) < count:
+        raise ModelError(f"a skin has {accessors.count(accessor)} inverse bind matrices "
+                         f"({accessors.kind(accessor)}) for {count} joints")
+    matrices = accessors.floats(accessor)[:count].reshape(-1, 4, 4).swapaxes(1, 2)
+    if np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-3:
+        raise ModelError("a skin has an inverse bind matrix that is not affine")
+    matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)
+    return matrices
+
+
+def _still_model(
+    name: str, parts: Rig, visuals: list[Visual], animations: tuple[KeyedAnimation, ...],
+    weights: Array,
+) -> ArticulatedModel:
+    """The model with every part fixed."""
+    count = len(parts.node)
+    at_zero = parts.world_from_part.copy()
+    at_zero[1:] = inverse(parts.world_from_part[parts.parent[1:]]) @ at_zero[1:]
+    return ArticulatedModel(
+        name=name, part_names=parts.names, parent=parts.parent, parent_from_part_at_zero=at_zero,
+        motion=np.full(count, FIXED, np.int64), screw=np.zeros((count, 6)),
+        joint=np.full(count, -1, np.int64), gear=np.ones(count), offset=np.zeros(count),
+        joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
+        limits=np.zeros((0, 2)), visuals=tuple(visuals), animations=animations,
+        morph_weights=weights)
+
+
+def _own_motion(animation: KeyedAnimation, part_of_node: dict[int, int]) -> set[int]:
+    """The parts that the animation turns or shifts by tracks of their own."""
+    return {part_of_node[track.node] for track in animation.tracks
+            if track.path in ("rotation", "translation")
+            and float(np.ptp(track.values, axis=0).max()) > 1e-6}
+
+
+def _size(model: ArticulatedModel) -> float:
+    """The diagonal, m, of the box around the model at rest."""
+    poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
+    points = [deformed(v, poses, None, model.morph_weights)[0] for v in model.visuals]
+    low = np.min([p.min(0) for p in points], axis=0)
+    high = np.max([p.max(0) for p in points], axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def _licence(document: Document) -> str:
+    """What the file says of its author's rights, at most 200 characters."""
+    asset: Any = document.gltf.asset
+    extras = cast("dict[str, Any]", asset.extras) if isinstance(asset.extras, dict) else {}
+    found = [extras.get(key) for key in ("license", "licence")] + [asset.copyright]
+    texts = [" ".join(text.split())[:200] for text in found if isinstance(text, str)]
+    return next((text for text in texts if text), "")

@@ -1,0 +1,149 @@
+"""Solids of generated models: hulls, rounded blocks, rods, and plates with holes.
+
+All are closed, with triangles that are counter-clockwise from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.transforms import Array, transform
+from ..model.articulated_model import ModelError
+from ..model.surface import Surface, moved, surface
+
+SIDES = 32
+"""Facets around a full turn."""
+
+
+def hull(points: ArrayLike) -> Surface:
+    """The convex hull of points [N 3]."""
+    from scipy.spatial import ConvexHull
+
+    p = np.asarray(points, np.float64)
+    found = ConvexHull(p)
+    f = found.simplices.astype(np.int64)
+    normal = np.cross(p[f[:, 1]] - p[f[:, 0]], p[f[:, 2]] - p[f[:, 0]])
+    inward = np.einsum("fi,fi->f", normal, found.equations[:, :3]) < 0
+    f[inward] = f[inward][:, ::-1]
+    return _solid(p, f)
+
+
+def block(low: ArrayLike, high: ArrayLike, radius: float = 0.0) -> Surface:
+    """A box between two corners [3], its edges rounded by `radius`."""
+    a, b = np.asarray(low, np.float64) + radius, np.asarray(high, np.float64) - radius
+    corners = np.stack(np.meshgrid(*np.stack([a, b], axis=1), indexing="ij"), -1).reshape(-1, 3)
+    if radius == 0.0:
+        return hull(corners)
+    polar, turn = np.meshgrid(np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 17)[:-1])
+    ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
+    rounded = corners[:, None] + radius * ball.reshape(-1, 3)
+    return hull(np.unique(np.round(rounded.reshape(-1, 3), 9), axis=0))
+
+
+def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None,
+        sides: int = SIDES) -> Surface:
+    """A cylinder from one point [3] to another, or a cone if `end_radius` is another radius."""
+    a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
+    along = (b - a) / np.linalg.norm(b - a)
+    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    across /= np.linalg.norm(across)
+    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[:-1, None]
+    circle = np.cos(turn) * across + np.sin(turn) * np.cross(along, across)
+    return hull(np.concatenate([
+        a + radius * circle, b + (radius if end_radius is None else end_radius) * circle]))
+
+
+def plate(outline: ArrayLike, span: tuple[float, float], holes: Sequence[ArrayLike] = (),
+          axis: str = "z") -> Surface:
+    """An outline [N 2] with holes [M 2], between the two ends of `span` along an axis.
+
+    The outline is in (x, y) for the axis "z", in (x, z) for "y", in (y, z) for "x". All loops run
+    counter-clockwise and do not touch (else ModelError).
+    """
+    import mapbox_earcut
+
+    loops = [np.asarray(loop, np.float64) for loop in (outline, *holes)]
+    points, ends = np.concatenate(loops), np.cumsum([len(loop) for loop in loops])
+    n = len(points)
+    flat = mapbox_earcut.triangulate_float64(points, ends.astype(np.uint32))
+    top = flat.astype(np.int64).reshape(-1, 3)
+    a, b, c = (points[top[:, i]] for i in range(3))
+    turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0
+    top[turned] = top[turned][:, ::-1]
+    walls: list[NDArray[np.int64]] = []
+    for k, (end, loop) in enumerate(zip(ends, loops, strict=True)):
+        i = np.arange(end - len(loop), end)
+        j = np.roll(i, -1)
+        i, j = (i, j) if k == 0 else (j, i)  # the wall of a hole looks into it
+        walls += [np.stack([i, j, j + n], -1), np.stack([i, j + n, i + n], -1)]
+    faces = np.concatenate([top[:, ::-1], top + n, *walls])
+    if not _closed(faces):
+        raise ModelError("the loops of a plate touch, or run the wrong way")
+    vertices = np.concatenate([np.insert(points, 2, z, axis=1) for z in sorted(span)])
+    # cyclic permutations for x and z, a mirror for y: `moved` turns its triangles round
+    order = {"x": [2, 0, 1], "y": [0, 2, 1], "z": [0, 1, 2]}[axis]
+    solid = _solid(vertices, faces)
+    return moved(solid, transform(np.eye(3)[:, order].T)) if axis != "z" else solid
+
+
+def rounded(corners: ArrayLike, radius: ArrayLike) -> Array:
+    """A polygon [N 2], counter-clockwise, with its corners [C 2] rounded.
+
+    `radius` is one for all or one a corner; a corner may turn left or right.
+    """
+    p = np.asarray(corners, np.float64)
+    r = np.broadcast_to(np.asarray(radius, np.float64), len(p))
+    before, after = p - np.roll(p, 1, axis=0), np.roll(p, -1, axis=0) - p
+    u = before / np.linalg.norm(before, axis=1, keepdims=True)
+    v = after / np.linalg.norm(after, axis=1, keepdims=True)
+    turn = np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], np.einsum("ni,ni->n", u, v))
+    points: list[Array] = []
+    for i in range(len(p)):
+        left = np.sign(turn[i]) * np.array([-u[i, 1], u[i, 0]])
+        first = p[i] - u[i] * r[i] * np.tan(abs(turn[i]) / 2)
+        count = max(2, int(np.ceil(abs(turn[i]) / (2 * np.pi / SIDES))) + 1)
+        angle = np.linspace(0.0, abs(turn[i]), count)[:, None]
+        points.append(first + r[i] * (np.sin(angle) * u[i] + (1 - np.cos(angle)) * left))
+    loop = np.concatenate(points)
+    return loop[np.linalg.norm(loop - np.roll(loop, 1, axis=0), axis=1) > 1e-6]
+
+
+def circle(centre: ArrayLike, radius: float, sides: int = SIDES) -> Array:
+    """A circle [sides 2], counter-clockwise."""
+    turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[:-1]
+    return np.asarray(centre, np.float64) + radius * np.stack([np.cos(turn), np.sin(turn)], -1)
+
+
+def bar(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None,
+        waist: float = 1.0) -> Array:
+    """The outline [N 2] of a bar with round ends about two points [2], as narrow as `waist` of its
+    ends in the middle."""
+    a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
+    length = float(np.linalg.norm(b - a))
+    u = (b - a) / length
+    v = np.array([-u[1], u[0]])
+    r0, r1 = radius, radius if end_radius is None else end_radius
+    half = np.linspace(-np.pi / 2, np.pi / 2, SIDES // 2 + 1)[:, None]
+    s = np.linspace(0.0, 1.0, SIDES // 2 if waist < 1.0 else 2)[1:-1, None]
+    width = (r0 + (r1 - r0) * s) * (1 - (1 - waist) * np.sin(np.pi * s) ** 2)
+    at = a + s * length * u
+    return np.concatenate([
+        b + r1 * (np.cos(half) * u + np.sin(half) * v), (at + width * v)[::-1],
+        a + r0 * (-np.cos(half) * u - np.sin(half) * v), at - width * v])
+
+
+def _closed(faces: NDArray[np.int64]) -> bool:
+    """Whether every edge is run through once in each direction."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    there = {(int(a), int(b)) for a, b in edges}
+    return len(there) == len(edges) and all((b, a) in there for a, b in there)
+
+
+def _solid(vertices: Array, faces: NDArray[np.int64]) -> Surface:
+    found = surface(vertices, faces)
+    if found is None:
+        raise ModelError("a solid without a surface")
+    return found

@@ -1,0 +1,45 @@
+"""Surfaces that deform: where a visual's vertices are in a posture of its model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.transforms import Array, apply
+from .articulated_model import Visual
+
+
+def deformed(
+    visual: Visual, world_from_part: Array, stretch: Array | None, morph: Array
+) -> tuple[Array, Array]:
+    """World vertices [V 3] m and unit normals [V 3] of a visual, deforming or not.
+
+    From one instant of a Posture: world_from_part [P 4 4], stretch [P 4 4] or None, morph [M].
+    A normal goes with the cofactors of its vertex' blended matrix, which is right where scale is
+    uneven or mirrors.
+    """
+    points, normals = visual.vertices, visual.normals
+    if visual.morph is not None:
+        weight = morph[visual.morph.channel]
+        points = points + np.tensordot(weight, visual.morph.displacement, 1)
+        if visual.morph.normal_displacement is not None:
+            normals = normals + np.tensordot(weight, visual.morph.normal_displacement, 1)
+    if visual.skin is None:
+        pose = world_from_part[visual.part]
+        return apply(pose, points), unit(normals @ pose[:3, :3].T)
+    skin = visual.skin
+    part = world_from_part[skin.bone_part]
+    if stretch is not None:
+        part = part @ stretch[skin.bone_part]
+    bones = part @ skin.part_from_mesh
+    matrix = np.zeros((len(points), 3, 4))
+    for bone, weight in zip(skin.bone.T, skin.weight.T, strict=True):
+        matrix += weight[:, None, None] * bones[bone, :3]
+    points = np.einsum("vij,vj->vi", matrix[:, :, :3], points) + matrix[:, :, 3]
+    a, b, c = (matrix[:, :, i] for i in range(3))
+    cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
+    return points, unit(np.einsum("vij,vj->vi", cofactor, normals))
+
+
+def unit(vectors: Array) -> Array:
+    """[N 3] of length 1; zeros stay."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -1,0 +1,156 @@
+"""Triangle surfaces on their way from a file to the visuals of a part."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.normals import face_normals, smooth_corners, valid_normals
+from ..geometry.transforms import Array
+from .articulated_model import Material, ModelError, Visual
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles with one material."""
+
+    vertices: Array
+    """[V 3] m."""
+    faces: NDArray[np.int64]
+    """[F 3]."""
+    normals: Array
+    """[V 3] unit."""
+    uv: Array | None = None
+    """[V 2] or None."""
+    material: Material | None = None
+    """None where the file says nothing, so that the URDF may."""
+    vertex_color: tuple[float, float, float, float] | None = None
+    """Linear mean of the file's vertex colours, used only where nobody names a material."""
+
+
+def surface(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    normals: ArrayLike | None = None,
+    uv: ArrayLike | None = None,
+    material: Material | None = None,
+    vertex_color: tuple[float, float, float, float] | None = None,
+) -> Surface | None:
+    """A clean surface from what a file says, None if nothing is left of it.
+
+    Degenerate triangles and unused vertices are dropped; normals that are absent or invalid are
+    made by crease angle. Raises ModelError on numbers that are not finite or indices that are out
+    of range.
+    """
+    v = np.array(vertices, np.float64).reshape(-1, 3)
+    f = np.array(faces, np.int64).reshape(-1, 3)
+    n = None if normals is None else np.asarray(normals, np.float64).reshape(-1, 3)
+    t = None if uv is None else np.asarray(uv, np.float64)
+    t = t[:, :2] if t is not None and t.ndim == 2 and len(t) == len(v) else None
+    made = clean_triangles(v, f, n, distinct=t is not None)
+    if made is None:
+        return None
+    source, f, n = made
+    t = None if t is None else t[source]
+    if t is not None and not np.isfinite(t).all():
+        t = None
+    return Surface(v[source], f, n, t, material, vertex_color)
+
+
+def clean_triangles(
+    v: Array, f: NDArray[np.int64], n: Array | None, distinct: bool, keep_flat: bool = False
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array] | None:
+    """The vertices [V'] of v [V 3] that are left, faces [F' 3] of them, and normals [V' 3].
+
+    None if nothing is left. Without `distinct`, vertices at one place may become one; with
+    `keep_flat`, triangles without an area stay (a deformation may open them).
+    """
+    if not len(f):
+        return None
+    if f.min() < 0 or f.max() >= len(v):
+        raise ModelError("a face refers to a vertex that does not exist")
+    source, f = _compact(f, len(v))
+    p = v[source]
+    if not np.isfinite(p).all():
+        raise ModelError("a vertex is not a finite number")
+    if np.abs(p).max() > 1e9:
+        raise ModelError("a vertex lies more than 1e9 units from the origin")
+    keep = _solid(p, f)
+    if not keep.any():
+        return None
+    if not keep.all() and not keep_flat:
+        used, f = _compact(f[keep], len(source))
+        source, p, keep = source[used], p[used], np.ones(len(f), bool)
+    m = n[source] if n is not None and len(n) == len(v) else None
+    if m is not None and valid_normals(p, f[keep], m):
+        return source, f, m / np.linalg.norm(m, axis=-1, keepdims=True)
+    group, group_normals = smooth_corners(p, f)
+    corner = (f if distinct else 0) + group.ravel().reshape(-1, 3) * (len(p) if distinct else 1)
+    _, first, index = np.unique(corner.ravel(), return_index=True, return_inverse=True)
+    return (source[f.ravel()[first]], index.reshape(-1, 3).astype(np.int64),
+            group_normals[group.ravel()[first]])
+
+
+def moved(s: Surface, a_from_b: Array, scale: ArrayLike = 1.0) -> Surface:
+    """The surface scaled (per axis, mirroring allowed), then taken to frame a.
+
+    `a_from_b` [4 4] may hold scale and shear too: nodes of mesh files do.
+    """
+    linear = a_from_b[:3, :3] * np.broadcast_to(np.asarray(scale, np.float64), 3)
+    det = float(np.linalg.det(linear))
+    if not np.isfinite(linear).all() or abs(det) < 1e-30:
+        raise ModelError("a scale of zero leaves no surface")
+    normals = s.normals @ np.linalg.inv(linear)  # outward stays outward, also in a mirror
+    normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    faces = s.faces[:, ::-1] if det < 0 else s.faces
+    return replace(s, vertices=s.vertices @ linear.T + a_from_b[:3, 3], faces=faces,
+                   normals=normals)
+
+
+def visuals_of_part(part: int, surfaces: Sequence[Surface]) -> list[Visual]:
+    """The part's surfaces, those of equal material joined into one visual each."""
+    groups: dict[object, list[Surface]] = {}
+    for s in surfaces:
+        groups.setdefault(_material_key(s.material or Material()), []).append(s)
+    visuals: list[Visual] = []
+    for group in groups.values():
+        counts = np.cumsum([0, *(len(s.vertices) for s in group)])
+        uvs = [s.uv for s in group if s.uv is not None]
+        visuals.append(Visual(
+            part=part,
+            vertices=np.concatenate([s.vertices for s in group]),
+            faces=np.concatenate([s.faces + n for s, n in zip(group, counts, strict=False)])
+            .astype(np.int32),
+            normals=np.concatenate([s.normals for s in group]),
+            uv=np.concatenate(uvs) if len(uvs) == len(group) else None,
+            material=group[0].material or Material(),
+        ))
+    return visuals
+
+
+def _material_key(m: Material) -> object:
+    texture = None
+    if m.texture is not None:
+        texture = (m.texture.shape, hashlib.sha256(m.texture.tobytes()).digest())
+    return (np.round(m.base_color, 6).tobytes(), round(m.metallic, 6), round(m.roughness, 6),
+            texture)
+
+
+def _compact(f: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The vertices [V'] of `count` that faces [F 3] use, and the faces in numbers of those."""
+    used = np.zeros(count, bool)
+    used[f.ravel()] = True
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[f]
+
+
+def _solid(v: Array, f: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """[F] whether a triangle has an area, measured against its longest edge."""
+    _, area = face_normals(v, f)
+    p = v[f]
+    longest = (np.roll(p, -1, axis=1) - p)
+    square = np.einsum("fci,fci->fc", longest, longest).max(axis=1)
+    return (area > 1e-10 * square) & (square > 0)

@@ -1,0 +1,77 @@
+"""Images of untrusted models, and the step from stored colours to linear ones."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.transforms import Array
+from .articulated_model import ModelError
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+MAX_SIDE = 4096
+MAX_PIXELS = 16384 * 8192
+FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "GIF", "WEBP")
+
+
+def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
+    """Image [h w 3|4] sRGB, at most MAX_SIDE on a side, row 0 on top; raises ModelError."""
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the size is checked below, before any pixel is decoded
+        try:
+            return texture_from_image(Image.open(io.BytesIO(data), formats=FORMATS), name)
+        except ModelError:
+            raise
+        except Exception as error:
+            raise ModelError(f"{name}: is not an image that can be read ({error})") from error
+
+
+def texture_from_image(image: Image.Image | Any, name: str) -> NDArray[np.uint8]:
+    """Array [h w 3|4] of a PIL image, which may still be undecoded; raises ModelError."""
+    width, height = image.size
+    if width * height > MAX_PIXELS or width * height == 0:
+        raise ModelError(f"{name}: image of {width} x {height} pixels; at most {MAX_PIXELS}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            if image.mode.startswith("I;16"):  # which Pillow clips instead of scaling
+                from PIL import Image
+
+                image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
+            if max(width, height) > MAX_SIDE:
+                image.thumbnail((MAX_SIDE, MAX_SIDE))
+            transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+            pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"), np.uint8)
+        except Exception as error:
+            raise ModelError(f"{name}: is not an image that can be read ({error})") from error
+    if transparent and pixels[..., 3].min() == 255:
+        pixels = pixels[..., :3]
+    return np.ascontiguousarray(pixels)
+
+
+def linear_from_srgb(color: ArrayLike) -> Array:
+    """Linear values of sRGB ones, both in 0..1 (clipped)."""
+    c = np.clip(np.asarray(color, np.float64), 0.0, 1.0)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
+def base_color(rgba: ArrayLike) -> tuple[float, float, float, float]:
+    """Linear base colour of an sRGB colour of 3 or 4 values in 0..1; alpha is linear already."""
+    c = np.asarray(rgba, np.float64).reshape(-1)
+    r, g, b = linear_from_srgb(c[:3]).tolist()
+    return r, g, b, float(np.clip(c[3], 0.0, 1.0)) if len(c) > 3 else 1.0
+
+
+def mean_color(texture: NDArray[np.uint8]) -> tuple[float, float, float, float]:
+    """Linear mean colour of a texture [h w 3|4]."""
+    pixels = texture[:: max(1, texture.shape[0] // 256), :: max(1, texture.shape[1] // 256), :3]
+    r, g, b = linear_from_srgb(pixels.reshape(-1, 3) / 255.0).mean(axis=0).tolist()
+    return r, g, b, 1.0

@@ -1,0 +1,230 @@
+"""From the bytes of a URDF to yourdfpy's description of it, with everything checked on the way.
+
+yourdfpy meets only elements that we know and numbers that are numbers, so that nothing in a file
+can make it raise. Collisions, inertias, transmissions and plug-ins are no part of a picture and
+are left out.
+"""
+
+# yourdfpy has no types
+# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ..files.xml import Element, new_element, parse_xml, xml_bytes
+from ..model.articulated_model import ModelError
+
+if TYPE_CHECKING:
+    from yourdfpy.urdf import Robot
+
+MAX_LINKS = 5000
+MAX_VISUALS = 20_000
+MAX_NAME = 256
+MAX_NUMBER = 1e6
+"""Of lengths, scales and angles; limits may be larger, because many files mean "none" by 1e16."""
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+GEOMETRIES: dict[str, dict[str, tuple[int, ...]]] = {
+    "box": {"size": (3,)}, "sphere": {"radius": (1,)},
+    "cylinder": {"radius": (1,), "length": (1,)}, "capsule": {"radius": (1,), "length": (1,)},
+    "mesh": {},
+}
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+
+
+@dataclass
+class Document:
+    """A URDF that was found fit to be read."""
+
+    robot: Robot
+    notes: list[str] = field(default_factory=list)
+
+
+def read_document(data: bytes, default_name: str, allow_missing: bool = False) -> Document:
+    """Check and parse a URDF; raises ModelError.
+
+    yourdfpy has no capsules: they come as cylinders of visuals that are named "capsule".
+    """
+    notes: list[str] = []
+    clean = _clean_robot(parse_xml(data), default_name, allow_missing, notes)
+
+    import yourdfpy
+
+    model: Any = yourdfpy.URDF.load(io.BytesIO(xml_bytes(clean)), build_scene_graph=False,
+                                    load_meshes=False)
+    return Document(model.robot, notes)
+
+
+def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]) -> Element:
+    if root.tag != "robot":
+        raise ModelError(f"is not a URDF: its root element is <{root.tag[:40]}>, not <robot>")
+    for element in root.iter():
+        if element.tag.startswith("xacro:") and element.tag not in ("xacro:arg", "xacro:property"):
+            raise ModelError(f"has un-expanded <{element.tag[:40]}>; expand it: "
+                             "`xacro FILE > model.urdf`")
+    if not root.get("name", "").strip():
+        notes.append("the robot has no name; the file's is used")
+    clean = new_element("robot", {"name": root.get("name", "").strip()[:MAX_NAME] or name})
+    links, joints = root.findall("link"), root.findall("joint")
+    if not links:
+        raise ModelError("has no links")
+    if len(links) > MAX_LINKS or len(joints) > MAX_LINKS:
+        raise ModelError(f"has more than {MAX_LINKS} links or joints")
+    shown = "visual"
+    if root.find("link/visual") is None and root.find("link/collision") is not None:
+        shown = "collision"
+        notes.append("no link has a visual: the collision geometry is shown")
+    if len(root.findall(f"link/{shown}")) > MAX_VISUALS:
+        raise ModelError(f"has more than {MAX_VISUALS} visuals")
+    for material in root.findall("material"):
+        clean.append(_clean_material(material, "a material"))
+    seen: set[str] = set()
+    for link in links:
+        link_name = _name(link, "link", seen)
+        new = new_element("link", {"name": link_name})
+        where = f"link {link_name!r}"
+        for visual in link.findall(shown):
+            made = _clean_visual(visual, where, allow_missing, notes)
+            if made is not None:
+                new.append(made)
+        clean.append(new)
+    seen = set()
+    clean.extend([_clean_joint(joint, _name(joint, "joint", seen)) for joint in joints])
+    _add_world(clean, notes)
+    return clean
+
+
+def _add_world(robot: Element, notes: list[str]) -> None:
+    """Add the link "world" where joints hang on it and no link is so named, as Drake does."""
+    names = {link.get("name") for link in robot.findall("link")}
+    if "world" not in names and any(p.get("link") == "world"
+                                    for p in robot.findall("joint/parent")):
+        robot.append(new_element("link", {"name": "world"}))
+        notes.append("joints hang on the link 'world', which is not declared: added")
+
+
+def _clean_visual(
+    visual: Element, where: str, allow_missing: bool, notes: list[str]
+) -> Element | None:
+    geometry = visual.find("geometry")
+    shape = None if geometry is None else next(iter(geometry), None)
+    if shape is None:
+        notes.append(f"{where}: a visual without geometry is ignored")
+        return None
+    if shape.tag not in GEOMETRIES:
+        known = ", ".join(GEOMETRIES)
+        text = f"{where}: geometry <{shape.tag[:40]}> is not supported ({known})"
+        if not allow_missing:
+            raise ModelError(f"{text}; allow_missing leaves it out")
+        notes.append(f"{text}; left out")
+        return None
+    attributes = _numbers(shape, where, {**GEOMETRIES[shape.tag]}, required=True)
+    if shape.tag == "mesh":
+        attributes["filename"] = _text(shape, "filename", where)
+        if "scale" in shape.attrib:
+            attributes |= _numbers(shape, where, {"scale": (1, 3)})
+    new = new_element("visual", {"name": shape.tag})
+    tag = "cylinder" if shape.tag == "capsule" else shape.tag
+    holder = new_element("geometry", {})
+    holder.append(new_element(tag, attributes))
+    new.append(holder)
+    _copy(visual, new, "origin", where, {"xyz": (3,), "rpy": (3,)})
+    material = visual.find("material")
+    if material is not None:
+        new.append(_clean_material(material, where))
+    return new
+
+
+def _clean_material(material: Element, where: str) -> Element:
+    new = new_element("material", {"name": material.get("name", "")[:MAX_NAME]})
+    color, texture = material.find("color"), material.find("texture")
+    if color is not None and color.get("rgba", "").strip():
+        new.append(new_element("color", _numbers(color, where, {"rgba": (4, 3)})))
+    if texture is not None and texture.get("filename", "").strip():
+        new.append(new_element("texture", {"filename": _text(texture, "filename", where)}))
+    return new
+
+
+def _clean_joint(joint: Element, name: str) -> Element:
+    where = f"joint {name!r}"
+    kind = joint.get("type", "").strip()
+    if kind not in JOINT_TYPES:
+        raise ModelError(f"{where}: type {kind[:40]!r} is unknown; there are "
+                         f"{', '.join(JOINT_TYPES)}")
+    new = new_element("joint", {"name": name, "type": kind})
+    for end in ("parent", "child"):
+        element = joint.find(end)
+        if element is None:
+            raise ModelError(f"{where}: has no <{end}>")
+        new.append(new_element(end, {"link": _text(element, "link", where)}))
+    _copy(joint, new, "origin", where, {"xyz": (3,), "rpy": (3,)})
+    _copy(joint, new, "axis", where, {"xyz": (3,)})
+    if kind != "fixed":
+        _copy(joint, new, "limit", where, {"lower": (1,), "upper": (1,)}, largest=1e30)
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            _copy(joint, new, "mimic", where, {"multiplier": (1,), "offset": (1,)})
+            new[-1].set("joint", _text(mimic, "joint", where))
+    return new
+
+
+def _copy(
+    old: Element, new: Element, tag: str, where: str, numbers: dict[str, tuple[int, ...]],
+    largest: float = MAX_NUMBER,
+) -> None:
+    element = old.find(tag)
+    if element is not None:
+        new.append(new_element(tag, _numbers(element, where, numbers, largest=largest)))
+
+
+def _numbers(
+    element: Element, where: str, counts: dict[str, tuple[int, ...]], required: bool = False,
+    largest: float = MAX_NUMBER,
+) -> dict[str, str]:
+    """Attributes that hold as many finite numbers as `counts` allows, in plain spelling."""
+    out: dict[str, str] = {}
+    for key, allowed in counts.items():
+        text = element.get(key)
+        if text is None or not text.strip():
+            if required:
+                raise ModelError(f"{where}: <{element.tag}> has no {key!r}")
+            continue
+        words = text.replace(",", " ").split()
+        what = f"{where}: {key}={text[:60]!r} of <{element.tag}>"
+        if "$" in text:
+            raise ModelError(f"{what} is un-expanded xacro; expand it: `xacro FILE > model.urdf`")
+        if len(words) not in allowed:
+            raise ModelError(f"{what} should be {' or '.join(map(str, allowed))} numbers")
+        for word in words:
+            if not NUMBER.fullmatch(word) or not math.isfinite(float(word)):
+                raise ModelError(f"{what} is not a finite number: {word[:40]!r}")
+            if abs(float(word)) > largest:
+                raise ModelError(f"{what} is absurdly large")
+        out[key] = " ".join(words)
+    return out
+
+
+def _name(element: Element, kind: str, seen: set[str]) -> str:
+    name = _text(element, "name", f"a {kind}", limit=MAX_NAME)
+    if name in seen:
+        raise ModelError(f"has two {kind}s named {name!r}")
+    seen.add(name)
+    return name
+
+
+def _text(element: Element, key: str, where: str, limit: int = 1024) -> str:
+    text = element.get(key, "").strip()
+    if not text:
+        raise ModelError(f"{where}: <{element.tag}> has no {key!r}")
+    if "${" in text or "$(" in text:
+        raise ModelError(f"{where}: {key}={text[:60]!r} is un-expanded xacro; expand it: "
+                         "`xacro FILE > model.urdf`")
+    if len(text) > limit or not text.isprintable():
+        raise ModelError(f"{where}: {key} of <{element.tag}> is unprintable or longer than "
+                         f"{limit} characters")
+    return text

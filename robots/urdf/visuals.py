@@ -1,0 +1,133 @@
+"""What the links of a URDF look like: geometries, materials, and which of them wins."""
+
+# yourdfpy has no types
+# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportMissingTypeStubs=false
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..files.paths import MissingAssetError
+from ..geometry.transforms import Array
+from ..meshes.library import MAX_TRIANGLES, MeshLibrary
+from ..meshes.primitives import box, capsule, cylinder, sphere
+from ..model.articulated_model import ArticulatedModel, Material, ModelError, Visual
+from ..model.surface import Surface, moved, visuals_of_part
+from ..model.texture import base_color, mean_color
+from .document import Document
+
+if TYPE_CHECKING:
+    from yourdfpy.urdf import Link
+
+
+def visuals_of_document(
+    document: Document, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
+) -> tuple[list[Visual], list[str]]:
+    """The visuals of a model's parts, and notes; raises ModelError."""
+    robot, notes = document.robot, list[str]()
+    materials = _named_materials(robot.materials, robot.links)
+    links: dict[str, Link] = {link.name: link for link in robot.links}
+    visuals: list[Visual] = []
+    triangles = 0
+    for part, name in enumerate(model.part_names):
+        surfaces: list[Surface] = []
+        for visual in links[name].visuals:
+            shape = visual.geometry
+            try:
+                found = _surfaces(visual, library)
+            except MissingAssetError as error:
+                if not allow_missing:
+                    raise MissingAssetError(
+                        f"link {name!r}: mesh {error}; name the package's folder in `packages`, "
+                        "or set allow_missing to go without") from error
+                reference = "" if shape is None or shape.mesh is None else shape.mesh.filename
+                notes.append(f"link {name!r}: mesh {reference!r} is missing and left out")
+                continue
+            except ModelError as error:
+                raise ModelError(f"link {name!r}: {error}") from error
+            triangles += sum(len(s.faces) for s in found)
+            if triangles > MAX_TRIANGLES:
+                raise ModelError(f"has more than {MAX_TRIANGLES} triangles")
+            own = _material(visual.material, materials, library, notes, name)
+            surfaces.extend(moved(_dressed(s, own), pose_or_identity(visual.origin)) for s in found)
+        visuals.extend(visuals_of_part(part, surfaces))
+    if not visuals:
+        notes.append("the model has no visuals: there is nothing to see")
+    return visuals, notes
+
+
+def _surfaces(visual: Any, library: MeshLibrary) -> list[Surface]:
+    """The surfaces of one <visual>, in its own frame."""
+    shape = visual.geometry
+    if shape.box is not None:
+        return [box(shape.box.size.tolist())]
+    if shape.sphere is not None:
+        return [sphere(shape.sphere.radius)]
+    if shape.cylinder is not None:
+        make = capsule if visual.name == "capsule" else cylinder
+        return [make(shape.cylinder.radius, shape.cylinder.length)]
+    scale = np.broadcast_to(1.0 if shape.mesh.scale is None else shape.mesh.scale, 3)
+    if (np.abs(scale) < 1e-12).any():
+        raise ModelError(f"mesh {shape.mesh.filename!r} has a scale of zero")
+    return [moved(s, np.eye(4), scale) for s in library.surfaces(shape.mesh.filename)]
+
+
+def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:
+    """Materials by name: those of the robot, then the first definition inside a link."""
+    inline = [v.material for link in links for v in link.visuals if v.material is not None]
+    named: dict[str, Any] = {}
+    for m in [*top, *inline]:
+        if m.name and (m.color is not None or m.texture is not None):
+            named.setdefault(m.name, m)
+    return named
+
+
+def _material(
+    given: Any, named: dict[str, Any], library: MeshLibrary, notes: list[str], link: str
+) -> Material | None:
+    """The URDF's own material of a visual, None where it names none."""
+    if given is None:
+        return None
+    if given.color is None and given.texture is None:
+        if given.name not in named:
+            if given.name:
+                notes.append(f"link {link!r}: material {given.name!r} is not defined")
+            return None
+        given = named[given.name]
+    color, texture = (1.0, 1.0, 1.0, 1.0), None
+    if given.color is not None:
+        rgba = np.asarray(given.color.rgba, np.float64)
+        if rgba.min() < 0.0 or rgba.max() > 1.0:
+            notes.append(f"material {given.name!r}: colour outside 0..1 is clipped")
+        color = base_color(rgba)
+    if given.texture is not None:
+        try:
+            texture = library.texture(given.texture.filename)
+        except MissingAssetError:
+            notes.append(f"material {given.name!r}: texture {given.texture.filename!r} is missing")
+            if given.color is None:
+                return None
+    return Material(str(given.name or ""), color, texture=texture)
+
+
+def _dressed(s: Surface, own: Material | None) -> Surface:
+    """The surface with its final material: the mesh's own, else the URDF's, else vertex colours."""
+    if s.material is not None:
+        material = s.material
+    elif own is not None:
+        material = own
+    else:
+        material = Material() if s.vertex_color is None else Material(base_color=s.vertex_color)
+    if material.texture is not None and s.uv is None:  # nowhere to put it: its mean colour stays
+        mean = np.multiply(mean_color(material.texture), material.base_color).tolist()
+        material = replace(material, texture=None, base_color=(mean[0], mean[1], mean[2], mean[3]))
+    return replace(s, material=material)
+
+
+def pose_or_identity(matrix: Array | None) -> Array:
+    """The 4x4 of an <origin>, which may be absent."""
+    return np.eye(4) if matrix is None else np.asarray(matrix, np.float64)

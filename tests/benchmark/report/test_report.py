@@ -1,0 +1,396 @@
+"""The report: its numbers are those of the statistics, its text cannot become anything else."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gcbench import GcbenchError
+from gcbench.__main__ import main
+from gcbench.benchmark.report import published_numbers as paper
+from gcbench.benchmark.report.formats import CSV_COLUMNS, csv_cell, latex, leaderboard_csv, markdown
+from gcbench.benchmark.report.gallery import chosen, draw
+from gcbench.benchmark.report.leaderboard import (
+    compare,
+    labels_of,
+    ranks,
+    read_board,
+    sequence_errors,
+)
+from gcbench.benchmark.report.page import FILES, report
+from gcbench.benchmark.report.standings import standings
+from gcbench.benchmark.report.statistics import paired_difference, pcp
+from gcbench.benchmark.report.tables import paper_tables
+from gcbench.benchmark.results.rows import (
+    SCORES,
+    Row,
+    find_runs,
+    read_scores,
+    write_run,
+    write_scores,
+)
+
+from ...support.fake_results import FREE, GCPOSE, ICP, JOINTS, NOISY, ORACLE, STILL, write_results
+
+HOSTILE = "=cmd|' /C calc'!A0 </script><img src=x onerror=alert(1)> $\\x_{1}^2 & 5% #~ | `b` [a](b)"
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five rows on two datasets."""
+    folder = tmp_path_factory.mktemp("results")
+    for dataset in ("mini/ur5", "mini/iiwa14"):
+        write_results(folder, GCPOSE, 0.002, dataset, seed=1)
+        write_results(folder, NOISY, 0.002, dataset, seed=2)
+        write_results(folder, FREE, 0.01, dataset, seed=3)
+        write_results(folder, ICP, 0.05, dataset, seed=4, failing=(2,))
+        write_results(folder, STILL, None, dataset)
+    return folder
+
+
+def data_of(page: Path) -> dict:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>',
+                      page.read_text(), re.DOTALL)
+    assert found
+    return json.loads(found[1])
+
+
+def test_a_report_is_four_files(results: Path, tmp_path: Path) -> None:
+    written = report([results], tmp_path / "deep" / "report", progress=False)
+    assert [p.name for p in written] == list(FILES)
+    assert all(p.read_bytes() for p in written)
+    assert sorted(p.name for p in (tmp_path / "deep" / "report").iterdir()) == sorted(FILES)
+
+
+def test_the_command_names_its_files_and_opens_the_page(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened = list[str]()
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    out = tmp_path / "out"
+    assert main(["report", str(results), "--out", str(out), "--no-pictures", "--open"]) == 0
+    assert capsys.readouterr().out.split() == [str(out / name) for name in FILES]
+    assert opened == [(out / "index.html").as_uri()]
+    assert main(["report", str(tmp_path / "lost")]) == 2
+    assert "lost" in capsys.readouterr().err
+
+
+def test_the_same_results_give_the_same_bytes(results: Path, tmp_path: Path) -> None:
+    a = report([results], tmp_path / "a", progress=False)
+    b = report([results], tmp_path / "b", progress=False)
+    assert [p.read_bytes() for p in a] == [p.read_bytes() for p in b]
+
+
+def test_csv_has_a_row_for_each_dataset_and_method(results: Path, tmp_path: Path) -> None:
+    report([results], tmp_path, progress=False)
+    text = (tmp_path / "leaderboard.csv").read_text()
+    assert text.splitlines()[0] == (
+        "dataset,method,inputs,knowledge,sequences,joints,mean,std,ci_low,ci_high,median,p90,pcp5,"
+        "coverage,seconds_per_frame,unit"
+    )
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert len(rows) == 10 and tuple(rows[0]) == CSV_COLUMNS
+    scores = [r for folder in find_runs(results) for r in folder.results()]
+    expected = {(s.dataset, s.method, s.inputs, s.knowledge): s for s in standings(scores)}
+    for row in rows:
+        s = expected[row["dataset"], row["method"], row["inputs"], row["knowledge"]]
+        m = s.summary
+        numbers = [m.mean, m.std, m.ci_low, m.ci_high, m.median, m.p90, m.pcp[2], m.coverage]
+        assert [float(row[k]) for k in CSV_COLUMNS[6:14]] == pytest.approx(numbers, rel=1e-5)
+        assert (int(row["sequences"]), int(row["joints"])) == (6, 18)
+        assert row["unit"] == "deg"
+        assert row["seconds_per_frame"] == ("" if s.method == "hold-still" else
+                                            f"{s.seconds_per_frame:.6g}")
+
+
+def test_a_failure_counts_and_is_told(results: Path, tmp_path: Path) -> None:
+    report([results], tmp_path, progress=False)
+    data = data_of(tmp_path / "index.html")
+    icp = [line for line in data["lines"] if line["method"] == "icp"]
+    assert [line["failed"] for line in icp] == [1, 1]
+    assert [line["coverage"] for line in icp] == pytest.approx([5 / 6] * 2, rel=1e-4)
+    told = [row for row in data["failures"] if row[1] == "mini/ur5"]
+    assert told == [["icp (rgbd, axes)", "mini/ur5", "000002", "raised", "ValueError: no"]]
+
+
+def test_drift_and_curve_are_means_and_shares_of_the_lines(results: Path) -> None:
+    board = read_board([results])
+    for line in board.lines:
+        scores = read_scores(line.run.path / SCORES)
+        for t in range(1, 5):
+            at = [r.value for r in scores if r.metric == "error" and r.frame == t]
+            assert line.drift[t] == pytest.approx(np.mean(at))
+        assert line.drift[0] == 0.0
+        assert line.drift[-1] == pytest.approx(line.summary.mean)
+        finals = np.array(list(line.error.values()))
+        covered = np.array([name not in line.failed for name, _ in line.error])
+        assert line.curve[-1] == pcp(finals, covered, (90.0,))[0]
+        assert line.means["seconds_per_frame"] if line.row != STILL else True
+
+
+def test_ranks_and_differences_are_those_of_the_statistics(results: Path, tmp_path: Path) -> None:
+    board = read_board([results])
+    found = compare(board.lines)
+    scores = [r for folder in find_runs(results) for r in folder.results()]
+    expected = {(s.dataset, s.method, s.inputs, s.knowledge): s.rank for s in standings(scores)}
+    for line, rank in zip(board.lines, ranks(board.lines, found), strict=True):
+        row = line.row
+        assert rank == expected[line.dataset, row.name, row.inputs, row.knowledge]
+    assert len(found) == 2 * 10
+    for (a, b), d in found.items():
+        again = paired_difference(board.lines[a].error, board.lines[b].error,
+                                  np.random.default_rng(0))
+        assert d.mean == pytest.approx(again.mean) and d.pairs == 18
+    assert len(set(ranks(board.lines, found)[:5])) < 5, "two rows are alike, and share"
+    report([results], tmp_path, progress=False)
+    pairs = data_of(tmp_path / "index.html")["pairs"]
+    for (a, b), d in found.items():
+        assert pairs[f"{a} {b}"]["mean"] == pytest.approx(d.mean, rel=1e-4)
+        assert (pairs[f"{a} {b}"]["low"] > 0) == (d.ci_low > 0)
+
+
+def test_one_sequence_ranks_nothing(tmp_path: Path) -> None:
+    write_results(tmp_path, GCPOSE, 0.001, sequences=1)
+    write_results(tmp_path, STILL, None, sequences=1)
+    board = read_board([tmp_path])
+    assert not compare(board.lines)
+    assert ranks(board.lines, {}) == [1, 1]
+    report([tmp_path], tmp_path / "out", progress=False)
+    assert "| – |" in (tmp_path / "out" / "leaderboard.md").read_text()
+    assert data_of(tmp_path / "out" / "index.html")["lines"][0]["low"] is None
+
+
+def test_prismatic_joints_have_lines_of_their_own(tmp_path: Path) -> None:
+    write_results(tmp_path, GCPOSE, 0.01, prismatic=1)
+    lines = read_board([tmp_path]).lines
+    assert [(line.unit, line.summary.joints) for line in lines] == [("deg", 12), ("m", 6)]
+    assert [[j.name for j in line.joints] for line in lines] == [["pan", "lift"], ["elbow"]]
+    report([tmp_path], tmp_path / "out", progress=False)
+    text = (tmp_path / "out" / "leaderboard.csv").read_text()
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert [row["unit"] for row in rows] == ["deg", "m"]
+    assert "(prismatic joints)" in (tmp_path / "out" / "leaderboard.md").read_text()
+
+
+# -- the paper's tables -----------------------------------------------------------------------
+
+
+def test_the_papers_numbers() -> None:
+    assert len(paper.PRINTED) == 4 * 3 + 2 + 3 * 4 + 5 * 4
+    full = {p.robot: (p.mean, p.pcp5) for p in paper.printed(3) if p.method == paper.FULL}
+    assert full == {"ur5": (2.2132, 91.6), "ur5-textured": (1.4633, 96.5),
+                    "iiwa14": (2.5158, 89.0), "irb2400": (3.1479, 93.5)}
+    ours = np.mean([p.mean for p in paper.printed(2) if p.method == "GC-Pose, RGB-D"])
+    assert ours == pytest.approx(1.96, abs=0.005)  # as its text says
+    assert np.mean([p.mean for p in paper.printed(2) if p.method == "CRAVES"]) == pytest.approx(
+        3.03, abs=0.005)
+    own = np.mean([p.mean for p in paper.printed(1) if p.method == "GC-Pose"])
+    assert own == pytest.approx(1.391, abs=0.001)
+
+
+def test_tables_have_our_numbers_and_the_papers_apart(results: Path) -> None:
+    board = read_board([results])
+    robots, *joints = paper_tables(board.lines)
+    assert robots.groups == (("", 1), ("ur5", 3), ("iiwa14", 3))  # the paper's order
+    assert robots.columns[1:4] == ("mean ± std", "PCP@5°", "paper")
+    assert robots.reference == (False, *(False, False, True) * 2)
+    rows = {row.cells[0]: row for row in robots.rows}
+    line = next(x for x in board.lines if x.dataset == "mini/ur5" and x.row == GCPOSE)
+    s = line.summary
+    assert rows["gcpose · rgbd · axes"].cells[1:4] == (
+        f"{s.mean:.3f} ± {s.std:.3f}", f"{s.pcp[2]:.1f} %", "2.21, 91.6 %")
+    assert rows["gcpose · rgbd-noise · axes"].cells[6] == "3.22, 87.0 %"
+    assert rows["gcpose · rgbd · free*"].cells[3] == "–", "the paper's method knows the axes"
+    assert "better of the two signs" in robots.caption
+    theirs = [row for row in robots.rows if row.reference]
+    assert [row.cells[0] for row in theirs] == [
+        "FlowNet2 alone (paper)", "FlowNet2, epipolar (paper)", "GC-Pose, estimated depth (paper)"]
+    assert all(row.cells[1] == row.cells[2] == "–" for row in theirs)
+    assert robots.rows[-3:] == tuple(theirs), "never among ours"
+
+    assert [t.title for t in joints] == ["Joints of mini/ur5", "Joints of mini/iiwa14"]
+    assert joints[0].groups == (("", 1), *((name, 1) for name in JOINTS))
+    first = {row.cells[0]: row.cells for row in joints[0].rows}["gcpose · rgbd · axes"]
+    for cell, joint in zip(first[1:], line.joints, strict=True):
+        finals = [value for (_, name), value in line.error.items() if name == joint.name]
+        assert cell == f"{np.mean(finals):.3f} ± {np.std(finals):.3f}"
+
+
+def test_owi_and_objects(tmp_path: Path) -> None:
+    names = ("Rotation", "Base", "Elbow", "Wrist")
+    write_results(tmp_path, GCPOSE, 0.01, "owi535", joints=names)
+    write_results(tmp_path, GCPOSE, 0.01, "oven", joints=("door",))
+    tables = {t.title: t for t in paper_tables(read_board([tmp_path]).lines)}
+    assert set(tables) == {"Robots", "Articulated objects", "Joints of owi535"}
+    owi = tables["Joints of owi535"]
+    assert owi.rows[0].cells[2::2] == ("1.76 ± 1.09", "1.37 ± 1.09", "1.74 ± 1.37", "2.98 ± 1.73")
+    assert owi.rows[1].cells[0] == "CRAVES (paper)" and "sign" not in owi.caption
+    half = [c for c, name in zip(tables["Robots"].rows[0].cells, tables["Robots"].columns,
+                                 strict=True) if name == "best half"]  # fmt: skip
+    line = next(x for x in read_board([tmp_path]).lines if x.robot == "owi535")
+    assert half == [f"{np.sort(list(line.error.values()))[:12].mean():.3f}"]
+    objects = {row.cells[0]: row.cells[3] for row in tables["Articulated objects"].rows}
+    assert objects["ScrewNet (paper)"] == "0.72 ± 0.14"
+    assert objects["ScrewNet (oven, trained on the other two) (paper)"] == "8.65 ± 0.21"
+
+
+def test_an_oracle_is_said_everywhere_and_has_no_counterpart(tmp_path: Path) -> None:
+    oracle = dataclasses.replace(GCPOSE, oracles=("true-parts",))
+    write_results(tmp_path, oracle, 0.01)
+    report([tmp_path], tmp_path / "out", progress=False)
+    assert paper.counterpart(oracle, 3) == "" and paper.counterpart(GCPOSE, 3) == paper.FULL
+    data = data_of(tmp_path / "out" / "index.html")
+    assert data["lines"][0]["oracles"] == "true-parts"
+    assert "ORACLE" in json.dumps(data["about"])
+    for name in FILES[1:]:
+        text = (tmp_path / "out" / name).read_text()
+        assert re.search("gcpose(@|&#64;)true(-|{-})parts", text), name
+
+
+# -- text from outside ------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hostile")
+    row = Row(HOSTILE, HOSTILE, "rgbd", "axes", HOSTILE)
+    path = write_results(
+        folder, row, 0.01, joints=(HOSTILE, "b"), failing=(1,), reason=HOSTILE,
+        config={"robot": HOSTILE, "seed": HOSTILE}, assets=({"name": HOSTILE, "source": HOSTILE},))
+    run = find_runs(folder)[0].run
+    write_run(path, dataclasses.replace(run, dataset=HOSTILE, data=HOSTILE))
+    scores = [dataclasses.replace(r, dataset=HOSTILE) for r in read_scores(path / SCORES)]
+    write_scores(path / SCORES, scores)
+    return report([folder], folder / "out", progress=False)[0].parent
+
+
+def test_hostile_names_in_the_page(hostile: Path) -> None:
+    html = (hostile / "index.html").read_text()
+    assert html.count("</script>") == 2 and "<img" not in html
+    assert data_of(hostile / "index.html")["lines"][0]["method"] == HOSTILE
+
+
+def test_hostile_names_in_csv_markdown_and_latex(hostile: Path) -> None:
+    rows = list(csv.reader(io.StringIO((hostile / "leaderboard.csv").read_text(), newline="")))
+    assert [len(row) for row in rows] == [16, 16]
+    assert rows[1][1] == "'" + HOSTILE and rows[1][0] == "'" + HOSTILE
+    text = (hostile / "leaderboard.md").read_text()
+    assert "<" not in text.replace("&lt;", "") and "[a](b)" not in text
+    table = [line for line in text.splitlines() if line.startswith("|")]
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in table} == {13}
+    tex = (hostile / "tables.tex").read_text()
+    for line in tex.splitlines():
+        if not line.startswith("%"):
+            assert re.search(r"(?<!\\)#", line) is None
+            assert re.search(r"(?<!\\)%(?!$)", line) is None
+    assert r"\textbackslash{}x\_\{1\}\textasciicircum{}2 \& 5\% \#\textasciitilde{}" in tex
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r\n=1", " =1", "\u200b=1"])
+def test_no_cell_is_a_formula(text: str) -> None:
+    assert csv_cell(text).startswith("'")
+
+
+def test_escapes() -> None:
+    assert csv_cell("a,b\nc") == "a,b c"
+    assert latex("a_b 50% {x} \\y ~ ^ $ # & |<>") == (
+        r"a\_b 50\% \{x\} \textbackslash{}y \textasciitilde{} \textasciicircum{} \$ \# \& "
+        r"\textbar{}\textless{}\textgreater{}")
+    assert latex("0.1 ± 0.2° · – é 世") == r"0.1 $\pm$ 0.2$^{\circ}$ $\cdot$ -- é ?"
+    assert latex("a\\\nb") == r"a\textbackslash{} b"
+    assert markdown("a|b\n<i> *x* _y_ http://z www.z") == (
+        r"a\|b &lt;i&gt; \*x\* \_y\_ http&#58;//z www&#46;z")
+
+
+# -- what may be missing ----------------------------------------------------------------------
+
+
+def test_no_results_are_told_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(GcbenchError, match="gcbench eval") as error:
+        report([tmp_path], tmp_path / "out")
+    assert "\n" not in str(error.value) and not (tmp_path / "out").exists()
+    with pytest.raises(GcbenchError, match="gcbench eval"):
+        report([tmp_path / "nowhere"], tmp_path / "out")
+
+
+def test_an_unfinished_run_is_told_and_left_out(tmp_path: Path) -> None:
+    write_results(tmp_path, GCPOSE, 0.01)
+    write_results(tmp_path, ICP, 0.01, scores=False)
+    report([tmp_path], tmp_path / "out", progress=False)
+    data = data_of(tmp_path / "out" / "index.html")
+    assert len(data["lines"]) == 1
+    assert data["failures"][0][:4] == ["icp (rgbd, axes)", "ur5", "", "unfinished"]
+    assert data["failures"][0][4].startswith("6 of 6")
+
+
+def test_missing_metrics_and_sequences(tmp_path: Path) -> None:
+    """Scores of another version, with the final errors only, and of fewer sequences."""
+    path = write_results(tmp_path, GCPOSE, 0.01)
+    kept = [r for r in read_scores(path / SCORES)
+            if r.metric == "final_error" and r.sequence != "000005"]
+    write_scores(path / SCORES, kept)
+    report([tmp_path], tmp_path / "out", progress=False)
+    data = data_of(tmp_path / "out" / "index.html")
+    line = data["lines"][0]
+    assert line["seconds"] is None and line["within_sigma"] is None and line["drift"] == [0.0]
+    assert line["coverage"] == 0.0, "nothing says that anything was estimated"
+    assert (line["sequences"], line["expected"]) == (5, 6)
+    assert [row[2:4] for row in data["failures"]] == [["000005", "not scored"]]
+
+
+def test_the_same_row_twice_and_datasets_of_one_name_are_refused(tmp_path: Path) -> None:
+    write_results(tmp_path / "a", GCPOSE, 0.01)
+    write_results(tmp_path / "b", GCPOSE, 0.01)
+    with pytest.raises(GcbenchError, match="the same row"):
+        read_board([tmp_path / "a", tmp_path / "b"])
+    write_results(tmp_path / "c", ICP, 0.01, config={"robot": "ur5", "seed": 8, "frames": 5})
+    with pytest.raises(GcbenchError, match="seed: 7 -> 8"):
+        read_board([tmp_path / "a", tmp_path / "c"])
+
+
+def test_two_versions_are_two_rows(tmp_path: Path) -> None:
+    write_results(tmp_path / "a", GCPOSE, 0.01)
+    write_results(tmp_path / "b", dataclasses.replace(GCPOSE, version="2.0"), 0.02)
+    lines = read_board([tmp_path / "a", tmp_path / "b"]).lines
+    assert sorted(labels_of(lines)) == ["gcpose · rgbd · axes · 1.0", "gcpose · rgbd · axes · 2.0"]
+
+
+def test_a_report_that_cannot_be_written(results: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(GcbenchError, match="cannot write"):
+        report([results], tmp_path / "file", progress=False)
+
+
+# -- pictures ---------------------------------------------------------------------------------
+
+
+def test_the_worst_and_the_median_are_chosen(results: Path) -> None:
+    lines = read_board([results]).lines
+    pictures = chosen(lines)
+    assert len(pictures) == 2 * len(lines)
+    for picture in pictures:
+        errors = sequence_errors(lines[picture.line])
+        assert picture.error == errors[picture.sequence]
+        position = sorted(errors.values()).index(picture.error)
+        assert position == (5 if picture.kind == "worst" else 2)
+        assert np.mean([e for _, e in picture.joints]) == pytest.approx(picture.error)
+
+
+def test_without_the_dataset_there_is_a_reason_instead_of_a_picture(results: Path) -> None:
+    lines = read_board([results]).lines
+    pictures = draw(lines, chosen(lines), progress=False)
+    assert all(not p.image and "not a dataset" in p.reason for p in pictures)
+
+
+def test_oracle_and_plain_are_different_rows(tmp_path: Path) -> None:
+    write_results(tmp_path, ICP, 0.02)
+    write_results(tmp_path, ORACLE, 0.01)
+    text = leaderboard_csv(read_board([tmp_path]).lines)
+    assert [row["method"] for row in csv.DictReader(io.StringIO(text))] == ["icp@true-parts", "icp"]

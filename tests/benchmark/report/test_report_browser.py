@@ -1,0 +1,365 @@
+"""The page of `gcbench report` in a real browser: Debian's `chromium`, driven by Playwright."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gcbench.benchmark.report.gallery import Picture
+from gcbench.benchmark.report.leaderboard import THRESHOLDS, compare, labels_of, ranks, read_board
+from gcbench.benchmark.report.page import page as html
+from gcbench.benchmark.report.page import page_data
+from gcbench.benchmark.report.tables import paper_tables
+from gcbench.benchmark.results.rows import Row
+
+from ...renderer.show.test_show_browser import HOSTILE, luminance, until
+from ...renderer.show.test_show_browser import (
+    browser as browser,  # the fixture, with its rule of skipping
+)
+from ...support.fake_results import FREE, GCPOSE, ICP, NOISY, ORACLE, STILL, write_results
+
+NASTY = Row(HOSTILE.replace("\u2028", ""), "<i>1</i>", "rgbd", "free", f"supervised: {HOSTILE}")
+PIXEL = ("data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk"
+         "+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg==")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("results")
+    for dataset in ("mini/ur5", "mini/iiwa14"):
+        write_results(folder, GCPOSE, 0.002, dataset, seed=1)
+        write_results(folder, NOISY, 0.004, dataset, seed=2)
+        write_results(folder, FREE, 0.008, dataset, seed=3)
+        write_results(folder, ICP, 0.05, dataset, seed=4, failing=(2,), reason=HOSTILE)
+        write_results(folder, STILL, None, dataset)
+    write_results(folder, ORACLE, 0.02, "mini/ur5", seed=5)
+    write_results(folder, NASTY, 0.03, "mini/ur5", seed=6)
+    write_results(folder, GCPOSE, 0.01, "zz" + HOSTILE, joints=(HOSTILE, "slide"), prismatic=1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def file(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    board = read_board([results])
+    pictures = [
+        Picture(0, "worst", "000001", 2.0, (("pan", 1.0), (HOSTILE, 3.0)), image=PIXEL),
+        Picture(0, "median", "000002", 1.0, (("pan", 1.0),), reason=HOSTILE),
+    ]
+    data = page_data(board, compare(board.lines), paper_tables(board.lines), pictures)
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    path.write_text(html(data))
+    return path
+
+
+@pytest.fixture(params=["light", "dark"])
+def scheme(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture
+def page(browser: Any, file: Path) -> Iterator[Any]:
+    yield from opened(browser, file, width=1280)
+
+
+def opened(browser: Any, file: Path, width: int, scheme: str = "light") -> Iterator[Any]:
+    """The open page; afterwards, that nothing was logged, fetched, or run from the data."""
+    context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    tab = context.new_page()
+    said: list[str] = []
+    asked: list[str] = []
+    tab.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.on("dialog", lambda dialog: (said.append("dialog"), dialog.dismiss()))
+    tab.on("request", lambda request: asked.append(request.url))
+    tab.goto(file.as_uri())
+    until(tab, "document.querySelectorAll('#board tbody tr').length > 0")
+    yield tab
+    assert not said
+    assert [url for url in asked if not url.startswith("data:")] == [file.as_uri()]
+    assert tab.evaluate("window.hacked") is None
+    assert tab.locator("img[onerror], main b b, main i, script").count() == 2, "our scripts only"
+    context.close()
+
+
+def column(tab: Any, title: str) -> list[str]:
+    heads = [text.strip() for text in tab.locator("#board thead th").all_text_contents()]
+    cells = tab.locator(f"#board tbody tr > :nth-child({heads.index(title) + 1})")
+    return cells.all_text_contents()
+
+
+def methods(tab: Any) -> list[str]:
+    return tab.locator("#board tbody .name").all_text_contents()
+
+
+def means(tab: Any) -> list[float]:
+    return [float(text.rstrip("°m ")) for text in column(tab, "mean error")]
+
+
+def choose(tab: Any, kind: str, value: str) -> None:
+    # The box lies invisibly over its chip.
+    tab.locator(f"#filters input[data-filter={kind}][value={value!r}]").check(force=True)
+
+
+def test_the_table_has_the_numbers_of_the_board(page: Any, results: Path) -> None:
+    board = read_board([results])
+    lines = board.lines
+    assert methods(page) == [re.sub(r"\s+", " ", line.row.name) for line in lines]
+    assert column(page, "mean error") == [
+        f"{x.summary.mean:.3f}°" if x.unit == "deg" else f"{x.summary.mean:.4f} m" for x in lines]
+    assert column(page, "PCP@5") == [f"{x.summary.pcp[2]:.1f} %" for x in lines]
+    assert [int(x) for x in column(page, "#")] == ranks(lines, compare(lines))
+    assert page.locator("#shown").text_content() == f"{len(lines)} rows"
+
+
+def test_sort_by_pointer_and_by_keyboard(page: Any) -> None:
+    def head(title: str) -> Any:
+        return page.locator("#board thead th", has_text=title)
+
+    page.get_by_role("button", name="mean error", exact=True).click()
+    assert means(page) == sorted(means(page))
+    assert head("mean error").get_attribute("aria-sort") == "ascending"
+    page.get_by_role("button", name="mean error", exact=True).press("Enter")
+    assert means(page) == sorted(means(page), reverse=True)
+    assert head("mean error").get_attribute("aria-sort") == "descending"
+    page.get_by_role("button", name="PCP@5", exact=True).focus()
+    page.keyboard.press("Space")
+    shares = [float(text.rstrip(" %")) for text in column(page, "PCP@5")]
+    assert shares == sorted(shares, reverse=True), "a share is best when it is large"
+    assert head("mean error").get_attribute("aria-sort") == "none"
+    page.get_by_role("button", name="s / frame", exact=True).click()
+    assert column(page, "s / frame")[-2:] == ["–", "–"], "what is unknown is last"
+    page.get_by_role("button", name="knowledge", exact=True).click()
+    order = ["none", "free", "axes", "kinematics", "model"]
+    found = column(page, "knowledge")
+    assert found == sorted(found, key=order.index)
+
+
+def test_filter(page: Any) -> None:
+    everything = len(methods(page))
+    choose(page, "dataset", "mini/iiwa14")
+    assert len(methods(page)) == 5
+    assert page.locator("#shown").text_content() == f"5 of {everything} rows"
+    choose(page, "knowledge", "axes")
+    assert methods(page) == ["gcpose", "gcpose", "icp"]
+    choose(page, "inputs", "rgbd")
+    assert set(column(page, "inputs")) == {"rgbd"}
+    choose(page, "method", "hold-still")
+    assert methods(page) == []
+    assert page.locator("#nothing").is_visible() and not page.locator("#board").is_visible()
+    page.get_by_role("button", name="Show all rows").click()
+    assert len(methods(page)) == everything
+    assert not page.locator("#filters input:checked").count()
+
+
+def test_ranks_are_among_the_rows_shown(page: Any) -> None:
+    choose(page, "dataset", "mini/iiwa14")
+    first = dict(zip(methods(page), column(page, "#"), strict=True))
+    assert int(first["icp"]) > 1
+    choose(page, "method", "icp")
+    choose(page, "method", "hold-still")
+    assert column(page, "#") == ["1", "2"]
+
+
+def test_a_chosen_sign_is_said(page: Any) -> None:
+    said = {row.locator(".name").text_content(): row.locator(".method").text_content()
+            for row in page.locator("#board tbody tr").all()}
+    assert "better sign" in said["hold-still"] and "better sign" not in said["icp"]
+
+
+def test_all_columns(page: Any) -> None:
+    page.get_by_label("all columns").check()
+    heads = [text.strip() for text in page.locator("#board thead th").all_text_contents()]
+    assert {"std", "PCP@1", "PCP@10", "within σ", "sequences", "sign", "training"} <= set(heads)
+    assert "part mIoU" not in heads, "no row has one"
+    assert column(page, "sequences")[0] == "6"
+
+
+def test_the_papers_numbers_are_marked_and_apart(page: Any) -> None:
+    table = page.locator("table.paper").first
+    assert table.locator("thead tr").first.locator("th").nth(1).text_content() == "ur5"
+    ours = table.locator("tbody tr", has_text="gcpose · rgbd · axes").locator("td")
+    assert ours.nth(2).text_content() == "2.21, 91.6 %"
+    assert "reference" in ours.nth(2).get_attribute("class")
+    assert table.locator("tbody tr.reference").count() == 3
+    assert "(paper)" not in page.locator("#board").text_content()
+    assert page.locator("#board", has_text="FlowNet2").count() == 0
+
+
+def test_differences_follow_the_reference(page: Any, results: Path) -> None:
+    lines = read_board([results]).lines
+    labels = labels_of(lines)
+    found = compare(lines)
+    here = [k for k, line in enumerate(lines) if line.dataset == "mini/ur5"]
+    last = here[-1]
+    page.locator("#reference").select_option(str(last))
+    rows = page.locator("#differences tbody tr")
+    assert rows.count() == len(here) - 1
+    text = rows.first.locator("td").all_text_contents()
+    d = found[here[0], last]
+    assert rows.first.locator("th").text_content() == labels[here[0]]
+    assert float(text[0].replace("\u2212", "-").rstrip("°")) == pytest.approx(d.mean, abs=6e-4)
+    assert text[-1] == "better" and d.ci_high < 0
+    page.locator("#reference").select_option(str(here[0]))
+    assert rows.last.locator("td").last.text_content() == "worse"
+
+
+def test_hover_reads_the_curves(page: Any, results: Path) -> None:
+    lines = [x for x in read_board([results]).lines if x.dataset == "mini/ur5"]
+    drift = page.locator("#drift svg")
+    drift.scroll_into_view_if_needed()
+    box = drift.bounding_box()
+    page.mouse.move(box["x"] + box["width"] - 14, box["y"] + box["height"] / 2)
+    tip = page.locator("#drift .tip")
+    assert tip.is_visible() and tip.locator("b").text_content() == "frame 4"
+    rows = tip.locator("div").all_text_contents()
+    worst = max(lines, key=lambda line: line.drift[4])
+    assert rows[0] == f"hold-still{worst.drift[4]:.3f}°"
+    assert len(rows) == len(lines)
+    assert tip.bounding_box()["height"] < 30 * (1 + len(lines))
+    assert {s.bounding_box()["width"] for s in tip.locator("svg").all()} == {22}
+    page.mouse.move(5, 5)
+    assert not tip.is_visible()
+
+    page.locator("#pcp svg").focus()
+    page.keyboard.press("End")
+    page.keyboard.press("ArrowLeft")
+    tip = page.locator("#pcp .tip")
+    limit = THRESHOLDS["deg"][-2]
+    assert tip.locator("b").text_content() == f"at most {limit:g}°"
+    icp = next(line for line in lines if line.row == ICP)
+    assert f"icp · rgbd · axes{icp.curve[-2]:.1f} %" in tip.locator("div").all_text_contents()
+    page.keyboard.press("Escape")
+    assert not tip.is_visible()
+
+
+def test_curves_can_be_hidden_and_made_linear(page: Any) -> None:
+    paths = page.locator("#drift path.series")
+    before = paths.count()
+    shape = paths.first.get_attribute("d")
+    button = page.locator("#legend button", has_text="hold-still")
+    button.click()
+    assert paths.count() == before - 1
+    assert button.get_attribute("aria-pressed") == "false"
+    button.click()
+    page.get_by_label("linear scales").check()
+    assert page.locator("#drift path.series").first.get_attribute("d") != shape
+
+
+def test_hover_reads_the_runtime_plot(page: Any) -> None:
+    svg = page.locator("#runtime svg")
+    svg.scroll_into_view_if_needed()
+    dot = svg.locator("circle").first.bounding_box()
+    page.mouse.move(dot["x"] + dot["width"] / 2, dot["y"] + dot["height"] / 2)
+    tip = page.locator("#runtime .tip")
+    assert tip.is_visible()
+    assert "seconds a frame0.100" in tip.text_content()
+    assert svg.locator("circle").count() == 6, "hold-still's time is unknown"
+
+
+def test_another_dataset(page: Any) -> None:
+    assert page.locator("#pictures figure").count() == 2
+    page.locator("#dataset").select_option(label="mini/iiwa14")
+    assert page.locator("#legend button").count() == 5
+    assert not page.locator("#gallery").is_visible()
+    prismatic = page.locator("#dataset option", has_text="prismatic").get_attribute("value")
+    page.locator("#dataset").select_option(prismatic)
+    assert "(m)" in page.locator("#drift").text_content()
+    assert not page.locator("#compare").is_visible()
+
+
+def test_the_gallery_shows_the_picture_or_the_reason(page: Any) -> None:
+    first, second = page.locator("#pictures figure").all()
+    first.scroll_into_view_if_needed()
+    until(page, "document.querySelector('#pictures img').naturalWidth === 1")
+    assert "worst" in first.text_content() and "000001: 2.000° on average" in first.text_content()
+    assert "red" in first.locator("img").get_attribute("alt")
+    assert "onerror" in second.locator(".none").text_content()
+
+
+def test_hostile_names_are_text(page: Any) -> None:
+    said = " ".join(HOSTILE.split())
+    assert NASTY.name in methods(page)
+    assert said in page.locator("#failures").text_content()
+    for where in ("#filters", "#about", "#table-list", "#dataset", "#legend", "#pictures",
+                  "#reference", "#differences", "#numbers"):
+        assert "onerror" in page.locator(where).text_content(), where
+
+
+def test_provenance_says_machine_limits_and_failures(page: Any) -> None:
+    text = page.locator("#provenance").text_content()
+    for words in ("seconds_per_sequence300.0", "cpua cpu", "numpy2",
+                  "ORACLE, was given: true-parts", "are not published", "What failed (2)",
+                  "mini/iiwa14"):  # fmt: skip
+        assert words in text, words
+
+
+@pytest.mark.parametrize("width", [320, 390, 768])
+def test_no_horizontal_scrolling(browser: Any, file: Path, width: int, scheme: str) -> None:
+    for tab in opened(browser, file, width, scheme):
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        tab.get_by_label("all columns").check()
+        for summary in tab.locator("summary").all():
+            summary.click()
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        inside = tab.evaluate("""() => [...document.querySelectorAll('section, .chart svg, figure')]
+            .filter(n => n.getBoundingClientRect().right > innerWidth + 1).length""")
+        assert inside == 0
+
+
+def test_a_phone_sees_method_and_error_at_once(browser: Any, file: Path) -> None:
+    for tab in opened(browser, file, 390):
+        row = tab.locator("#board tbody tr").first
+        right = row.locator("td.n").first.bounding_box()
+        assert right["x"] + right["width"] <= 390
+        assert "mini/ur5 · rgbd · axes" in row.locator(".tag.phone").text_content()
+        assert row.locator(".tag.phone").is_visible()
+
+
+def test_text_is_legible_in_both_schemes(browser: Any, file: Path, scheme: str) -> None:
+    """WCAG AA: a contrast of 4.5 between text and what is behind it."""
+    seen = ("h1", "#facts", "h2", ".note", "nav a", "#board th button", "#board td.n", ".name",
+            ".tag", ".tag.oracle", ".medal.top", ".medal", ".chip span", "legend", "summary",
+            "table.paper td.reference", "tr.reference th", ".verdict-worse", "#legend button",
+            "figcaption .kind.worst", "#about th", "#about td", "#failures td")  # fmt: skip
+    for tab in opened(browser, file, 1280, scheme):
+        choose(tab, "dataset", "mini/ur5")
+        for chosen in (*seen, "input:checked + span"):
+            colors = tab.locator(chosen).first.evaluate("""node => {
+                let back = node;
+                while (/^rgba\\(.*, 0\\)$/.test(getComputedStyle(back).backgroundColor))
+                    back = back.parentElement;
+                return [getComputedStyle(node).color, getComputedStyle(back).backgroundColor];
+            }""")
+            dark, light = sorted(luminance(color) for color in colors)
+            assert (light + 0.05) / (dark + 0.05) > 4.5, (chosen, colors)
+
+
+def test_everything_that_can_be_used_has_a_name(page: Any) -> None:
+    unnamed = page.evaluate("""() =>
+        [...document.querySelectorAll('button, input, select, svg, img')].filter(
+            n => !(n.getAttribute('aria-label') || n.getAttribute('aria-hidden') || n.alt
+                       || n.textContent.trim() || n.closest('label'))).map(n => n.outerHTML)""")
+    assert not unnamed
+    for region in page.locator(".scroll").all():
+        assert region.get_attribute("tabindex") == "0"
+
+
+def test_the_page_of_one_row_and_one_sequence(browser: Any, tmp_path: Path) -> None:
+    """Nothing to compare, no interval, no time, one joint."""
+    row = dataclasses.replace(STILL, method="alone")
+    write_results(tmp_path, row, None, sequences=1, joints=("one",), frames=2)
+    board = read_board([tmp_path])
+    path = tmp_path / "index.html"
+    path.write_text(html(page_data(board, {}, paper_tables(board.lines), [])))
+    for tab in opened(browser, path, 1280):
+        assert column(tab, "#") == ["1"]
+        assert not tab.locator("#compare").is_visible()
+        assert not tab.locator("#gallery").is_visible()
+        assert tab.locator("#board svg title").text_content().startswith("no interval")
+        tab.get_by_label("linear scales").check()
+        assert np.isfinite(tab.evaluate("document.querySelector('#drift svg').clientHeight"))

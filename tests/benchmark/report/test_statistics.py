@@ -1,0 +1,137 @@
+"""Means that leave nothing out, intervals that cover, ranks that are shared."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gcbench.benchmark.report.statistics import (
+    best_half,
+    bootstrap_mean,
+    paired_difference,
+    pcp,
+    shared_ranks,
+    summarize,
+)
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def test_std_is_no_member_of_the_mean() -> None:
+    """ScrewNet's evaluator concatenates the standard deviation into the list that it averages."""
+    error = np.array([1.0, 1.0, 1.0, 9.0])
+    s = summarize(error, [True] * 4, range(4), range(4), (1, 5), rng())
+    assert s.mean == 3.0
+    assert s.std == pytest.approx(np.sqrt(12))
+    assert (s.median, s.joints, s.sequences) == (1.0, 4, 4)
+    assert s.pcp == (75.0, 75.0)
+
+
+def test_a_missing_pair_is_in_every_number() -> None:
+    """RoboPose skips NaN and DREAM averages found poses only: here one denominator for all."""
+    s = summarize([1.0, 30.0], [True, False], "ab", "ab", (5, 40), rng())
+    assert s.mean == 15.5
+    assert s.pcp == (50.0, 50.0)  # a failure is wrong even where holding still were right
+    assert s.coverage == 50.0
+    with pytest.raises(ValueError, match="finite"):
+        summarize([1.0, np.nan], [True, True], "ab", "ab", (5,), rng())
+    with pytest.raises(ValueError, match="at least one"):
+        summarize([], [], "", "", (5,), rng())
+
+
+def test_no_half_is_selected_by_its_error() -> None:
+    """RoboPose's top50 and CRAVES' metric rank by the true error: only a function of that name
+    does, and no summary."""
+    error = [1.0, 2.0, 30.0, 40.0]
+    assert best_half(error) == 1.5
+    assert best_half([3.0]) == 3.0
+    s = summarize(error, [True] * 4, range(4), range(4), (5,), rng())
+    assert (s.mean, s.median) == (18.25, 16.0)
+
+
+def test_order_plays_no_part() -> None:
+    """CRAVES' split follows the order of os.walk."""
+    values, keys = rng().exponential(size=60), [f"{i // 3:06d}" for i in range(60)]
+    order = rng(5).permutation(60)
+    a = summarize(values, [True] * 60, keys, keys, (1,), rng(1))
+    b = summarize(values[order], [True] * 60, [keys[i] for i in order],
+                  [keys[i] for i in order], (1,), rng(1))
+    assert a.mean == pytest.approx(b.mean)
+    assert (a.median, a.pcp, a.p90) == (b.median, b.pcp, b.p90)
+    assert a.ci_low == pytest.approx(b.ci_low, rel=0.1)  # drawn, so not to the digit
+    pairs = {(k, str(i % 3)): v for i, (k, v) in enumerate(zip(keys, values, strict=True))}
+    other = dict.fromkeys(pairs, 0.0)
+    turned = dict(reversed(pairs.items()))
+    assert paired_difference(pairs, other, rng(2)) == paired_difference(turned, other, rng(2))
+
+
+def test_a_threshold_includes_itself() -> None:
+    rounded = np.array([5.0, np.radians(5) * 180 / np.pi])
+    assert pcp(rounded, np.array([True, True]), (5.0,)) == (100.0,)
+
+
+def test_clusters_widen_the_interval() -> None:
+    """Three joints of one sequence that err together are one observation, not three."""
+    one = rng().normal(10, 3, 40)
+    values, keys = np.repeat(one, 3), np.repeat(np.arange(40), 3).tolist()
+    low, high = bootstrap_mean(values, keys, rng(1))
+    naive = bootstrap_mean(values, range(120), rng(1))
+    assert (high - low) / (naive[1] - naive[0]) == pytest.approx(np.sqrt(3), rel=0.15)
+    assert low < values.mean() < high
+
+
+def test_intervals_cover_as_often_as_they_say() -> None:
+    draw = rng(7)
+    hits = 0
+    for _ in range(300):
+        effect = np.repeat(draw.normal(5, 1, 30), 3) + draw.normal(0, 0.5, 90)
+        low, high = bootstrap_mean(effect, np.repeat(np.arange(30), 3).tolist(), draw, draws=400)
+        hits += low <= 5 <= high
+    assert 0.89 <= hits / 300 <= 0.98
+
+
+def test_one_cluster_is_no_interval() -> None:
+    assert bootstrap_mean([1.0, 3.0], ["a", "a"], rng()) == (2.0, 2.0)
+
+
+def rows(*shifts: float, n: int = 50) -> list[dict[tuple[str, str], float]]:
+    hard = rng(3).exponential(10, n)  # what is common to all: the paired test does not see it
+    noise = rng(4).normal(0, 0.3, (len(shifts), n))
+    return [
+        {(f"{i:06d}", "pan"): float(hard[i] + shift + noise[k, i]) for i in range(n)}
+        for k, shift in enumerate(shifts)
+    ]
+
+
+def test_pairs_tell_apart_what_means_cannot() -> None:
+    a, b = rows(0.0, 0.5)
+    d = paired_difference(a, b, rng())
+    assert d.told_apart
+    assert d.mean == pytest.approx(-0.5, abs=0.15)
+    low, high = bootstrap_mean(list(a.values()), [k[0] for k in a], rng())
+    assert low < np.mean(list(b.values())) < high
+    assert not paired_difference(a, a, rng()).told_apart
+    nothing = paired_difference(a, {}, rng())
+    assert nothing.pairs == 0
+    assert not nothing.told_apart
+
+
+def test_only_common_pairs_are_compared() -> None:
+    a, b = rows(0.0, 0.5)
+    del b["000007", "pan"]
+    assert paired_difference(a, b, rng()).pairs == 49
+
+
+def test_a_single_sequence_tells_no_rows_apart() -> None:
+    a, b = ({("s", str(j)): value for j in range(3)} for value in (1.0, 2.0))
+    assert shared_ranks([a, b], rng()) == [1, 1]
+
+
+def test_rows_that_cannot_be_told_apart_share_a_rank() -> None:
+    ranks = shared_ranks(rows(0.5, 0.0, 0.01, 3.0), rng())
+    assert ranks == [3, 1, 1, 4]
+    order = [3, 1, 0, 2]
+    again = shared_ranks([rows(0.5, 0.0, 0.01, 3.0)[i] for i in order], rng())
+    assert again == [ranks[i] for i in order]
+    assert shared_ranks([], rng()) == []

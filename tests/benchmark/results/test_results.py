@@ -1,0 +1,188 @@
+"""Results survive a round trip, and what is damaged or means harm is told, not loaded."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gcbench import GcbenchError
+from gcbench.benchmark.results.estimates import (
+    InvalidEstimateError,
+    Shape,
+    Stored,
+    checked,
+    dump_stored,
+    read_stored,
+)
+from gcbench.benchmark.results.rows import (
+    COLUMNS,
+    Result,
+    Row,
+    Run,
+    find_runs,
+    read_scores,
+    run_folder,
+    table,
+    write_run,
+    write_scores,
+)
+from gcbench.renderer.runtime.zip_archive import ArchiveWriter
+from gcbench.renderer.types.observation import Estimate
+
+SHAPE = Shape(frames=3, joints=2, height=4, width=5)
+ROW = Row("icp", "1.2", "rgbd", "axes", "none", ("true-parts",))
+RUN = Run(ROW, "a:B", "mini/ur5", "data/ur5", {"robot": "ur5"}, ({"name": "ur5"},),
+          ("000000", "000002"), 1, {"workers": 1}, ({"cores": 2},))
+RESULT = Result(
+    method="icp@true-parts", version="1.2", inputs="rgbd", knowledge="axes", oracles="true-parts",
+    training='supervised: "a", b\n', dataset="mini/ur5", robot="ur5", sequence="000002",
+    cluster="000002", joint="pan", joint_index=1, joint_type="revolute", frame=-1,
+    metric="final_error", value=0.1234567891, unit="deg", sign="given", status="ok",
+)  # fmt: skip
+
+
+def estimate() -> Estimate:
+    rng = np.random.default_rng(0)
+    part = rng.integers(0, 3, (3, 4, 5)).astype(np.uint8)
+    displacement = rng.normal(size=(3, 2))
+    displacement[1, 1] = np.nan
+    return Estimate(displacement, rng.normal(size=(2, 6)), part, np.full((3, 2), np.inf))
+
+
+def test_scores_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "scores.csv"
+    write_scores(path, [RESULT, dataclasses.replace(RESULT, joint="", frame=3, value=2e-7)])
+    first, second = read_scores(path)
+    assert dataclasses.replace(first, value=0) == dataclasses.replace(RESULT, value=0)
+    assert first.value == pytest.approx(RESULT.value, rel=1e-8)
+    assert (second.joint, second.frame, second.value) == ("", 3, 2e-7)
+    frame = table([first, second])
+    assert tuple(frame.columns) == COLUMNS
+    assert frame["value"].sum() == pytest.approx(first.value + 2e-7)
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("0.123456789", "zero", "line 3: could not convert"),
+    ("pan,1,", "pan,one,", "line 3: invalid literal"),
+    ("method,", "methods,", "line 1: the first line is not method,"),
+    (",ok", "", "line 3: 18 cells instead of 19"),
+])  # fmt: skip
+def test_a_damaged_table_names_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "scores.csv"
+    write_scores(path, [RESULT])
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(GcbenchError, match=message):
+        read_scores(path)
+
+
+def test_runs_come_back_and_are_found(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path, ROW, RUN.dataset)
+    assert folder == tmp_path / "icp@true-parts_rgbd_axes" / "mini" / "ur5"
+    write_run(folder, RUN)
+    (found,) = find_runs(tmp_path)
+    assert (found.path, found.run) == (folder, RUN)
+    with pytest.raises(GcbenchError, match="no such folder"):
+        find_runs(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("change", [
+    {"format": "x"}, {"sequences": ["../../etc"]}, {"row": []}, {"config": 3}, {"assets": [1]},
+    {"surplus": 1}, {"dataset": 7},
+])  # fmt: skip
+def test_a_run_that_is_none_is_refused(tmp_path: Path, change: dict[str, object]) -> None:
+    write_run(tmp_path, RUN)
+    tree = json.loads((tmp_path / "run.json").read_text())
+    (tmp_path / "run.json").write_text(json.dumps(tree | change))
+    with pytest.raises(GcbenchError, match=r"run\.json: "):
+        find_runs(tmp_path)
+
+
+def test_rows_have_folders_of_their_own() -> None:
+    names = ["a/b", "a-b", "../x", "..", "ä" * 300, "a b", "CON?", ".hidden"]
+    folders = {dataclasses.replace(ROW, method=name).folder for name in names}
+    assert len(folders) == len(names)
+    assert all(not f.startswith(".") and "/" not in f and len(f) < 200 for f in folders)
+
+
+def test_estimates_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "a.zip"
+    path.write_bytes(dump_stored(Stored("ok", "", 1.5, 20.0, estimate())))
+    got = read_stored(path, SHAPE)
+    assert (got.status, got.seconds, got.peak_memory) == ("ok", 1.5, 20.0)
+    assert got.estimate is not None
+    for field in dataclasses.fields(Estimate):
+        np.testing.assert_array_equal(
+            getattr(got.estimate, field.name), getattr(estimate(), field.name))
+    assert dump_stored(got) == path.read_bytes()
+    path.write_bytes(dump_stored(Stored("timeout", "x" * 10_000)))
+    failed = read_stored(path, SHAPE)
+    assert (failed.status, len(failed.reason), failed.estimate) == ("timeout", 4000, None)
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"displacement": np.zeros((3, 1))}, r"displacement is float64 \[3, 1\], expected .*\[3 2\]"),
+    ({"displacement": np.zeros((3, 2), complex)}, "displacement is complex128"),
+    ({"displacement": np.array([[object()] * 2] * 3)}, "displacement is object"),
+    ({"displacement": [[1], [1, 2], []]}, "displacement is not an array"),
+    ({"displacement": None}, "displacement is None"),
+    ({"screw": np.zeros((6, 2))}, r"screw .*\[J 6\] = \[2 6\]"),
+    ({"sigma": np.zeros(3)}, r"sigma .*\[T J\]"),
+    ({"part": np.zeros((3, 4, 5))}, "part is float64"),
+    ({"part": np.full((3, 4, 5), 3)}, r"labels outside 0\.\.2"),
+    ({"part": np.full((3, 4, 5), -1)}, r"labels outside 0\.\.2"),
+])  # fmt: skip
+def test_what_is_no_estimate_is_told(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidEstimateError, match=message):
+        checked(dataclasses.replace(estimate(), **change), SHAPE)  # type: ignore[arg-type]
+
+
+def archive(path: Path, arrays: bytes, **changes: object) -> Path:
+    tree = {"format": "gcbench-estimate/1", "status": "ok", "reason": "", "seconds": 1.0,
+            "peak_memory": None} | changes  # fmt: skip
+    with path.open("wb") as file:
+        writer = ArchiveWriter(file)
+        writer.add("estimate.json", json.dumps(tree).encode())
+        writer.add("estimate.npz", arrays)
+        writer.close()
+    return path
+
+
+def npz(**members: bytes) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in members.items():
+            file.writestr(f"{name}.npy", data)
+    return out.getvalue()
+
+
+def npy(array: np.ndarray, **options: bool) -> bytes:
+    out = io.BytesIO()
+    np.lib.format.write_array(out, array, version=(1, 0), **options)  # type: ignore[arg-type]
+    return out.getvalue()
+
+
+def test_harm_is_not_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "a.zip"
+    good = npy(np.zeros((3, 2)))
+
+    def refused(arrays: bytes, message: str, **changes: object) -> None:
+        with pytest.raises(GcbenchError, match=message):
+            read_stored(archive(path, arrays, **changes), SHAPE)
+
+    assert read_stored(archive(path, npz(displacement=good)), SHAPE).status == "ok"
+    refused(npz(displacement=npy(np.array([[{}] * 2] * 3), allow_pickle=True)), "damaged")
+    refused(pickle.dumps("x"), "damaged")
+    refused(npz(displacement=good, part=b"\0" * 10_000_000), "larger than an estimate")
+    lying = good.replace(b"(3, 2)", b"(9, 9)")
+    refused(npz(displacement=lying), "header does not fit")
+    refused(npz(screw=npy(np.zeros((2, 6)))), "no displacement")
+    refused(npz(displacement=good, other=good), "unknown array 'other'")
+    refused(npz(displacement=good)[:-30], "damaged")
+    refused(npz(displacement=good), "not of the format", status="perfect")
+    refused(npz(displacement=good), "not a number", seconds="fast")

@@ -1,0 +1,128 @@
+"""A suite is a recipe that anyone renders the same."""
+
+from __future__ import annotations
+
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+from gcbench import GcbenchError
+from gcbench.benchmark.run import datasets
+from gcbench.benchmark.run.suite import parse_suite, read_suite, shipped
+from gcbench.renderer.generate import driver as generate
+from gcbench.renderer.scene.config import RenderConfig
+
+from ...support import bench_data
+
+MINE = b"""
+name = "mine"
+[defaults]
+seed = 5
+[defaults.randomization.background]
+room = 0.0
+[[dataset]]
+name = "one"
+n = 2
+[[dataset]]
+name = "two"
+n = 3
+robot = "iiwa14"
+seed = 6
+randomization.motion.max_step = 3.0
+"""
+
+
+def test_the_shipped_suites_are_the_protocols() -> None:
+    assert shipped() == ("mini", "paper")
+    sizes = {s: {d.name: d.n for d in read_suite(s).datasets} for s in shipped()}
+    robots = ("ur5", "ur5-textured", "iiwa14", "irb2400", "owi535")
+    objects = ("microwave", "dishwasher", "oven")
+    assert sizes["mini"] == dict.fromkeys(robots + objects, 8)
+    assert sizes["paper"] == {
+        **dict(zip(robots, (1000, 200, 200, 200, 200), strict=True)), **dict.fromkeys(objects, 63)}
+    for name in shipped():
+        suite = read_suite(name)
+        assert suite.name == name
+        for d in suite.datasets:
+            c = d.config
+            frames = 16 if d.name in objects else 15
+            assert (c.frames, c.width, c.height, c.stream) == (frames, 640, 480, "test")
+            assert not c.keep_unobservable
+            assert c.randomization.motion.total == (10, 70)
+        plain, textured = (d.config for d in suite.datasets[:2])
+        assert plain.seed == textured.seed  # twins
+        assert textured.randomization.textures.probability == 1
+    seeds = [{d.config.seed for d in read_suite(s).datasets} for s in shipped()]
+    assert not seeds[0] & seeds[1]
+
+
+def test_a_users_own_file_works(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes(MINE)
+    suite = read_suite(path)
+    one, two = suite.datasets
+    assert (suite.name, one.name, one.n, one.config.seed) == ("mine", "one", 2, 5)
+    assert (two.config.robot, two.config.seed) == ("iiwa14", 6)
+    assert two.config.randomization.motion.max_step == 3
+    assert one.config.randomization.motion == RenderConfig().randomization.motion
+    assert one.config.randomization.background.room == 0 == two.config.randomization.background.room
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    (b'"mine"', b'"../mine"', "name is '../mine'"),
+    (b"n = 2", b"n = 0", "one: n is 0, expected 1 to"),
+    (b"n = 2", b'n = "2"', "one: n is '2'"),
+    (b"n = 2", b"n = 2\ncolour = 1", "one: unknown field 'colour'; there are robot"),
+    (b"n = 2", b'n = 2\nstream = "train"', "one: stream is 'train'"),
+    (b"n = 2", b"n = 2\nkeep_unobservable = true", "observable sequences only"),
+    (b'"two"', b'"one"', "dataset 'one' is there twice"),
+    (b"seed = 6", b"seed = -1", "two: .*--seed -1"),
+    (b"[defaults]", b"[default]", "unknown field 'default'; there are name, about, defaults"),
+    (b"iiwa14", b"r2d2", "two: no robot 'r2d2'; there are ur5"),
+    (b"[[dataset]]", b"[[dataset", "not TOML"),
+])  # fmt: skip
+def test_what_cannot_be_meant_is_told(old: bytes, new: bytes, message: str) -> None:
+    with pytest.raises(GcbenchError, match=f"mine.toml: .*{message}"):
+        parse_suite(MINE.replace(old, new, 1), "mine.toml")
+
+
+def test_unknown_suites_list_what_exists(tmp_path: Path) -> None:
+    with pytest.raises(GcbenchError, match=r"no suite 'maxi'; there are mini, paper, and any path"):
+        read_suite("maxi")
+    with pytest.raises(GcbenchError, match="No such file"):
+        read_suite(tmp_path / "none.toml")
+    with pytest.raises(GcbenchError, match=r"no \[\[dataset\]\]"):
+        parse_suite(b'name = "x"', "x")
+
+
+def test_what_is_missing_is_rendered_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[str, int]] = []
+
+    def render(config: RenderConfig, n: int, out: Path, *_: object, **__: object) -> None:
+        asked.append((config.robot, n))
+        if not out.exists():
+            bench_data.make_dataset(out, n + 1, unobservable=(0,))
+
+    monkeypatch.setattr(generate, "generate", render)
+    said: list[str] = []
+    suite = parse_suite(MINE, "mine")
+    for _ in range(2):
+        data = datasets.from_suite(suite, tmp_path, say=said.append)
+    assert asked == [("ur5", 2), ("iiwa14", 3)] * 2
+    assert said == ["mine/one: 2 of 2 sequences to render", "mine/two: 3 of 3 sequences to render"]
+    one, two = data
+    assert (one.name, one.sequences, one.left_out) == ("mine/one", ("000001",), 1)
+    assert two.sequences == ("000001", "000002")
+
+
+def test_the_recipes_are_in_the_wheel() -> None:
+    try:
+        files = distribution("gcbench").files
+    except ModuleNotFoundError:
+        pytest.skip("gcbench is not installed")
+    names = {str(file) for file in files or ()}
+    if not any(name.endswith("benchmark/run/suite.py") for name in names):
+        pytest.skip("gcbench is installed in place")
+    assert any(name.endswith("suites/mini.toml") for name in names)

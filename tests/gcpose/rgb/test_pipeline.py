@@ -1,0 +1,206 @@
+"""GC-Pose without depth, from images to angles: what moves, and which solution is chosen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gcbench import GcbenchError
+from gcbench.benchmark.methods.registry import load, with_options
+from gcbench.gcpose.chain.priors import Known
+from gcbench.gcpose.images.flow import dis_flow
+from gcbench.gcpose.images.flow_types import Flow
+from gcbench.gcpose.images.still_camera import footage, moving_foreground
+from gcbench.gcpose.method import GCPose
+from gcbench.gcpose.rgb.labels import spots
+from gcbench.gcpose.rgb.pipeline import standing
+from gcbench.gcpose.rgb.points import Rays
+from gcbench.gcpose.rgb.search import judged
+from gcbench.gcpose.rgb.strategies import distinct, tilted
+from gcbench.gcpose.rgb.tracker import Guess, RayTracker
+from gcbench.renderer.types.observation import Observation
+
+from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door, texture
+
+
+def test_the_foreground_is_what_moves() -> None:
+    rng = np.random.default_rng(2)
+    wall, box = texture(rng, 100, 120), texture(rng, 30, 30)
+    video = np.repeat(wall[None], 6, axis=0)
+    truth = np.zeros(video.shape[:3], bool)
+    for t in range(6):
+        video[t, 30:60, 10 + 14 * t : 40 + 14 * t] = box
+        truth[t, 30:60, 10 + 14 * t : 40 + 14 * t] = True
+    found = moving_foreground(video)
+    assert np.mean(found != truth) < 0.003
+    assert not moving_foreground(np.repeat(wall[None], 4, axis=0)).any()
+
+
+def test_a_flow_of_cuts_is_told_how_large_the_images_are() -> None:
+    observation, told = door(0.3), list[tuple[int, int]]()
+
+    class Sized:
+        def for_cuts_of(self, height: int, width: int) -> Flow:
+            told.append((height, width))
+            return dis_flow
+
+        def __call__(self, rgb_a: np.ndarray, rgb_b: np.ndarray) -> np.ndarray:
+            raise AssertionError("seen at another scale")
+
+    seen = footage(observation.rgb, observation.intrinsics, Sized())
+    assert told == [(180, 240)] and seen is not None
+    assert seen.flow.shape[1:3] < (180, 240)
+
+
+def test_a_door_opens_without_depth() -> None:
+    observation = door(0.5)
+    estimate = GCPose("dis").estimate(observation)
+    assert estimate.part is not None
+    assert estimate.part.shape == (8, 180, 240)
+    assert np.degrees(np.abs(estimate.displacement[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
+    assert estimate.sigma is not None
+    assert estimate.sigma[0] == 0
+
+
+def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None:
+    observation = replace(door(0.5), joint_types=("revolute",) * 2, n_joints=2)
+    assert observation.rgb is not None
+    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
+    assert seen is not None
+
+    def base(*at: float, of: Observation = observation) -> np.ndarray | None:
+        world = np.eye(4)
+        world[:3, 3] = at
+        return standing(replace(of, cam_from_world=world), seen)
+
+    near = base(0.1, 0.3, 2.0)
+    assert near is not None
+    assert np.allclose(near, [0.05, 0.15, 1.0])
+    assert base(0.1, 0.3, -2.0) is None  # behind the camera
+    assert base(3.0, 0.3, 2.0) is None  # too far away for what moves
+    assert base(0.1, 0.3, 2.0, of=door(0.5)) is None  # a door is not hinged at its middle
+    assert base(0.1, 0.3, 2.0, of=replace(observation, joint_parent=(-1, -1))) is None
+    assert base(0.1, 0.3, 2.0, of=replace(observation, axis_line=np.zeros((2, 6)))) is None
+    assert standing(replace(observation, cam_from_world=None), seen) is None
+
+
+def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
+    state, at = chain()
+    empty = np.zeros(0)
+    rays = Rays.unseen(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64), empty)
+    held = state.angle[1:].size
+    sure = Guess(state, rays, at[0], 3.0, 4.0 * np.eye(held + 6), 2.0)
+    unsure = replace(sure, hessian=np.diag(np.tile([4.0, 0.04, 4.0], held // 3 + 2)))
+    assert np.allclose(sure.deviation(), 0.5)
+    assert np.allclose(unsure.deviation()[:, 1], 5.0, rtol=1e-3)
+    assert judged(sure) < judged(unsure) < judged(replace(sure, cost=3.3))
+    assert judged(replace(sure, flow_cost=2.1)) > judged(sure)
+    assert judged(replace(sure, disorder=0.1)) > judged(sure)
+    assert judged(replace(sure, unhinged=0.5)) > judged(sure)
+    surest = replace(sure, hessian=1e6 * sure.hessian)
+    assert judged(surest) < judged(sure)
+    assert judged(surest) == judged(replace(sure, hessian=1e8 * sure.hessian))
+
+
+def test_axes_should_pass_where_their_parts_begin() -> None:
+    observation = door(0.5)
+    assert observation.rgb is not None
+    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
+    assert seen is not None
+    state, at = chain()
+    end = np.array([0.05, -0.12, 0.95])
+    point = np.concatenate([np.linspace(a, b, 30)
+                            for a, b in zip(at, [*at[1:], end], strict=True)])
+    rays = Rays.unseen(np.zeros(90, np.int64), point / point[:, 2:], np.repeat([1, 2, 3], 30),
+                       1 / point[:, 2])
+    guess = Guess(state, rays, at[0], 3.0, np.eye(1))
+    tracker = RayTracker(seen, Known(state.prismatic, state.parent, state.twist[:, :3], None))
+    assert tracker.unhinged(guess) < 0.02
+
+    def moved(joint: int) -> Guess:
+        line = state.twist[joint, :3]
+        away = 0.2 * np.cross(line, [0, 0, 1.0]) / np.linalg.norm(np.cross(line, [0, 0, 1.0]))
+        twist = state.twist.copy()
+        twist[joint, 3:] += np.cross(away, line)
+        return replace(guess, state=replace(state, twist=twist))
+
+    assert 0.4 < tracker.unhinged(moved(2)) < 0.6
+    assert tracker.unhinged(moved(0)) == tracker.unhinged(guess)  # the base is not seen to begin
+
+
+def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
+    """One of them is about the true one, at a scale at which points are about at 1."""
+    whole, at = chain()
+    state = replace(whole, twist=whole.twist[:1], angle=whole.angle[:, :1],
+                    prismatic=whole.prismatic[:1], parent=whole.parent[:1])
+    line = state.twist[0, :3]
+    across = np.cross(line, [0.9, 0.1, 0.4])
+    across /= np.linalg.norm(across)
+    rng = np.random.default_rng(9)
+    frame = np.repeat([0, 4], 100)
+    pixel = rng.uniform([60, 60], [150, 180], (200, 2))
+    ray = np.concatenate([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones((200, 1))], axis=1)
+    turned = state.motions(FRAMES)[frame, 1, :3, :3] @ across
+    true = np.einsum("na,na->n", turned, ray) / (across @ at[0])
+    rays = Rays.unseen(frame, ray, np.ones(200, np.int64), np.ones(200))
+    guess = Guess(state, rays, at[0], 3.0, np.eye(1))
+    found = tilted(guess)
+    assert len(found) > 2
+    assert all(abs(g.rays.inverse_depth.mean() - 1.0) < 0.05 for g in found)
+    off = [np.abs(g.rays.inverse_depth - true / true.mean()).max() for g in found]
+    assert min(off) < 0.03 < np.abs(1.0 - true / true.mean()).max()
+    best = found[int(np.argmin(off))].state.twist[0]
+    assert np.allclose(best[3:], true.mean() * state.twist[0, 3:], rtol=0.05)
+    assert not tilted(replace(guess, state=whole))
+    assert not tilted(replace(guess, state=replace(state, prismatic=np.ones(1, bool))))
+
+
+def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> None:
+    state, at = chain()
+    rays = Rays.unseen(np.zeros(1, np.int64), np.ones((1, 3)), np.ones(1, np.int64), np.ones(1))
+    first = Guess(state, rays, at[0], 3.0, np.eye(1), 2.0)
+    alike = replace(first, cost=4.0, flow_cost=1.0)
+    other = replace(first, cost=5.0, state=replace(state, angle=2 * state.angle), flow_cost=1.5)
+    assert distinct([other, alike, first], 9) == [first, other]
+    assert distinct([other, alike, first], 9, by=lambda g: g.flow_cost) == [alike, other]
+    assert distinct([other, alike, first], 1) == [first]
+    labels = np.full(1, 2)
+    unlike = replace(first, cost=3.5, rays=replace(rays, label=labels))
+    assert distinct([other, unlike, first], 9) == [first, unlike, other]
+    assert distinct([other, unlike, first], 9, differ=1.0) == [first, other]
+
+
+def test_nothing_moves_and_nothing_breaks() -> None:
+    still = replace(door(0.0), axis_direction=None, cam_from_world=None)
+    estimate = GCPose().estimate(still)
+    assert not estimate.displacement.any()
+    assert estimate.sigma is not None
+    assert (estimate.sigma[1:] > 0.5).all()
+
+
+def test_pixels_that_are_not_square_are_refused() -> None:
+    observation = door(0.5)
+    oblong = observation.intrinsics * np.array([[1.0], [1.2], [1.0]])
+    with pytest.raises(GcbenchError, match="square pixels"):
+        GCPose("dis").estimate(replace(observation, intrinsics=oblong))
+
+
+def test_spots_stay_on_what_moves() -> None:
+    observation = door(0.5)
+    assert observation.rgb is not None
+    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
+    assert seen is not None
+    found = spots(seen, (0, 4), 60)
+    assert seen.moving[found.frame, found.pixel[:, 1], found.pixel[:, 0]].all()
+    assert set(found.frame) == {0, 4}
+
+
+def test_options_make_another_row() -> None:
+    source = "gcbench.gcpose.method:GCPose"
+    assert (load(source).name, load(source).training) == ("gcpose", "none")
+    assert load(with_options(source, {"flow": "dis"})).name == "gcpose flow=dis"
+    with pytest.raises(GcbenchError, match="no flow 'magic'"):
+        load(with_options(source, {"flow": "magic"}))
+    with pytest.raises(GcbenchError, match="takes no --flow"):
+        load(with_options("gcbench.benchmark.methods.baselines:HoldStill", {"flow": "dis"}))

@@ -1,0 +1,186 @@
+"""GC-Pose without depth: exact measurements give exact angles at any scale, noise worse ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from gcbench.gcpose.chain.beam_search import Beam, beamed, unlike
+from gcbench.gcpose.chain.priors import Known
+from gcbench.gcpose.chain.weak_prior import Hinges
+from gcbench.gcpose.images.patches import match
+from gcbench.gcpose.images.still_camera import CONTRAST, appearance
+from gcbench.gcpose.rgb.bundle import Fit, adjust_rays
+from gcbench.gcpose.rgb.flow_sweep import ByFlow, at_depths
+from gcbench.gcpose.rgb.points import Rays, places, slopes, warps
+from gcbench.robots.geometry.transforms import inverse
+from scipy.sparse import csr_array
+from scipy.spatial.distance import cdist
+
+from ...support.ray_scenes import INTRINSICS, chain, measured, texture
+
+
+def adjusted(scale: float = 1.0, noise: float = 0.0, steps: bool = False) -> tuple[Fit, float]:
+    """The fit from half the angles and displaced axes, and its largest error in degrees."""
+    true, _ = chain(scale)
+    rays = measured(true, scale, noise, steps)
+    off, near = chain()
+    hinges = Hinges(near + 0.01, 0.1)
+    twist = off.twist.copy()
+    twist[:, 3:] = np.cross(near + 0.01, twist[:, :3])
+    state = replace(off, twist=twist, angle=0.5 * off.angle)
+    fit = adjust_rays(state, rays, INTRINSICS, 2, (50.0,) * 10 + (5.0,) * 20, hinges, 1e-3)
+    return fit, float(np.degrees(np.abs(fit.state.angle - true.angle).max()))
+
+
+@pytest.mark.parametrize("steps", [False, True])
+def test_exact_places_and_exact_flow_give_exact_angles(steps: bool) -> None:
+    assert adjusted(steps=steps)[1] < 0.1
+
+
+def test_a_sweep_holds_the_first_steps_by_flow() -> None:
+    state, at = chain()
+    rays = measured(state, 1.0, 0.0, False)
+    mine = rays.frame == 0
+    there = rays.spot[mine, 3]
+    sure = np.tile([4.0, 0.0, 4.0], (len(there), 1))
+    column = np.column_stack([rays.ray[mine, :2], there, sure])
+    judge = ByFlow(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column)
+    motion = state.motions(4)[3]
+    label = rays.label[mine]
+    cost = judge.costs(motion)
+    assert cost[label, np.arange(len(label))].max() < 0.5 < cost[0].mean()
+    known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
+    beam = beamed(known, judge, at[:1], at, np.radians(13.0), 0.1, 1000)
+    off = np.abs(beam.angle[:30] - state.angle[3]).max(axis=1)
+    assert off.min() < np.radians(3.0)
+    assert (np.diff(beam.cost.mean(axis=1)) >= 0).all()
+    narrow = replace(judge, moving=np.zeros((240, 320), bool))
+    assert (narrow.costs(motion) > 9.0).all()  # only background is seen there
+
+
+def test_a_sweep_keeps_chains_of_unlike_steps() -> None:
+    angle = np.array([[0.1, 0.0], [0.1, 0.0], [0.0, 0.1], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
+    count = np.arange(6.0)
+    beam = Beam(count, count, count, angle)
+    assert unlike(beam, 9).cost.tolist() == [0, 2, 4]
+    assert unlike(beam, 2).cost.tolist() == [0, 2]
+    points = at_depths(np.array([[0.1, 0.2, 1.0], [0.0, -0.1, 1.0]]), (0.5, 2.0))
+    assert points.tolist() == [[0.05, 0.1, 0.5], [0.2, 0.4, 2.0], [0, -0.05, 0.5], [0, -0.2, 2.0]]
+
+
+def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
+    state, at = chain()
+    known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
+    judge = ByFlow(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
+                   np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]))
+    twist = beamed(known, judge, at[:1], at[1:], 0.2, 0.1, 50).twist
+    away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
+                     for p in at])
+    assert away[0, :, 0].max() < 1e-9
+    assert away[1:, :, 1:].min(axis=0).max() < 1e-9 < away[0, :, 1:].min()
+
+
+def neighbours(rays: Rays, most: int = 12) -> csr_array:
+    """[N N] 1 for the nearest of each point in its key frame."""
+    apart = cdist(rays.ray, rays.ray) + 9.0 * (rays.frame[:, None] != rays.frame)
+    near = apart <= np.sort(apart, axis=1)[:, most - 1 : most]
+    return csr_array(near.astype(np.float64))
+
+
+def test_depths_of_neighbours_on_one_part_are_alike() -> None:
+    true, at = chain()
+    rays = measured(true, 1.0, 1.0, False)
+    nearer = 1.0 + 0.2 * (rays.label == 2)  # each part is flat, one of them nearer
+    there = places(true, replace(rays, inverse_depth=nearer), INTRINSICS)
+    noise = 20.0 * np.random.default_rng(7).standard_normal(there.shape)
+    sure = rays.spot_information * 0.1**2 / 20.0**2
+    rays = replace(rays, spot=there + noise, spot_information=sure)
+    scales = (3.0,) * 6
+    alone, together = (
+        adjust_rays(true, replace(rays, near=near), INTRINSICS, 2, scales, Hinges(at, 0.1))
+        for near in (None, neighbours(rays))
+    )
+    for part in (1, 2, 3):
+        mine = rays.label == part
+        assert together.inverse_depth[mine].std() < 0.8 * alone.inverse_depth[mine].std()
+    apart = [fit.inverse_depth[rays.label == 2].mean() - fit.inverse_depth[rays.label != 2].mean()
+             for fit in (alone, together)]
+    assert apart[1] > 0.7 * apart[0] > 0.05  # parts that are behind one another stay apart
+
+
+def test_scale_does_not_matter() -> None:
+    one, two = (adjusted(scale)[0].state.angle for scale in (1.0, 7.0))
+    assert np.degrees(np.abs(one - two)).max() < 0.1
+
+
+def test_noise_costs_accuracy() -> None:
+    errors = [adjusted(noise=n)[1] for n in (0.0, 0.3, 3.0)]
+    assert errors[0] < errors[1] < errors[2]
+
+
+def test_places_are_those_of_the_chain() -> None:
+    state, _ = chain()
+    rays = measured(state, 1.0, 0.0, False)
+    at, warp = places(state, rays, INTRINSICS), warps(state, rays)
+    i = int(np.flatnonzero(rays.frame == 4)[0])
+    motion = state.motions(len(state.angle))[:, rays.label[i]]
+    moved = (motion @ inverse(motion[4]))[7] @ np.append(rays.ray[i], 1.0)
+    assert np.allclose(at[i, 7], INTRINSICS[:2] @ moved[:3] / moved[2])
+    assert np.allclose(at[i, 4], INTRINSICS[:2] @ rays.ray[i])
+    assert np.allclose(warp[i, 4], np.eye(2))
+
+
+def test_a_surface_is_distorted_as_it_lies() -> None:
+    """As places of its other points tell, which nobody had to guess the slope of."""
+    state, _ = chain()
+    side = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=2).reshape(-1, 2)
+    pixel = np.array([130.0, 90.0]) + 4.0 * side
+    ray = np.column_stack([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones(len(pixel))])
+    label = np.where(side[:, 0] < 6, 1, 3)
+    tilt = np.array([[0.9, -0.5], [-0.4, 1.2]])[label // 3]
+    depth = 1.0 + 0.1 * (label == 3) + (tilt * ray[:, :2]).sum(axis=1)
+    rays = Rays.unseen(np.full(len(ray), 4), ray, label, depth)
+    rays = replace(rays, near=neighbours(rays))
+    assert np.abs(slopes(rays) - tilt).max() < 0.5  # less than the slopes are
+    flat = replace(rays, near=None)
+    at = places(state, rays, INTRINSICS)
+    i = 5 * 12 + 8  # the pixel before and after it on each side are on the same part
+    across = np.stack([at[i + 1] - at[i - 1], at[i + 12] - at[i - 12]], axis=2) / 8.0
+    apart = [np.abs(warps(state, r)[i, -1] - across[-1]).max() for r in (rays, flat)]
+    assert apart[0] < 0.3 * apart[1]
+
+
+def test_a_patch_is_found_where_it_was_moved_to() -> None:
+    rng = np.random.default_rng(1)
+    gray = texture(rng, 90, 110)[..., 0].astype(np.float32)
+    shift = np.array([1.4, -0.7])
+    there = cv2.warpAffine(gray, np.array([[1, 0, shift[0]], [0, 1, shift[1]]]), (110, 90))
+    inside = np.ones(gray.shape, bool)
+    images = np.stack([appearance(gray, inside), appearance(there, inside)])
+    pixel = np.array([[50.0, 40.0], [60.0, 50.0]])
+    place = np.repeat(pixel[:, None], 2, axis=1)
+    warp = np.broadcast_to(np.eye(2), (2, 2, 2, 2)).copy()
+    wanted = np.array([[False, True]] * 2)
+    found, information = match(images, pixel, np.zeros(2, np.int64), place, warp, wanted, 6, 4.0,
+                               0.1, 0.0, CONTRAST, 2.0)
+    assert np.abs(found[:, 1] - pixel - shift).max() < 0.05
+    assert (np.linalg.eigvalsh(information[:, 1]) > 10).all()
+    assert not information[:, 0].any()
+
+
+def test_an_outline_tells_only_what_happens_across_it() -> None:
+    gray = np.full((90, 110), 128, np.float32)
+    half = np.arange(110)[None] + np.zeros((90, 1)) < 50
+    moved = np.arange(110)[None] + np.zeros((90, 1)) < 52
+    images = np.stack([appearance(gray, half), appearance(gray, moved)])
+    pixel = np.array([[49.0, 45.0]])
+    found, information = match(
+        images, pixel, np.zeros(1, np.int64), np.repeat(pixel[:, None], 2, axis=1),
+        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]), 6, 4.0, 0.1, 0.0,
+        CONTRAST, 2.0)  # fmt: skip
+    assert np.allclose(found[0, 1], [51, 45], atol=0.1)
+    assert information[0, 1, 0, 0] > 10
+    assert abs(information[0, 1, 1, 1]) < 1e-6

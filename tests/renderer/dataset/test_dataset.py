@@ -1,0 +1,187 @@
+"""A dataset describes itself, and is read back as it was configured."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+import pickle
+import sys
+from pathlib import Path
+from typing import Any
+
+import gcbench
+import numpy as np
+import pytest
+from gcbench import GcbenchError
+from gcbench.renderer.dataset.reader import Dataset
+from gcbench.renderer.generate.driver import generate
+from gcbench.renderer.scene.config import CameraConfig, RandomizationConfig, RenderConfig
+from gcbench.renderer.scene.config_files import config_tree, differences, parse_config, read_config
+
+CONFIG = RenderConfig(
+    robot="arm",
+    seed=3,
+    frames=4,
+    width=32,
+    height=24,
+    scored_joints=("elbow",),
+    randomization=RandomizationConfig(camera=CameraConfig(fov=(30, 40.5))),
+)
+N = 3
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("data")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(Path(__file__).parents[2] / "support"))
+        generate(CONFIG, N, out, 1, progress=False, source="fake_source:FakeRenderer")
+    return out
+
+
+@pytest.fixture
+def dataset(folder: Path) -> Dataset:
+    return gcbench.open_dataset(folder)
+
+
+def test_a_dataset_is_a_list_of_sequences(dataset: Dataset) -> None:
+    assert dataset.names == ("000000", "000001", "000002")
+    assert len(dataset) == len(list(dataset)) == N
+    assert [s.meta.index for s in dataset] == [0, 1, 2]
+    assert dataset[-1].meta.name == dataset["000002"].meta.name == "000002"
+    assert np.array_equal(dataset[1].rgb[2], dataset["000001"].rgb[2])
+    with pytest.raises(IndexError):
+        dataset[N]
+    with pytest.raises(GcbenchError, match="000000 to 000002"):
+        dataset["000009"]
+    assert len(pickle.loads(pickle.dumps(dataset))[0]) == 4
+
+
+def test_a_dataset_knows_its_config(dataset: Dataset) -> None:
+    assert dataset.config == CONFIG
+
+
+def test_a_dataset_knows_where_it_came_from(dataset: Dataset, folder: Path) -> None:
+    info = dataset.info
+    assert info.generator == {"name": "gcbench", "version": gcbench.__version__}
+    assert info.counts == {
+        "sequences": 3,
+        "frames": 12,
+        "unobservable": 1,
+        "refused": {"collision": 0 + 1 + 2},
+    }
+    assert [a["licence"] for a in info.assets] == ["MIT"]
+    tree = json.loads((folder / "dataset.json").read_text())
+    assert (tree["format"], tree["seed"]) == ("gcbench/1", 3)
+    assert tree["dependencies"]["numpy"] == np.__version__
+    assert tree["platform"]["system"]
+
+
+def test_what_is_no_sequence_is_ignored(folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "sequences"
+    copy.mkdir()
+    (tmp_path / "dataset.json").write_bytes((folder / "dataset.json").read_bytes())
+    (copy / "000001.zip").write_bytes((folder / "sequences/000001.zip").read_bytes())
+    for stray in (".000002.zip.1.tmp", "notes.txt", "000003.zip.part", "12.zip", "000004"):
+        (copy / stray).touch()
+    dataset = gcbench.open_dataset(tmp_path)
+    assert dataset.names == ("000001",)
+    assert dataset[0].meta.index == 1
+
+
+def test_what_is_no_dataset_is_refused(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(GcbenchError, match="not a dataset"):
+            gcbench.open_dataset(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": "gcbench/9"},
+        {"config": {"robbot": "ur5"}},
+        {"config": {"frames": "many"}},
+        {"config": {"randomization": {"camera": {"fov": [1, 2, 3]}}}},
+        {"config": {"stream": "validation"}},
+        {"config": None},
+        {"assets": {}},
+    ],
+)
+def test_a_broken_description_is_one_line(
+    folder: Path, tmp_path: Path, change: dict[str, Any]
+) -> None:
+    tree = json.loads((folder / "dataset.json").read_text())
+    (tmp_path / "dataset.json").write_text(json.dumps(tree | change))
+    with pytest.raises(GcbenchError, match=r"dataset\.json") as caught:
+        gcbench.open_dataset(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_configs_come_back_from_json() -> None:
+    for config in (RenderConfig(), CONFIG):
+        assert parse_config(json.loads(json.dumps(config_tree(config))), "") == config
+    assert parse_config({}, "") == RenderConfig()
+
+
+def test_configs_are_read_from_files(tmp_path: Path, folder: Path) -> None:
+    toml = tmp_path / "config.toml"
+    toml.write_text('robot = "arm"\nframes = 4\n[randomization.camera]\nfov = [30, 40.5]\n')
+    mine = dataclasses.replace(CONFIG, robot="ur5", frames=9)
+    assert read_config(toml, mine) == CONFIG
+    assert read_config(folder / "dataset.json") == CONFIG
+    for text in ("frames = ", "frames = true", "frame = 3", "randomization = 3", "\x00"):
+        toml.write_text(text)
+        with pytest.raises(GcbenchError, match=r"config\.toml") as caught:
+            read_config(toml)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(GcbenchError, match="No such file"):
+        read_config(tmp_path / "nowhere.json")
+
+
+def test_differences_name_the_field() -> None:
+    other = dataclasses.replace(CONFIG, seed=0, randomization=RandomizationConfig())
+    assert differences(config_tree(CONFIG), config_tree(CONFIG)) == []
+    assert differences(config_tree(CONFIG), config_tree(other)) == [
+        "seed: 3 -> 0",
+        "randomization.camera.fov: [30, 40.5] -> [35.0, 55.0]",
+    ]
+    assert differences({"a": None}, {"b": 1}) == ["a: null -> nothing", "b: nothing -> 1"]
+
+
+# -- tensors ----------------------------------------------------------------------------------
+
+
+def test_tensors_name_the_extra_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "gcbench.renderer.dataset.torch", raising=False)
+    with pytest.raises(GcbenchError, match=r"gcbench\[learn\]"):
+        importlib.import_module("gcbench.renderer.dataset.torch")
+
+
+def test_tensors_of_pairs_and_sequences(dataset: Dataset) -> None:
+    torch = pytest.importorskip("torch")
+    from gcbench.renderer.dataset.torch import TorchDataset
+
+    pairs = TorchDataset(dataset)
+    assert len(pairs) == N * 3
+    assert isinstance(pairs, torch.utils.data.Dataset)
+    item, sequence = pairs[3 + 2], dataset[1]
+    assert (item["sequence"], item["frame"]) == (1, 2)
+    assert item["rgb"].shape == (2, 3, 24, 32)
+    assert np.array_equal(item["rgb"][1].permute(1, 2, 0), sequence.rgb[3])
+    assert np.array_equal(item["flow"][0].permute(1, 2, 0), sequence.flow[2], equal_nan=True)
+    assert np.array_equal(item["depth"], sequence.depth[2:4])
+    assert np.array_equal(item["part"], sequence.part[2:4])
+    assert np.array_equal(item["joint_positions"], sequence.state.joint_positions[2:4])
+    assert np.array_equal(item["intrinsics"], sequence.state.intrinsics)
+    with pytest.raises(IndexError):
+        pairs[len(pairs)]
+    whole = TorchDataset(dataset, pairs=False, images=("rgb", "visibility"))
+    assert len(whole) == N
+    assert whole[-1]["visibility"].shape == (3, 24, 32)
+    assert "depth" not in whole[0]
+    batch = next(iter(torch.utils.data.DataLoader(whole, batch_size=3)))
+    assert batch["rgb"].shape == (3, 4, 3, 24, 32)
+    with pytest.raises(GcbenchError, match="no image 'normals'"):
+        TorchDataset(dataset, images=("normals",))

@@ -1,0 +1,171 @@
+"""Laws of motion: forward kinematics, screws, mimics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gcbench.robots.geometry.transforms import inverse, revolute_motion
+from gcbench.robots.model.articulated_model import (
+    FIXED,
+    ArticulatedModel,
+    ModelError,
+    forward_kinematics,
+    joint_screws,
+)
+from gcbench.robots.model.kinematic_tree import parts_in_order, resolve_mimics
+from gcbench.robots.urdf.reader import load_urdf
+
+CHAIN = """<robot name="chain">
+  <link name="c"/><link name="a"/><link name="b"/><link name="d"/><link name="e"/>
+  <joint name="ab" type="revolute"><parent link="a"/><child link="b"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0.3 -0.4 0.5"/><axis xyz="0 3 4"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="bc" type="prismatic"><parent link="b"/><child link="c"/>
+    <origin xyz="0 0 1"/><axis xyz="0 0 2"/><limit lower="0" upper="0.5"/></joint>
+  <joint name="cd" type="continuous"><parent link="c"/><child link="d"/>
+    <origin xyz="0.5 0 0" rpy="0 1 0"/></joint>
+  <joint name="de" type="fixed"><parent link="d"/><child link="e"/>
+    <origin xyz="0 0.25 0"/><axis xyz="0 0 0"/></joint>
+</robot>"""
+
+
+def model_of(tmp_path: Path, text: str) -> ArticulatedModel:
+    path = tmp_path / "model.urdf"
+    path.write_text(text)
+    return load_urdf(path)
+
+
+def mimic(name: str, parent: str, child: str, rule: str = "") -> str:
+    return (f'<link name="{child}"/><joint name="{name}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="0 0 1"/><limit lower="-3" upper="3"/>{rule}'
+            "</joint>")
+
+
+def test_parents_stand_before_children_and_joints_keep_their_order(tmp_path: Path) -> None:
+    m = model_of(tmp_path, CHAIN)
+    assert m.part_names == ("a", "b", "c", "d", "e")
+    assert (m.parent < np.arange(5)).all() and m.parent[0] == -1
+    assert m.joint_names == ("ab", "bc", "cd")
+    assert m.joint_types == ("revolute", "prismatic", "continuous")
+    assert [m.part_names[p] for p in m.joint_child] == ["b", "c", "d"]
+    np.testing.assert_array_equal(m.limits, [[-2, 2], [0, 0.5], [-np.inf, np.inf]])
+    np.testing.assert_allclose(m.screw[1], [0, 0.6, 0.8, 0, 0, 0])
+    np.testing.assert_allclose(m.screw[3, :3], [1, 0, 0])  # the default axis
+    assert m.motion[4] == FIXED
+
+
+def test_moving_one_joint_is_a_motion_about_its_screw(tmp_path: Path) -> None:
+    m = model_of(tmp_path, CHAIN)
+    q = np.array([0.4, 0.2, -0.7])
+    before = forward_kinematics(m, q)
+    screws = joint_screws(m, before)
+    for j, step in enumerate([0.9, 0.1, -1.3]):
+        moved = q.copy()
+        moved[j] += step
+        after = forward_kinematics(m, moved)
+        motion = after @ inverse(before)
+        hangs = m.subtree(int(m.joint_child[j]))
+        np.testing.assert_allclose(motion[~hangs], np.broadcast_to(np.eye(4), motion[~hangs].shape),
+                                   atol=1e-12)
+        if m.joint_types[j] == "prismatic":
+            expected = np.eye(4)
+            expected[:3, 3] = screws[j, :3] * step
+        else:
+            expected = revolute_motion(screws[j], step)
+        np.testing.assert_allclose(motion[hangs],
+                                   np.broadcast_to(expected, motion[hangs].shape), atol=1e-12)
+
+
+def test_screws_obey_the_contract(tmp_path: Path) -> None:
+    m = model_of(tmp_path, CHAIN)
+    s = joint_screws(m, forward_kinematics(m, [0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(np.linalg.norm(s[:, :3], axis=1), 1.0)
+    np.testing.assert_allclose(np.einsum("ji,ji->j", s[:, :3], s[:, 3:]), 0.0, atol=1e-15)
+    np.testing.assert_array_equal(s[1, 3:], 0.0)
+
+
+def test_kinematics_is_vectorised_over_time(tmp_path: Path) -> None:
+    m = model_of(tmp_path, CHAIN)
+    q = np.random.default_rng(1).normal(size=(3, 2, 3))
+    whole = forward_kinematics(m, q)
+    for i in np.ndindex(3, 2):
+        np.testing.assert_array_equal(whole[i], forward_kinematics(m, q[i]))
+
+
+def test_kinematics_agrees_with_yourdfpy(tmp_path: Path) -> None:
+    yourdfpy = pytest.importorskip("yourdfpy")
+    m = model_of(tmp_path, CHAIN.replace("0 0 2", "0 0 1"))  # it does not make axes unit vectors
+    other = yourdfpy.URDF.load(str(tmp_path / "model.urdf"), load_meshes=False)
+    q = np.array([0.3, 0.1, -2.0])
+    other.update_cfg(dict(zip(m.joint_names, q, strict=True)))
+    for pose, name in zip(forward_kinematics(m, q), m.part_names, strict=True):
+        np.testing.assert_allclose(pose, other.get_transform(name, "a"), atol=1e-12)
+
+
+def test_a_mimic_of_a_mimic_follows_through(tmp_path: Path) -> None:
+    text = ('<robot name="r"><link name="l0"/>'
+            + mimic("third", "l2", "l3", '<mimic joint="second" multiplier="2" offset="0.1"/>')
+            + mimic("first", "l0", "l1")
+            + mimic("second", "l1", "l2", '<mimic joint="first" multiplier="-0.5" offset="0.3"/>')
+            + "</robot>")
+    m = model_of(tmp_path, text)
+    assert m.joint_names == ("first",)
+    q = 0.7
+    second = -0.5 * q + 0.3
+    third = 2 * second + 0.1
+    np.testing.assert_allclose(m.gear[1:], [1, -0.5, -1])
+    angle = q + second + third  # all axes are z
+    pose = forward_kinematics(m, [q])[3]
+    np.testing.assert_allclose(np.arctan2(pose[1, 0], pose[0, 0]), angle)
+    assert m.part_names[m.joint_child[0]] == "l1"
+
+
+def test_a_multiplier_of_zero_freezes_the_part_at_its_offset(tmp_path: Path) -> None:
+    text = ('<robot name="r"><link name="l0"/>' + mimic("first", "l0", "l1")
+            + mimic("still", "l0", "l2", '<mimic joint="first" multiplier="0" offset="0.25"/>')
+            + mimic("after", "l0", "l3", '<mimic joint="still" multiplier="2" offset="0.1"/>')
+            + "</robot>")
+    m = model_of(tmp_path, text)
+    assert m.joint_names == ("first",)
+    for q in (0.0, 1.0):
+        poses = forward_kinematics(m, [q])
+        np.testing.assert_allclose(np.arctan2(poses[2:, 1, 0], poses[2:, 0, 0]), [0.25, 0.6])
+    assert (m.motion[2:] == FIXED).all() and (m.joint[2:] == -1).all()
+    assert sum("frozen" in note for note in m.notes) == 2
+
+
+def test_mimics_in_a_cycle_or_of_nobody_are_refused() -> None:
+    with pytest.raises(ModelError, match="cycle"):
+        resolve_mimics({"a": ("b", 1, 0), "b": ("a", 1, 0)}, ["a", "b"])
+    with pytest.raises(ModelError, match="cycle"):
+        resolve_mimics({"a": ("a", 1, 0)}, ["a"])
+    with pytest.raises(ModelError, match=r"'z'.*there are a, b"):
+        resolve_mimics({"a": ("z", 1, 0)}, ["a", "b"])
+
+
+@pytest.mark.parametrize(("joints", "reason"), [
+    ([("j", "a", "b")], "2 root links"),
+    ([("j", "a", "b"), ("k", "c", "b")], "two joints"),
+    ([("j", "a", "b"), ("k", "b", "c"), ("l", "c", "a")], "cycle"),
+    ([("j", "a", "a"), ("k", "b", "c")], "cycle"),
+    ([("j", "a", "b"), ("k", "a", "x")], "no link 'x'"),
+])
+def test_what_is_no_tree_is_refused(joints: list[tuple[str, str, str]], reason: str) -> None:
+    with pytest.raises(ModelError, match=reason):
+        parts_in_order(["a", "b", "c"], joints)
+
+
+def test_a_deep_chain_needs_no_deep_stack() -> None:
+    parts = [f"p{i}" for i in range(4000)]
+    joints = [(f"j{i}", parts[i], parts[i + 1]) for i in range(3999)]
+    assert parts_in_order(parts[::-1], joints[::-1]) == parts
+
+
+def test_a_model_without_joints_stands_still(tmp_path: Path) -> None:
+    m = model_of(tmp_path, '<robot name="r"><link name="only"/></robot>')
+    assert m.limits.shape == (0, 2) and m.joint_child.shape == (0,)
+    np.testing.assert_array_equal(forward_kinematics(m, np.zeros((5, 0))),
+                                  np.broadcast_to(np.eye(4), (5, 1, 4, 4)))
+    assert joint_screws(m, forward_kinematics(m, [])).shape == (0, 6)

@@ -1,0 +1,158 @@
+"""Contacts at angles that are known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gcbench.robots.geometry.transforms import transform
+from gcbench.robots.model.articulated_model import (
+    FIXED,
+    REVOLUTE,
+    ArticulatedModel,
+    Material,
+    Visual,
+    forward_kinematics,
+)
+from gcbench.robots.motion.collision import GROUND, CollisionChecker, Contact, ground_height
+from gcbench.robots.motion.floor_contact import RigidGroups, rest_poses
+
+
+def box(part: int, low: tuple[float, ...], high: tuple[float, ...]) -> Visual:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
+    vertices = np.array(low) + corners * (np.array(high) - np.array(low))
+    return Visual(part, vertices, np.array(faces, np.int32), vertices * 0 + [0, 0, 1.0], None,
+                  Material())
+
+
+def tree(parents: list[int], places: list[tuple[float, float, float]], fixed: tuple[int, ...] = (),
+         visuals: tuple[Visual, ...] = (), limit: float = np.pi) -> ArticulatedModel:
+    """Parts that turn about the y axis through their origins, but the root and the fixed ones."""
+    n = len(parents)
+    moving = [p for p in range(n) if parents[p] >= 0 and p not in fixed]
+    joint = np.full(n, -1)
+    joint[moving] = np.arange(len(moving))
+    return ArticulatedModel(
+        name="tree", part_names=tuple("abcdefgh"[:n]), parent=np.array(parents),
+        parent_from_part_at_zero=transform(None, np.array(places, float)),
+        motion=np.where(joint >= 0, REVOLUTE, FIXED),
+        screw=np.tile(np.array([0, 1.0, 0, 0, 0, 0]), (n, 1)), joint=joint, gear=np.ones(n),
+        offset=np.zeros(n), joint_names=tuple(f"j{p}" for p in moving),
+        joint_child=np.array(moving), joint_types=("revolute",) * len(moving),
+        limits=np.tile(np.array([-limit, limit]), (len(moving), 1)), visuals=visuals)
+
+
+@pytest.fixture
+def doors() -> ArticulatedModel:
+    """Two thin doors 1 m long on a root, hinged 1.2 m apart; both stand upright at rest and turn
+    towards each other, the one by +q, the other by -q."""
+    return tree([-1, 0, 0], [(0, 0, 0), (0, 0, 0.2), (1.2, 0, 0.2)], visuals=(
+        box(0, (-0.1, -0.2, 0.0), (1.3, 0.2, 0.1)),
+        box(1, (-0.0, -0.1, 0.0), (1e-4, 0.1, 1.0)),
+        box(2, (-1e-4, -0.1, 0.0), (0.0, 0.1, 1.0))))
+
+
+def test_two_doors_meet_at_the_angle_of_the_closed_form(doors: ArticulatedModel) -> None:
+    checker = CollisionChecker(doors)
+    assert checker.pairs == [(1, 2)]
+    meet = np.arcsin(0.6)  # the tips are at sin(q) and 1.2 - sin(q)
+    for q, expected in ((meet - 2e-3, False), (meet + 2e-3, True)):
+        assert checker.touches(forward_kinematics(doors, [q, -q]), None) is expected
+    sweep = np.linspace(0.0, 1.2, 121)
+    poses = forward_kinematics(doors, np.stack([sweep, -sweep], axis=1))
+    contact = checker.first_contact(poses, None)
+    assert contact == Contact(int(np.searchsorted(sweep, meet)), "b", "c")
+    assert checker.first_contact(poses[:60], None) is None
+
+
+def test_parts_that_a_joint_joins_may_overlap(doors: ArticulatedModel) -> None:
+    checker = CollisionChecker(doors)
+    assert not checker.touches(forward_kinematics(doors, [np.pi, 0.0]), None)  # into its own root
+    shifted = transform(None, [3.0, -2.0, 1.0])
+    assert not checker.touches(shifted @ forward_kinematics(doors, [np.pi, 0.0]), None)
+
+
+def test_a_joined_part_without_a_surface_is_looked_through() -> None:
+    # a - b (no surface) - c: c's box lies in a's
+    model = tree([-1, 0, 1], [(0, 0, 0)] * 3,
+                 visuals=(box(0, (-1, -1, -1), (1, 1, 0)), box(2, (0, 0, -0.5), (0.2, 0.2, 0.5))))
+    assert CollisionChecker(model).pairs == []
+
+
+def test_pairs_that_touch_at_rest_or_always_do_not_count() -> None:
+    base = box(0, (-0.1, -0.1, 0.0), (0.1, 0.1, 0.1))
+    arms = (box(1, (0, 0, 0), (1, 0.1, 0.1)), box(2, (0, 0, 0), (1, 0.1, 0.1)))
+    overlapping = tree([-1, 0, 0], [(0, 0, 0), (0, 0, 1), (0.5, 0.05, 1.05)],
+                       visuals=(base, *arms))
+    assert CollisionChecker(overlapping).pairs == []
+    apart = replace(overlapping, parent_from_part_at_zero=transform(
+        None, np.array([[0, 0, 0], [0, 0, 1], [0, 0.05, 1.3]])))  # apart at rest, else they cross
+    assert CollisionChecker(apart).pairs == [(1, 2)]
+    # two bars through points 2 cm apart: parallel at rest, crossing at nearly any other angles
+    bar = ((-1, 0, -0.005), (1, 0.1, 0.005))
+    bars = replace(overlapping, visuals=(base, box(1, *bar), box(2, *bar)),
+                   parent_from_part_at_zero=transform(
+                       None, np.array([[0, 0, 0], [0, 0, 2], [0, 0, 2.02]])))
+    assert not set(CollisionChecker(bars).pairs) & {(1, 2)}
+
+
+def test_fixed_joints_make_one_body() -> None:
+    model = tree([-1, 0, 1, 2, 0], [(0, 0, 0), (0, 0, 1), (0.5, 0, 0), (0.5, 0, 0), (3, 0, 1)],
+                 fixed=(2, 3), visuals=tuple(box(p, (0, 0, 0), (0.3, 0.1, 0.1))
+                                             for p in range(5)))
+    groups = RigidGroups(model)
+    assert groups.group.tolist() == [0, 1, 1, 1, 4]
+    assert CollisionChecker(model).pairs == [(1, 4)]
+    vertices, faces = groups.surfaces[1]
+    assert vertices.min(0).tolist() == [0, 0, 0]
+    np.testing.assert_allclose(vertices.max(0), [1.3, 0.1, 0.1])
+    assert faces.max() == len(vertices) - 1
+
+
+def test_only_moving_parts_touch_the_ground_and_only_below_it() -> None:
+    # an arm 1 m long on a post of 0.5 m: its tip reaches the ground at 30 degrees down
+    model = tree([-1, 0], [(0, 0, 0), (0, 0, 0.5)], limit=1.0, visuals=(
+        box(0, (-0.1, -0.1, 0.0), (0.1, 0.1, 0.4)), box(1, (0, -0.05, 0), (1, 0.05, 1e-4))))
+    checker = CollisionChecker(model)
+    poses = forward_kinematics(model, np.deg2rad([[0.0], [29.8], [30.3]]))
+    floor = ground_height(model, poses)
+    assert floor == 0.0 == checker.ground_height(poses)
+    assert checker.first_contact(poses, floor) == Contact(2, "b", GROUND)
+    assert checker.first_contact(poses, None) is None
+    assert not checker.touches(poses[0], 0.2)  # what stands in the ground does not touch it
+    assert checker.touches(poses[0], 0.6)
+
+
+def test_an_arm_stands_on_its_foot_although_it_hangs_lower_at_rest() -> None:
+    model = tree([-1, 0], [(0, 0, 0), (0, 0, 0.3)], visuals=(
+        box(0, (-0.1, -0.1, 0.0), (0.1, 0.1, 0.2)), box(1, (0, 0.2, -1), (0.1, 0.3, 0))))
+    assert ground_height(model, forward_kinematics(model, [[0.0], [1.0]])) == 0.0
+    raised = transform(None, [0, 0, 2.0]) @ forward_kinematics(model, [[0.0], [1.0]])
+    assert ground_height(model, raised) == pytest.approx(2.0)
+
+
+def test_legs_stand_on_the_lowest_point_that_they_reach() -> None:
+    model = tree([-1, 0], [(0, 0, 0), (0, 0, 0)], limit=0.5, visuals=(
+        box(0, (-0.5, -0.5, 0.0), (0.5, 0.5, 0.2)), box(1, (0, 0, -1), (0, 0, 0))))
+    poses = forward_kinematics(model, [[0.3], [0.5]])
+    floor = ground_height(model, poses)
+    assert floor == pytest.approx(-np.cos(0.3))
+    assert not CollisionChecker(model).first_contact(poses, floor)
+    # a root without a surface cannot be stood on either
+    assert ground_height(replace(model, visuals=model.visuals[1:]), poses) == floor
+    assert ground_height(replace(model, visuals=()), poses) == 0.0
+
+
+def test_a_model_without_surface_or_joints_is_never_in_contact() -> None:
+    bare = tree([-1, 0], [(0, 0, 0), (0, 0, 1)])
+    assert not CollisionChecker(bare).touches(forward_kinematics(bare, [0.3]), 5.0)
+    still = tree([-1], [(0, 0, 0)], visuals=(box(0, (0, 0, 0), (1, 1, 1)),))
+    checker = CollisionChecker(still)
+    assert checker.pairs == [] and not checker.touches(rest_poses(still), 0.5)
+
+
+def test_building_twice_gives_the_same_pairs(doors: ArticulatedModel) -> None:
+    assert CollisionChecker(doors).pairs == CollisionChecker(doors).pairs

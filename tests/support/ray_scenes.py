@@ -1,0 +1,77 @@
+"""A chain of three joints and a door, with what exact images would show of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from gcbench.gcpose.chain.articulation import Articulation
+from gcbench.gcpose.chain.kinematics import part_motions
+from gcbench.gcpose.rgb.points import Rays, places
+from gcbench.renderer.types.observation import Observation
+
+INTRINSICS = np.array([[600.0, 0, 160], [0, 600, 120], [0, 0, 1]])
+FRAMES = 9
+
+
+def chain(scale: float = 1.0) -> tuple[Articulation, np.ndarray]:
+    """Three joints, two of them parallel, and where they are."""
+    direction = np.array([[0.1, 0.9, 0.42], [0.95, 0.1, 0.3], [0.95, 0.1, 0.3]])
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    at = scale * np.array([[0.0, 0.1, 1.0], [0.02, 0.04, 1.0], [0.0, -0.06, 0.95]])
+    twist = np.concatenate([direction, np.cross(at, direction)], axis=1)
+    time = np.linspace(0, 1, FRAMES)[:, None]
+    angle = np.array([0.5, -0.6, 0.8]) * (3 * time**2 - 2 * time**3)
+    return Articulation(twist, angle, np.zeros(3, bool), np.arange(-1, 2)), at
+
+
+def measured(state: Articulation, scale: float, noise: float, steps: bool) -> Rays:
+    """Points of two key frames with their places, or steps, in all frames."""
+    rng = np.random.default_rng(4)
+    n = 240
+    label = rng.integers(1, 4, n)
+    pixel = rng.uniform([100, 60], [220, 180], (n, 2))
+    ray = np.concatenate([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones((n, 1))], axis=1)
+    frame = np.where(np.arange(n) % 2, 0, 4)
+    none, empty = np.zeros((n, FRAMES - 1, 2)), np.zeros((n, FRAMES - 1, 2, 2))
+    start = np.ones(n)
+    rays = Rays(frame, ray, label, rng.uniform(0.9, 1.1, n) / scale, start, none, empty,
+                np.zeros((n, FRAMES, 2)), np.zeros((n, FRAMES, 2, 2)))
+    at = places(state, rays, INTRINSICS)
+    at = at + noise * rng.standard_normal(at.shape)
+    sure = np.broadcast_to(np.eye(2) / 0.1**2, (*at.shape, 2))
+    flat = replace(rays, inverse_depth=start)
+    if steps:
+        return replace(flat, step=np.diff(at, axis=1), step_information=sure[:, 1:])
+    own = np.arange(FRAMES)[None] == frame[:, None]
+    return replace(flat, spot=at, spot_information=np.where(own[..., None, None], 0.0, sure))
+
+
+def texture(rng: np.random.Generator, height: int, width: int, sigma: float = 1.5) -> np.ndarray:
+    noise = cv2.GaussianBlur(rng.standard_normal((height, width, 3)), (0, 0), sigma)
+    return (127 + 60 * noise / noise.std()).clip(0, 255).astype(np.uint8)
+
+
+def door(total: float) -> Observation:
+    """A textured panel that turns about an upright axis before a textured wall."""
+    rng = np.random.default_rng(5)
+    wall, panel = texture(rng, 180, 240, 3.0), texture(rng, 100, 100)
+    k = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
+    axis = np.array([0.12, 0.96, 0.25])
+    axis /= np.linalg.norm(axis)
+    line = np.concatenate([axis, np.cross([-0.15, 0.0, 1.2], axis)])
+    time = np.linspace(0, 1, 8)
+    motion = part_motions(line[None], total * time[:, None], np.array([-1]))[:, 1]
+    corner = np.array([[-0.15, -0.16, 1.2], [0.2, -0.16, 1.1],
+                       [0.2, 0.16, 1.1], [-0.15, 0.16, 1.2]])
+    frames: list[np.ndarray] = []
+    for m in motion:
+        at = (corner @ m[:3, :3].T + m[:3, 3]) @ k.T
+        source = np.array([[0, 0], [99, 0], [99, 99], [0, 99]], np.float32)
+        h = cv2.getPerspectiveTransform(source, (at[:, :2] / at[:, 2:]).astype(np.float32))
+        mask = cv2.warpPerspective(np.full((100, 100), 255, np.uint8), h, (240, 180)) > 127
+        moved = cv2.warpPerspective(panel, h, (240, 180))
+        frames.append(np.where(mask[..., None], moved, wall))
+    return Observation(np.stack(frames), None, k, time, 1, ("revolute",),
+                       cam_from_world=np.eye(4), axis_direction=axis[None])
