@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from .errors import GcbenchError
 
 if TYPE_CHECKING:
-    from .renderer.dataset.reader import open_dataset as open_dataset
+    from .renderer.dataset import open_dataset as open_dataset
 
 __version__ = "0.1.0"
 __all__ = ["GcbenchError", "open_dataset"]
@@ -29,7 +29,7 @@ __all__ = ["GcbenchError", "open_dataset"]
 
 def __getattr__(name: str) -> Any:
     if name == "open_dataset":
-        from .renderer.dataset.reader import open_dataset
+        from .renderer.dataset import open_dataset
 
         return open_dataset
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -145,7 +145,7 @@ def render(args: Sequence[str]) -> int:
 
     import tyro
 
-    from .renderer.scene.config import STUDIO, RandomizationConfig, RenderConfig, resolved
+    from .renderer.scene import STUDIO, RandomizationConfig, RenderConfig, resolved
 
     ranges = RandomizationConfig()
 
@@ -169,7 +169,7 @@ def render(args: Sequence[str]) -> int:
     if _value(args, "--randomize") == "none":
         base = replace(base, randomization=STUDIO)
     if file := _value(args, "--config"):
-        from .renderer.scene.config_files import read_config
+        from .renderer.scene import read_config
 
         base = read_config(Path(file), base)
     names = [f.name for f in fields(RenderConfig)]
@@ -181,7 +181,7 @@ def render(args: Sequence[str]) -> int:
         Render(**{name: getattr(base, name) for name in names}),
     )
     config = resolved(RenderConfig(**{name: getattr(options, name) for name in names}))
-    from .renderer.generate.driver import generate
+    from .renderer.generate import generate
 
     out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
     summary = generate(config, options.n, out, options.workers)
@@ -213,7 +213,7 @@ def verify(args: Sequence[str]) -> int:
     options = _parse(args, "verify", Verify, verify.__doc__)
     if options.workers < 1:
         raise GcbenchError(f"{options.workers} workers cannot verify; ask for 1 or more")
-    from .renderer.verify.driver import verify_dataset
+    from .renderer.verify import verify_dataset
 
     report = verify_dataset(options.dataset, workers=options.workers)
     print(report.table())
@@ -253,7 +253,7 @@ def show(args: Sequence[str]) -> int:
         """Open the page in the browser."""
 
     options = _parse(args, "show", Show, show.__doc__)
-    from .renderer.show.command import show as write
+    from .renderer.show import show as write
 
     if options.open and not options.out and (options.contact_sheet or options.gif or options.mp4):
         raise GcbenchError("--open opens a page, and none is asked for; add --out PAGE.html")
@@ -287,8 +287,8 @@ def export(args: Sequence[str]) -> int:
 
     import tyro
 
-    from .renderer.export.driver import Format
-    from .renderer.export.driver import export as write
+    from .renderer.export import Format
+    from .renderer.export import export as write
 
     @dataclass(frozen=True)
     class Export:
@@ -426,9 +426,9 @@ def evaluate(args: Sequence[str]) -> int:
 
       gcbench eval --method my_method.py:MyMethod --suite my_suite.toml --knowledge free
     """
-    from .benchmark.report.standings import standings, text
-    from .benchmark.run.driver import EvalConfig
-    from .benchmark.run.driver import evaluate as run
+    from .benchmark.report import standings, text
+    from .benchmark.run import EvalConfig
+    from .benchmark.run import evaluate as run
 
     outcome = run(_parse(args, "eval", EvalConfig, evaluate.__doc__))
     print(text(standings(r for folder in outcome.runs for r in folder.results())))
@@ -451,8 +451,8 @@ def score(args: Sequence[str]) -> int:
 
       gcbench score --predictions mine.npz --data data/ur5 data/iiwa14
     """
-    from .benchmark.report.standings import standings, text
-    from .benchmark.run.submissions import ScoreConfig, score_predictions
+    from .benchmark.report import standings, text
+    from .benchmark.run import ScoreConfig, score_predictions
 
     runs = score_predictions(_parse(args, "score", ScoreConfig, score.__doc__))
     print(text(standings(r for folder in runs for r in folder.results())))
@@ -488,7 +488,7 @@ def report(args: Sequence[str]) -> int:
         """Open the page in the browser."""
 
     options = _parse(args, "report", Report, report.__doc__)
-    from .benchmark.report.page import report as write
+    from .benchmark.report import report as write
 
     written = write(options.results, options.out, options.pictures)
     for path in written:

@@ -8,22 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..renderer.types.observation import Estimate, Inputs, Knowledge, Observation
-from ..robots.geometry.transforms import Array
-from .chain.articulation import Articulation
-from .chain.kinematics import screws_of
-from .chain.priors import Known, knowledge
-from .images.denoise import smoothed
-from .images.depth import depth_named
-from .images.flow import dis_flow, fine_dis_flow, flow_named, training_of
-from .images.flow_types import Flow
-from .images.surfaces import measure
-from .numerics.threads import together
-from .rgb.pipeline import estimate_rgb
-from .rgbd.bundle import adjust, deviation
-from .rgbd.labels import lively
-from .rgbd.search import lost, search
-from .rgbd.tracker import Tracker
+from ..renderer.types import Estimate, Inputs, Knowledge, Observation
+from ..robots.geometry import Array
+from .chain import Articulation, Known, knowledge, screws_of
+from .images import (
+    Flow,
+    depth_named,
+    dis_flow,
+    fine_dis_flow,
+    flow_named,
+    measure,
+    smoothed,
+    training_of,
+)
+from .numerics import together
+from .rgb import estimate_rgb
+from .rgbd import Tracker, adjust, deviation, lively, lost, search
 
 _CANDIDATES = 1500, 900  # and with noise, where what is near errs alike
 _FEWEST = 30  # lively pixels that are worth a search

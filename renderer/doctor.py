@@ -17,7 +17,7 @@ import numpy as np
 from .. import __version__
 from ..errors import GcbenchError
 from ..robots.catalog import entries as catalog
-from ..robots.files.download import cache_folder
+from ..robots.files import cache_folder
 
 PACKAGES = ("numpy", "opencv-python-headless", "scikit-robot-pyrender", "PyOpenGL", "trimesh",
             "yourdfpy", "python-fcl", "pygltflib")
@@ -61,8 +61,7 @@ def examine() -> Diagnosis:
 
 
 def _devices() -> Iterator[str]:
-    from .gl.context import device_names
-    from .gl.targets import NoRendererError
+    from .gl import NoRendererError, device_names
 
     try:
         yield from device_names()
@@ -72,10 +71,9 @@ def _devices() -> Iterator[str]:
 
 def _draw() -> str:
     """Draw a triangle with the real passes, check its depth, and time a frame."""
-    from ..robots.model.articulated_model import ArticulatedModel, Material, Visual
-    from .gl.rasterizer import Rasterizer
-    from .gl.targets import NoRendererError
-    from .types.camera import Camera, intrinsics_from_fov
+    from ..robots.model import ArticulatedModel, Material, Visual
+    from .gl import NoRendererError, Rasterizer
+    from .types import Camera, intrinsics_from_fov
 
     points = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 2, 2]])
     visual = Visual(0, points, np.array([[0, 1, 2]], np.int32), np.tile([0.0, 0, -1], (3, 1)), None,

@@ -1,1 +1,7 @@
-"""benchmark/methods."""
+"""Methods by name, and the baselines."""
+
+from __future__ import annotations
+
+from .registry import Declaration, declare, load, locate, plan_rows, split, with_options
+
+__all__ = ["Declaration", "declare", "load", "locate", "plan_rows", "split", "with_options"]

@@ -7,12 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...renderer.scene.config import RenderConfig
-from ...renderer.scene.sampling import Streams
-from ...renderer.types.observation import Estimate, Inputs, Knowledge, Observation
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import PRISMATIC, REVOLUTE, ArticulatedModel
-from ...robots.motion.trajectory import sample_trajectory
+from ...renderer.scene import RenderConfig, Streams
+from ...renderer.types import Estimate, Inputs, Knowledge, Observation
+from ...robots.geometry import Array
+from ...robots.model import PRISMATIC, REVOLUTE, ArticulatedModel
+from ...robots.motion import sample_trajectory
 
 TRAINING = RenderConfig(stream="train")
 """The recipe whose motion is learned: the suites' own, of the stream that no suite holds."""

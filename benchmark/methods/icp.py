@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ...errors import GcbenchError
-from ...renderer.types.observation import Estimate, Inputs, Knowledge, Observation
-from ...robots.geometry.transforms import Array, apply, inverse, rotation_about, transform
-from ...robots.motion.kinematics import chain_angles, chain_rotations, logarithm
+from ...renderer.types import Estimate, Inputs, Knowledge, Observation
+from ...robots.geometry import Array, apply, inverse, rotation_about, transform
+from ...robots.motion import chain_angles, chain_rotations, logarithm
 from .registry import load, locate
 
 MAX_DEPTH_CHANGE = 0.10

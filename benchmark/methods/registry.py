@@ -15,9 +15,9 @@ from typing import Any, cast
 from urllib.parse import parse_qsl, urlencode
 
 from ...errors import GcbenchError
-from ...renderer.types.observation import Inputs, Knowledge, Method
-from ..protocol.observations import ORACLES, allowed
-from ..results.rows import INPUTS, KNOWLEDGE, Row
+from ...renderer.types import Inputs, Knowledge, Method
+from ..protocol import ORACLES, allowed
+from ..results import INPUTS, KNOWLEDGE, Row
 
 GROUP = "gcbench.methods"
 """Entry points of other packages: name -> module:attribute."""

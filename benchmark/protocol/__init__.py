@@ -1,1 +1,13 @@
-"""benchmark/protocol."""
+"""What a method sees, what it must return, and how that is scored."""
+
+from __future__ import annotations
+
+from .metrics import PCP_DEGREES
+from .observations import ORACLES, allowed, observe
+from .scoring import AXES_KNOWN, score_sequence, shape_of
+from .truth import truth_of
+
+__all__ = [
+    "AXES_KNOWN", "ORACLES", "PCP_DEGREES", "allowed", "observe", "score_sequence", "shape_of",
+    "truth_of",
+]

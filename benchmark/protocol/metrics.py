@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 
 PCP_DEGREES = (1.0, 2.0, 5.0, 10.0)
 """A joint is correct if its error is at most so many degrees; prismatic: so many centimetres

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...renderer.types.observation import Inputs, Knowledge, Observation
-from ...renderer.types.sequence import Sequence
-from ...robots.model.articulated_model import ArticulatedModel
+from ...renderer.types import Inputs, Knowledge, Observation, Sequence
+from ...robots.model import ArticulatedModel
 from .truth import truth_of
 
 DEPTH_NOISE = 0.05

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ...renderer.types.observation import Estimate
-from ...renderer.types.sequence import Sequence
-from ...robots.geometry.transforms import Array
-from ..results.estimates import Shape, Stored
-from ..results.rows import Result, Run
+from ...renderer.types import Estimate, Sequence
+from ...robots.geometry import Array
+from ..results import Result, Run, Shape, Stored
 from . import metrics
 from .truth import Truth, truth_of
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...renderer.types.sequence import Sequence, State
-from ...robots.geometry.transforms import Array, inverse
+from ...renderer.types import Sequence, State
+from ...robots.geometry import Array, inverse
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import GcbenchError
-from ..results.estimates import Shape, read_stored
-from ..results.rows import RunFolder
+from ..results import RunFolder, Shape, read_stored
 from .formats import one_line
 from .leaderboard import Board, Line
 from .standings import SEED

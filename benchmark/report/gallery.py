@@ -14,19 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...renderer.dataset.reader import Dataset, open_dataset
-from ...renderer.runtime.progress import Bar
-from ...renderer.types.sequence import Sequence as Video
+from ...renderer.dataset import Dataset, open_dataset
+from ...renderer.runtime import Bar
+from ...renderer.types import Sequence as Video
 from ...robots.catalog import names as objects
-from ..protocol import metrics
-from ..protocol.scoring import AXES_KNOWN, shape_of
-from ..protocol.truth import truth_of
-from ..results.estimates import read_stored
+from ..protocol import AXES_KNOWN, metrics, shape_of, truth_of
+from ..results import read_stored
 from .leaderboard import Line, sequence_errors
 
 if TYPE_CHECKING:
-    from ...renderer.show.overlay import Painter
-    from ...robots.model.articulated_model import ArticulatedModel
+    from ...renderer.show import Painter
+    from ...robots.model import ArticulatedModel
 
 WIDTH = 420
 """px of a picture."""
@@ -145,7 +143,7 @@ class _Painters:
         return self._found
 
     def _open(self, folder: Path) -> tuple[Dataset, Painter]:
-        from ...renderer.show.overlay import Painter
+        from ...renderer.show import Painter
 
         dataset = open_dataset(folder)
         model = model_of(dataset, dataset[0])
@@ -155,7 +153,7 @@ class _Painters:
 
 def model_of(dataset: Dataset, sequence: Video) -> ArticulatedModel:
     """What a sequence shows. Raises GcbenchError if it is not on this machine."""
-    from ...renderer.show.overlay import model_at_hand
+    from ...renderer.show import model_at_hand
 
     return model_at_hand(dataset.config, sequence.meta)
 

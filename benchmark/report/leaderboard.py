@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import GcbenchError
-from ...renderer.scene.config_files import differences as config_differences
-from ..protocol.metrics import PCP_DEGREES
-from ..results.rows import SCORES, Result, Row, Run, RunFolder, find_runs
+from ...renderer.scene import differences as config_differences
+from ..protocol import PCP_DEGREES
+from ..results import SCORES, Result, Row, Run, RunFolder, find_runs
 from . import published_numbers as paper
 from .standings import SEED, thresholds
 from .statistics import Difference, Pair, Summary, paired_difference, pcp, summarize

@@ -14,8 +14,8 @@ from typing import Any
 
 from ... import __version__
 from ...errors import GcbenchError
-from ...robots.files.atomic import write_atomically
-from ..protocol.metrics import PCP_DEGREES
+from ...robots.files import write_atomically
+from ..protocol import PCP_DEGREES
 from .about import about, failures
 from .formats import leaderboard_csv, leaderboard_md, one_line, tables_tex
 from .gallery import Picture, chosen, draw

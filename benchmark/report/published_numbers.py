@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..results.rows import Row
+from ..results import Row
 
 
 @dataclass(frozen=True)

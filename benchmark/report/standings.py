@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..protocol.metrics import PCP_DEGREES
-from ..results.rows import Result
+from ..protocol import PCP_DEGREES
+from ..results import Result
 from .statistics import Pair, Summary, shared_ranks, summarize
 
 SEED = 0

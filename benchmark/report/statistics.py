@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 
 DRAWS = 2000
 LEVEL = 0.95

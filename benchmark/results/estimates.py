@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...renderer.runtime.json import dump_json, parse_json
-from ...renderer.runtime.zip_archive import ArchiveWriter, open_archive
-from ...renderer.types.observation import Estimate
+from ...renderer.runtime import ArchiveWriter, dump_json, open_archive, parse_json
+from ...renderer.types import Estimate
 
 Status = Literal["ok", "raised", "timeout", "crashed", "invalid"]
 STATUSES: tuple[Status, ...] = get_args(Status)

@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
 from ...errors import GcbenchError
-from ...renderer.runtime.json import MAX_JSON, dump_json, parse_json
-from ...renderer.types.observation import Inputs, Knowledge
-from ...robots.files.atomic import write_atomically
+from ...renderer.runtime import MAX_JSON, dump_json, parse_json
+from ...renderer.types import Inputs, Knowledge
+from ...robots.files import write_atomically
 
 if TYPE_CHECKING:
     import pandas

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import GcbenchError
-from ...renderer.dataset.reader import Dataset, open_dataset, sequence_paths
-from ...renderer.dataset.storage import read_meta
+from ...renderer.dataset import Dataset, open_dataset, read_meta, sequence_paths
 from .suite import Suite
 
 SUITES = Path("data") / "suites"
@@ -61,7 +60,7 @@ def from_suite(
         missing = entry.n - len([name for name in sequence_paths(path) if int(name) < entry.n])
         if missing:
             say(f"{suite.name}/{entry.name}: {missing} of {entry.n} sequences to render")
-        from ...renderer.generate.driver import generate
+        from ...renderer.generate import generate
 
         generate(entry.config, entry.n, path, workers, progress=progress and missing > 0)
         out.append(select(f"{suite.name}/{entry.name}", path, entry.n, keep_unobservable))

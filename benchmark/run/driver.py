@@ -18,17 +18,14 @@ from typing import Any
 
 from ... import __version__
 from ...errors import GcbenchError
-from ...renderer.dataset.provenance import environment as package_versions
-from ...renderer.runtime.interrupt import uninterrupted
-from ...renderer.runtime.json import dump_json
-from ...renderer.runtime.progress import Bar
-from ...renderer.scene.config_files import differences
-from ...renderer.types.observation import Inputs, Knowledge
-from ...robots.files.atomic import remove_leftovers, write_atomically
-from ..methods.registry import locate, plan_rows, split, with_options
-from ..protocol.scoring import score_sequence, shape_of
-from ..results.estimates import Status, Stored, read_stored
-from ..results.rows import (
+from ...renderer.dataset import environment as package_versions
+from ...renderer.runtime import Bar, dump_json, uninterrupted
+from ...renderer.scene import differences
+from ...renderer.types import Inputs, Knowledge
+from ...robots.files import remove_leftovers, write_atomically
+from ..methods import locate, plan_rows, split, with_options
+from ..protocol import score_sequence, shape_of
+from ..results import (
     ESTIMATES,
     RUN,
     SCORES,
@@ -36,7 +33,10 @@ from ..results.rows import (
     Row,
     Run,
     RunFolder,
+    Status,
+    Stored,
     read_run,
+    read_stored,
     run_folder,
     write_run,
     write_scores,

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import GcbenchError
-from ...renderer.runtime.interrupt import uninterrupted
-from ..methods.registry import Declaration
-from ..results.estimates import MAX_REASON, Status, Stored, dump_stored
+from ...renderer.runtime import uninterrupted
+from ..methods import Declaration
+from ..results import MAX_REASON, Status, Stored, dump_stored
 from .method_worker import DONE, PROBLEM, READY, STARTED, THREADS, Task, work
 
 START_LIMIT = 600.0

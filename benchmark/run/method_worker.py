@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING
 from ...errors import GcbenchError
 
 if TYPE_CHECKING:
-    from ...renderer.dataset.reader import Dataset
-    from ...renderer.types.observation import Method
-    from ...robots.model.articulated_model import ArticulatedModel
-    from ..results.estimates import Shape, Stored
+    from ...renderer.dataset import Dataset
+    from ...renderer.types import Method
+    from ...robots.model import ArticulatedModel
+    from ..results import Shape, Stored
 
 READY, STARTED, DONE, PROBLEM = b"R", b"S", b"D", b"P"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -70,7 +70,7 @@ def _serve(connection: Connection, source: str, threads: int) -> None:
     import cv2
 
     cv2.setNumThreads(threads)
-    from ..methods.registry import declare, load
+    from ..methods import declare, load
 
     method = load(source)
     connection.send_bytes(READY + json.dumps(asdict(declare(method, source))).encode())
@@ -79,13 +79,13 @@ def _serve(connection: Connection, source: str, threads: int) -> None:
     while data := connection.recv_bytes():
         task = Task(**json.loads(data))
         if task.data not in opened:
-            from ...renderer.dataset.reader import open_dataset
+            from ...renderer.dataset import open_dataset
 
             opened[task.data] = open_dataset(Path(task.data))
         dataset = opened[task.data]
         model = _model(dataset, task, models) if task.knowledge == "model" else None
         stored = _attempt(method, task, dataset, model, connection)
-        from ..results.estimates import dump_stored
+        from ..results import dump_stored
 
         connection.send_bytes(DONE + dump_stored(stored))
 
@@ -98,9 +98,8 @@ def _attempt(
     connection: Connection,
 ) -> Stored:
     """Whatever the method does, something that can be stored (unless the process dies)."""
-    from ..protocol.observations import observe
-    from ..protocol.scoring import shape_of
-    from ..results.estimates import InvalidEstimateError, Stored, checked
+    from ..protocol import observe, shape_of
+    from ..results import InvalidEstimateError, Stored, checked
 
     sequence = dataset[task.sequence]
     observation = observe(sequence, task.inputs, task.knowledge, task.oracles, model)  # pyright: ignore[reportArgumentType]
@@ -122,8 +121,8 @@ def _attempt(
 
 def load_model(dataset: Dataset, sequence: str) -> ArticulatedModel:
     """The articulated model that a sequence of a dataset shows."""
-    from ...renderer.scene.models import packages_of, robot_of
-    from ...robots.catalog.entries import load
+    from ...renderer.scene import packages_of, robot_of
+    from ...robots.catalog import load
 
     config = dataset.config
     robot = robot_of(config, dataset[sequence].meta)
@@ -134,7 +133,7 @@ def _model(
     dataset: Dataset, task: Task, models: dict[tuple[str, str], ArticulatedModel]
 ) -> ArticulatedModel:
     """`load_model`, once a dataset unless its sequences differ; `models` has the last one."""
-    from ...robots.catalog.names import is_category
+    from ...robots.catalog import is_category
 
     key = task.data, task.sequence if is_category(dataset.config.robot) else ""
     if key not in models:

@@ -20,20 +20,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...renderer.types.observation import Estimate, Inputs, Knowledge
-from ...robots.files.atomic import write_atomically
-from ...robots.geometry.transforms import Array
-from ..protocol.observations import allowed
-from ..protocol.scoring import shape_of
-from ..results.estimates import STATUSES, Stored, dump_stored
-from ..results.rows import (
+from ...renderer.types import Estimate, Inputs, Knowledge
+from ...robots.files import write_atomically
+from ...robots.geometry import Array
+from ..protocol import allowed, shape_of
+from ..results import (
     ESTIMATES,
     INPUTS,
     KNOWLEDGE,
     RUN,
+    STATUSES,
     Row,
     Run,
     RunFolder,
+    Stored,
+    dump_stored,
     read_run,
     run_folder,
 )

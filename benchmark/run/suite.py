@@ -24,8 +24,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ...errors import GcbenchError
-from ...renderer.scene.config import RenderConfig, resolved
-from ...renderer.scene.config_files import parse_config
+from ...renderer.scene import RenderConfig, parse_config, resolved
 
 if sys.version_info >= (3, 11):
     from importlib.resources.abc import Traversable

@@ -1,1 +1,38 @@
-"""gcpose/chain."""
+"""Kinematic chains: joints, priors from declared knowledge, and fits to part motions."""
+
+from __future__ import annotations
+
+from .articulation import (
+    ARM,
+    Articulation,
+    Cloud,
+    Hypothesis,
+    axis_bases,
+    displaced,
+    distinct,
+    middles,
+)
+from .beam_search import Beam, axes, beamed, directions, spread, unlike
+from .chain_fit import Goal, fit_chains, follow_held, misfit
+from .hinges import extent, hinges, thinned
+from .kernels import add_normal
+from .kinematics import (
+    adjoint,
+    axis_basis,
+    carriers,
+    displace_axis,
+    exponential,
+    relative,
+    screws_of,
+)
+from .priors import Known, about, axis_from, knowledge, spaces
+from .weak_prior import Hinges, Normal, closeness, from_axis, smoothness
+
+__all__ = [
+    "ARM", "Articulation", "Beam", "Cloud", "Goal", "Hinges", "Hypothesis", "Known", "Normal",
+    "about", "add_normal", "adjoint", "axes", "axis_bases", "axis_basis", "axis_from", "beamed",
+    "carriers", "closeness", "directions", "displace_axis", "displaced", "distinct",
+    "exponential", "extent", "fit_chains", "follow_held", "from_axis", "hinges", "knowledge",
+    "middles", "misfit", "relative", "screws_of", "smoothness", "spaces", "spread", "thinned",
+    "unlike",
+]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 from .kinematics import (
     axis_basis,
     derivatives,

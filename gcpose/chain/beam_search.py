@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from ...robots.geometry.transforms import Array
-from ..numerics.arrays import Image
+from ...robots.geometry import Array
+from ..numerics import Image
 from .kinematics import part_motions
 from .priors import Known
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, inverse
+from ...robots.geometry import Array, inverse
 from .kinematics import adjoint, axis_basis, carriers, displace_axis, logarithm, part_motions
 
 _DAMPING = 1e-4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 from .kernels import fill_hinges
 from .kinematics import carriers
 

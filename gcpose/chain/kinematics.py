@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, transform
+from ...robots.geometry import Array, transform
 from .kernels import (
     fill_bases,
     fill_derivatives,

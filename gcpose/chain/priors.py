@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...renderer.types.observation import Observation
-from ...robots.geometry.transforms import Array
+from ...renderer.types import Observation
+from ...robots.geometry import Array
 from .kinematics import adjoint, twists_of
 
 

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 from .articulation import Articulation
 
 _ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m

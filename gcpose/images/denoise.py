@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..numerics.arrays import Image
-from ..numerics.threads import together
+from ...robots.geometry import Array
+from ..numerics import Image, together
 from .flow_types import Flow
 from .surfaces import Surfaces
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..numerics.arrays import Image
-from ..numerics.compiled import compiled
+from ...robots.geometry import Array
+from ..numerics import Image, compiled
 
 _GAIN, _FLOOR = 8.0, 30.0  # of a pixel's variance: of what is left of a patch, and squared levels
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import cdist
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 
 _NEAR, _NOISY = (5, 5), 5.0  # window of a label's costs; standard deviation of a noisy one's
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..numerics.arrays import Image
+from ...robots.geometry import Array
+from ..numerics import Image
 from .depth import Depth
 from .flow import for_cuts_of
 from .flow_types import Flow

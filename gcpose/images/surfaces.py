@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..numerics.arrays import Image
-from ..numerics.threads import together
+from ...robots.geometry import Array
+from ..numerics import Image, together
 
 _STEEPEST = 0.12  # cosine between normal and ray under which a pixel's normal is not trusted
 

@@ -1,1 +1,5 @@
-"""gcpose/networks."""
+"""Neural networks and their weights. Its modules need PyTorch and are imported on use."""
+
+from __future__ import annotations
+
+__all__ = []

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.motion.kinematics import chain_angles, chain_rotations, logarithm
-from ..images.regions import order_from_base
-from ..numerics.arrays import Image
-from ..rgb.labels import Spots
+from ...robots.geometry import Array
+from ...robots.motion import chain_angles, chain_rotations, logarithm
+from ..images import order_from_base
+from ..numerics import Image
+from ..rgb import Spots
 
 _INLIER = 1.0  # px, of a flow that fits a matrix
 _WIDTH = 9.0  # px2, beyond which flow is simply wrong

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..networks.torch_runtime import torch, warped
-from ..numerics.arrays import Image
+from ..numerics import Image
 from .epipolar import Pair
 
 _ROUNDS = 10

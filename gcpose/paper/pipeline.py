@@ -14,22 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...renderer.types.observation import Estimate, Inputs, Knowledge, Observation
-from ...robots.geometry.transforms import Array
-from ..chain.articulation import Articulation
-from ..chain.beam_search import axes
-from ..chain.hinges import hinges
-from ..chain.priors import knowledge
-from ..images.depth import depth_named
-from ..images.flow import fine_dis_flow, flow_named, for_cuts_of, training_of
-from ..images.flow_types import Flow
-from ..images.still_camera import Footage, footage
-from ..numerics.arrays import Image
-from ..rgb.evidence import observed
-from ..rgb.labels import Spots
-from ..rgb.points import Rays
-from ..rgb.strategies import ends
-from ..rgb.tracker import Guess, RayTracker
+from ...renderer.types import Estimate, Inputs, Knowledge, Observation
+from ...robots.geometry import Array
+from ..chain import Articulation, axes, hinges, knowledge
+from ..images import (
+    Flow,
+    Footage,
+    depth_named,
+    fine_dis_flow,
+    flow_named,
+    footage,
+    for_cuts_of,
+    training_of,
+)
+from ..numerics import Image
+from ..rgb import Guess, Rays, RayTracker, Spots, ends, observed
 from .epipolar import Pair, accumulated, orders, pair_of, rotations, rotations_with_depth
 
 _POINTS = 400  # of each frame
@@ -118,7 +117,7 @@ class Epipolar(FlowOnly):
         Raises GcbenchError for others, files that are missing, or where PyTorch is.
         """
         super().__init__(flow)
-        from ..images.raft_flow import raft_flow
+        from ..images import raft_flow
         from .fine_tune import tuned
 
         if not flow:

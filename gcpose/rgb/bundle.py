@@ -13,10 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, inverse
-from ..chain.articulation import Articulation, displaced
-from ..chain.kinematics import axis_basis, relative
-from ..chain.weak_prior import Hinges, closeness, smoothness
+from ...robots.geometry import Array, inverse
+from ..chain import Articulation, Hinges, axis_basis, closeness, displaced, relative, smoothness
 from .kernels import accumulate
 from .points import Rays
 

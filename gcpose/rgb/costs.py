@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..numerics.arrays import Image
-from ..numerics.compiled import compiled
+from ...robots.geometry import Array
+from ..numerics import Image, compiled
 
 FLOW_SIGMA = 0.5  # px
 FLOW_RATE = 0.05  # and of the flow's length

@@ -10,10 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..chain.articulation import Articulation
-from ..images.patches import match
-from ..images.still_camera import CONTRAST, Footage
+from ...robots.geometry import Array
+from ..chain import Articulation
+from ..images import CONTRAST, Footage, match
 from .costs import FLOW_RATE, FLOW_SIGMA
 from .points import Rays, places, warps
 

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..chain.beam_search import Beam, beamed, spread
-from ..chain.hinges import thinned
-from ..chain.priors import Known
-from ..images.still_camera import Footage
-from ..numerics.arrays import Image
-from ..numerics.compiled import compiled
+from ...robots.geometry import Array
+from ..chain import Beam, Known, beamed, spread, thinned
+from ..images import Footage
+from ..numerics import Image, compiled
 from .costs import FLOW_RATE, FLOW_SIGMA
 from .labels import Spots
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..numerics.compiled import compiled
+from ...robots.geometry import Array
+from ..numerics import compiled
 
 
 @compiled

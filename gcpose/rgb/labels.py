@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
-from ...robots.geometry.transforms import Array
-from ..images.still_camera import Footage
-from ..images.surfaces import rays
+from ...robots.geometry import Array
+from ..images import Footage, rays
 
 _NEAR = 12  # neighbours that share a label
 _AROUND = 1.5  # cells within which a pixel of another key frame shows the same

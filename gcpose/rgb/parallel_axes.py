@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array, apply, inverse
-from ..chain.articulation import Articulation
+from ...robots.geometry import Array, apply, inverse
+from ..chain import Articulation
 
 _FEET = 3  # places of the first axis for each
 _NEAREST = 0.03  # of the distance to the camera: closer to the first axis, a hinge says nothing

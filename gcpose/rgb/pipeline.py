@@ -14,13 +14,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ...errors import GcbenchError
-from ...renderer.types.observation import Estimate, Observation
-from ...robots.geometry.transforms import Array
-from ..chain.kinematics import screws_of
-from ..chain.priors import Known
-from ..images.depth import Depth
-from ..images.flow_types import Flow
-from ..images.still_camera import Footage, footage
+from ...renderer.types import Estimate, Observation
+from ...robots.geometry import Array
+from ..chain import Known, screws_of
+from ..images import Depth, Flow, Footage, footage
 from .points import Rays, places
 from .search import search_rays
 from .tracker import Guess

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ...robots.geometry.transforms import Array, inverse
-from ..chain.articulation import Articulation
+from ...robots.geometry import Array, inverse
+from ..chain import Articulation
 
 _NOISE = 0.03  # of inverse depths, from a plane through their neighbours'
 _STEEP, _STEEPEST = 2.0, 4.0  # slopes of inverse depth, by ray: usual, and the most there is

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..chain.priors import Known
-from ..images.still_camera import Footage
-from ..numerics.threads import together
+from ..chain import Known
+from ..images import Footage
+from ..numerics import together
 from .strategies import by_sweeps, distinct, tilted, traded
 from .tracker import Guess, RayTracker
 

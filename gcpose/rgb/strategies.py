@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array, inverse
-from ..chain.articulation import Articulation
-from ..chain.beam_search import spread, unlike
-from ..chain.hinges import thinned
-from ..images.regions import order_from_base
-from ..numerics.threads import together
+from ...robots.geometry import Array, inverse
+from ..chain import Articulation, spread, thinned, unlike
+from ..images import order_from_base
+from ..numerics import together
 from .flow_sweep import swept_rays
 from .labels import Spots
 from .parallel_axes import feet, shared

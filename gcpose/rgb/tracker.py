@@ -6,13 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array, inverse
-from ..chain.articulation import Articulation
-from ..chain.hinges import hinges
-from ..chain.priors import Known
-from ..chain.weak_prior import Hinges, from_axis
-from ..images.regions import order_from_base
-from ..images.still_camera import Footage
+from ...robots.geometry import Array, inverse
+from ..chain import Articulation, Hinges, Known, from_axis, hinges
+from ..images import Footage, order_from_base
 from .bundle import adjust_rays
 from .costs import flow_costs, patch_costs
 from .evidence import REACH, SPAN, matched, misfit, observed

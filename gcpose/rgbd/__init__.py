@@ -1,1 +1,10 @@
-"""gcpose/rgbd."""
+"""GC-Pose on RGB-D video."""
+
+from __future__ import annotations
+
+from .bundle import adjust, deviation
+from .labels import lively
+from .search import lost, search
+from .tracker import Tracker
+
+__all__ = ["Tracker", "adjust", "deviation", "lively", "lost", "search"]

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..images.surfaces import Surfaces
-from ..numerics.arrays import Image
+from ...robots.geometry import Array
+from ..images import Surfaces
+from ..numerics import Image
 from .kernels import add_flow, add_surface, camera_of, columns, fill_views
 
 Equations = tuple[Array, Array]

@@ -13,12 +13,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array, inverse
-from ..chain.articulation import Articulation, Cloud, axis_bases, displaced
-from ..chain.kernels import add_normal
-from ..chain.kinematics import relative
-from ..chain.weak_prior import Hinges, Normal, closeness, smoothness
-from ..images.surfaces import Surfaces
+from ...robots.geometry import Array, inverse
+from ..chain import (
+    Articulation,
+    Cloud,
+    Hinges,
+    Normal,
+    add_normal,
+    axis_bases,
+    closeness,
+    displaced,
+    relative,
+    smoothness,
+)
+from ..images import Surfaces
 from .alignment import (
     Elements,
     Equations,

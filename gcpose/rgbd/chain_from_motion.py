@@ -12,14 +12,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array, inverse
-from ..chain.articulation import ARM, Articulation, Cloud, Hypothesis, middles
-from ..chain.beam_search import directions, spread
-from ..chain.chain_fit import Goal, fit_chains, follow_held, misfit
-from ..chain.hinges import thinned
-from ..chain.kinematics import adjoint, carriers, exponential
-from ..images.surfaces import Surfaces
-from ..numerics.threads import together
+from ...robots.geometry import Array, inverse
+from ..chain import (
+    ARM,
+    Articulation,
+    Cloud,
+    Goal,
+    Hypothesis,
+    adjoint,
+    carriers,
+    directions,
+    exponential,
+    fit_chains,
+    follow_held,
+    middles,
+    misfit,
+    spread,
+    thinned,
+)
+from ..images import Surfaces
+from ..numerics import together
 from .alignment import elements, surface_equations
 from .tracker import Tracker
 

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array
-from ..chain.articulation import Articulation, Cloud, Hypothesis
-from ..chain.beam_search import beamed, spread
-from ..chain.hinges import thinned
-from ..images.regions import smooth
-from ..images.surfaces import Surfaces
-from ..numerics.arrays import Image
+from ...robots.geometry import Array
+from ..chain import Articulation, Cloud, Hypothesis, beamed, spread, thinned
+from ..images import Surfaces, smooth
+from ..numerics import Image
 from .kernels import camera_of, columns, grow, judge
 from .tracker import Tracker
 

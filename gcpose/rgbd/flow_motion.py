@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..images.surfaces import Surfaces, rays
-from ..numerics.compiled import compiled
+from ...robots.geometry import Array
+from ..images import Surfaces, rays
+from ..numerics import compiled
 
 _FLOW_SIGMA = 1.5  # px
 

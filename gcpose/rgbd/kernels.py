@@ -12,9 +12,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..numerics.arrays import Image
-from ..numerics.compiled import compiled
+from ...robots.geometry import Array
+from ..numerics import Image, compiled
 
 Number = float | np.floating[Any]
 """In compiled code always single precision."""

@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, inverse
-from ..images.regions import Candidates
-from ..images.surfaces import Surfaces
-from ..numerics.threads import together
+from ...robots.geometry import Array, inverse
+from ..images import Candidates, Surfaces
+from ..numerics import together
 from .kernels import add_label_costs, camera_of, columns
 
 _SAME = 1.5e-4  # m, between two measurements of one still point

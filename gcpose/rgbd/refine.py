@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..chain.articulation import Hypothesis
-from ..chain.kinematics import displace_axis
+from ..chain import Hypothesis, displace_axis
 from .tracker import Tracker
 
 ROUNDS = 10  # of EM, at most

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..chain.articulation import ARM, Articulation, Hypothesis, distinct
-from ..images.flow_types import Flow
-from ..numerics.threads import together
+from ..chain import ARM, Articulation, Hypothesis, distinct
+from ..images import Flow
+from ..numerics import together
 from .chain_from_motion import factored
 from .refine import ROUNDS, SHARPEST, descended, refined, sharpened
 from .strategies import by_flow, by_lines, by_more_lines, by_more_sweeps, by_sweeps

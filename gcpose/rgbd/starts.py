@@ -8,14 +8,22 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..chain.articulation import Articulation, Cloud, Hypothesis, distinct
-from ..chain.hinges import extent, hinges
-from ..chain.kinematics import carriers
-from ..chain.priors import Known, about, axis_from, spaces
-from ..images.flow_types import Flow
-from ..images.regions import smooth
-from ..numerics.threads import together
+from ...robots.geometry import Array
+from ..chain import (
+    Articulation,
+    Cloud,
+    Hypothesis,
+    Known,
+    about,
+    axis_from,
+    carriers,
+    distinct,
+    extent,
+    hinges,
+    spaces,
+)
+from ..images import Flow, smooth
+from ..numerics import together
 from .flow_motion import Correspondence, correspond, costs, fit
 from .labels import Candidates
 from .tracker import Tracker

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..chain.articulation import Hypothesis, distinct
-from ..images.flow_types import Flow
-from ..numerics.threads import together
+from ..chain import Hypothesis, distinct
+from ..images import Flow
+from ..numerics import together
 from .depth_sweep import swept
 from .refine import MIDDLING, descended
 from .starts import beginnings

@@ -8,13 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..chain.articulation import Articulation, Cloud, Hypothesis
-from ..chain.hinges import extent, hinges
-from ..chain.priors import Known
-from ..chain.weak_prior import Hinges
-from ..images.regions import order_from_base, smooth
-from ..images.surfaces import Surfaces
+from ...robots.geometry import Array
+from ..chain import Articulation, Cloud, Hinges, Hypothesis, Known, extent, hinges
+from ..images import Surfaces, order_from_base, smooth
 from .bundle import adjust
 from .labels import Candidates, candidates, changed, label_costs
 

@@ -1,1 +1,5 @@
-"""gcpose/training."""
+"""Training of the flow network. Its modules need PyTorch and are imported on use."""
+
+from __future__ import annotations
+
+__all__ = []

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import GcbenchError
-from ...robots.files.atomic import temporary_name
+from ...robots.files import temporary_name
 from ..networks.torch_runtime import torch
 from ..networks.weights import read_weights
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...renderer.generate.driver import generate
-from ...renderer.scene.config import (
+from ...renderer.generate import generate
+from ...renderer.scene import (
     CameraConfig,
     ImageConfig,
     LightsConfig,
@@ -18,7 +18,7 @@ from ...renderer.scene.config import (
     RenderConfig,
     TexturesConfig,
 )
-from ...robots.appliances.generator import CATEGORIES
+from ...robots.appliances import CATEGORIES
 from ...robots.catalog import entries as catalog
 
 _FRAMES = 9

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..images.flow_types import Flow
+from ..images import Flow
 from .pairs import STILL, Pair
 
 _FEWEST = 40  # pixels of a part whose bias counts, at any resolution

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...renderer.dataset.reader import Dataset, open_dataset
-from ...renderer.types.sequence import OCCLUDED, OUT_OF_IMAGE, Sequence
+from ...renderer.dataset import Dataset, open_dataset
+from ...renderer.types import OCCLUDED, OUT_OF_IMAGE, Sequence
 
 STILL = 0.05  # px; parts that move less count as background
 _MOVING = 0.8  # weight of all moving parts together

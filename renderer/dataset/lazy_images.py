@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.zip_archive import Archive
+from ..runtime import Archive
 
 Item = TypeVar("Item", bound=np.generic)
 Decoder = Callable[..., NDArray[Item]]

@@ -11,12 +11,11 @@ from typing import Any, cast
 
 from ... import __version__
 from ...errors import GcbenchError
-from ...robots.files.atomic import write_atomically
-from ..runtime.json import MAX_JSON, dump_json, parse_json
-from ..scene.config import RenderConfig
-from ..scene.config_files import config_tree
-from ..scene.config_files import read_config as read_config
-from ..types.sequence import FORMAT, Meta
+from ...robots.files import write_atomically
+from ..runtime import MAX_JSON, dump_json, parse_json
+from ..scene import RenderConfig, config_tree
+from ..scene import read_config as read_config
+from ..types import FORMAT, Meta
 
 FILE = "dataset.json"
 _PACKAGES = (

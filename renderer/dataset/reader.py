@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import GcbenchError
-from ..scene.config import RenderConfig
-from ..scene.config_files import parse_config
-from ..types.sequence import Sequence
+from ..scene import RenderConfig, parse_config
+from ..types import Sequence
 from .provenance import Provenance, read_provenance
 from .storage import FOLDER, open_sequence
 

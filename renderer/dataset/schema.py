@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from ...errors import GcbenchError
-from ..runtime.json import dump_json, parse_json
-from ..scene.config import LAYERS
-from ..types.sequence import FORMAT, Meta
+from ..runtime import dump_json, parse_json
+from ..scene import LAYERS
+from ..types import FORMAT, Meta
 from .codec import MAX_PIXELS
 
 MAX_FRAMES = 1_000_000

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ..runtime.zip_archive import ArchiveWriter
-from ..types.sequence import Meta, State
+from ..runtime import ArchiveWriter
+from ..types import Meta, State
 
 _INTEGERS = ("joint_parent_part", "joint_child_part", "part_pixels", "keypoint_part",
              "track_part", "track_query")

@@ -18,11 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from ...robots.files.atomic import temporary_name
-from ...robots.geometry.transforms import Array
-from ..runtime.json import MAX_JSON
-from ..runtime.zip_archive import ArchiveWriter, open_archive
-from ..types.sequence import Frame, Meta, Sequence, State
+from ...robots.files import temporary_name
+from ...robots.geometry import Array
+from ..runtime import MAX_JSON, ArchiveWriter, open_archive
+from ..types import Frame, Meta, Sequence, State
 from . import codec
 from .lazy_images import CombinedStack, Decoder, Item, LazyStack
 from .schema import dump_meta, parse_meta

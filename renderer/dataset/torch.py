@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import GcbenchError
-from ..types.sequence import Sequence
+from ..types import Sequence
 from .reader import Dataset
 
 try:

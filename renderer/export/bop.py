@@ -26,17 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel
-from ..dataset import codec
-from ..dataset.reader import Dataset
-from ..gl.rasterizer import Rasterizer
-from ..runtime.json import dump_json
-from ..runtime.zip_archive import Archive
-from ..scene.models import robot_of
-from ..show.overlay import model_at_hand
-from ..types.camera import Camera
-from ..types.sequence import Meta, Sequence
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel
+from ..dataset import Dataset, codec
+from ..gl import Rasterizer
+from ..runtime import Archive, dump_json
+from ..scene import robot_of
+from ..show import model_at_hand
+from ..types import Camera, Meta, Sequence
 from .bop_models import size_of, write_ply
 from .journal import Record
 

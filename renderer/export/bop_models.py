@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import Material, Visual
-from ...robots.model.texture import mean_color
+from ...robots.geometry import Array
+from ...robots.model import Material, Visual, mean_color
 
 _MM = 1000.0
 

@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as _coco
 
-from ..dataset.reader import Dataset
-from ..runtime.json import dump_json
-from ..runtime.zip_archive import Archive
-from ..types.sequence import Sequence
+from ..dataset import Dataset
+from ..runtime import Archive, dump_json
+from ..types import Sequence
 from .journal import Record
 
 

@@ -19,12 +19,10 @@ from typing import Any, Literal, Protocol
 
 from ... import __version__
 from ...errors import GcbenchError
-from ...robots.files.lock import LOCK, locked
-from ..dataset.reader import Dataset, open_dataset, sequence_paths
-from ..runtime.json import dump_json
-from ..runtime.progress import frame_bar
-from ..runtime.zip_archive import Archive, open_archive
-from ..types.sequence import Sequence
+from ...robots.files import LOCK, locked
+from ..dataset import Dataset, open_dataset, sequence_paths
+from ..runtime import Archive, dump_json, frame_bar, open_archive
+from ..types import Sequence
 from .journal import Journal, Record
 
 Format = Literal["kitti", "bop", "coco", "webdataset", "tapvid", "rerun"]

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ...robots.files.lock import LOCK
-from ..runtime.json import dump_json
+from ...robots.files import LOCK
+from ..runtime import dump_json
 
 FILE = "journal.jsonl"
 Record = Mapping[str, Any]

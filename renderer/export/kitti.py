@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ..dataset import codec
-from ..dataset.reader import Dataset
-from ..runtime.zip_archive import Archive
-from ..types.sequence import BACKGROUND, VISIBLE, Sequence
+from ..dataset import Dataset, codec
+from ..runtime import Archive
+from ..types import BACKGROUND, VISIBLE, Sequence
 from .journal import Record
 
 DEPTH_UNIT = 1.0 / 256.0

@@ -23,15 +23,13 @@ import numpy as np
 import rerun as rr
 
 from ...errors import GcbenchError
-from ...robots.geometry.transforms import Array, inverse
-from ...robots.model.articulated_model import ArticulatedModel
-from ...robots.model.texture import mean_color
-from ..dataset.reader import Dataset
-from ..runtime.json import dump_json
-from ..runtime.zip_archive import Archive
-from ..scene.models import robot_of
-from ..show.overlay import model_at_hand
-from ..types.sequence import Meta, Sequence
+from ...robots.geometry import Array, inverse
+from ...robots.model import ArticulatedModel, mean_color
+from ..dataset import Dataset
+from ..runtime import Archive, dump_json
+from ..scene import robot_of
+from ..show import model_at_hand
+from ..types import Meta, Sequence
 from .journal import Record
 
 _APPLICATION = "gcbench"

@@ -21,12 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...robots.geometry.transforms import Array, inverse
-from ..dataset.reader import Dataset
-from ..runtime.zip_archive import Archive
-from ..truth.tracks import projected, surface_visible
-from ..types.camera import Camera
-from ..types.sequence import Sequence
+from ...robots.geometry import Array, inverse
+from ..dataset import Dataset
+from ..runtime import Archive
+from ..truth import projected, surface_visible
+from ..types import Camera, Sequence
 from .journal import Record
 
 POINTS = 256

@@ -17,11 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dataset.reader import Dataset
-from ..dataset.storage import member_names
-from ..runtime.json import dump_json
-from ..runtime.zip_archive import Archive
-from ..types.sequence import Sequence
+from ..dataset import Dataset, member_names
+from ..runtime import Archive, dump_json
+from ..types import Sequence
 from .journal import Record
 
 SHARD = 1000

@@ -1,1 +1,7 @@
-"""renderer/generate."""
+"""From a configuration to a dataset: sequences rendered by processes, resumable."""
+
+from __future__ import annotations
+
+from .driver import generate
+
+__all__ = ["generate"]

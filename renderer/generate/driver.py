@@ -17,22 +17,21 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import GcbenchError
-from ...robots.files.atomic import remove_leftovers
-from ...robots.files.lock import locked
-from ..dataset.provenance import (
+from ...robots.files import locked, remove_leftovers
+from ..dataset import (
     FILE,
+    FOLDER,
     Provenance,
     count_sequences,
     describe,
+    read_meta,
     read_provenance,
+    sequence_name,
+    sequence_paths,
     write_provenance,
 )
-from ..dataset.reader import sequence_paths
-from ..dataset.storage import FOLDER, read_meta, sequence_name
-from ..runtime.json import dump_json
-from ..runtime.progress import frame_bar
-from ..scene.config import RenderConfig, resolved
-from ..scene.config_files import config_tree, differences, parse_config
+from ..runtime import dump_json, frame_bar
+from ..scene import RenderConfig, config_tree, differences, parse_config, resolved
 from .worker_pool import Died, crew
 from .worker_process import FrameDone, Ready, Task
 

@@ -9,17 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel, joint_screws
-from ..dataset.schema import UNITS
-from ..gl.rasterizer import Rasterizer
-from ..scene.config import RenderConfig, resolved
-from ..scene.models import cast_of, dataset_asset
-from ..scene.sampling import Streams, draw_scene
-from ..scene.scene import Scene
-from ..truth.ground_truth import SequenceTruth, needs_faces, room_normal
-from ..truth.rejection import Draw, DrawSampler
-from ..types.sequence import Frame, Meta, State
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel, joint_screws
+from ..dataset import UNITS
+from ..gl import Rasterizer
+from ..scene import RenderConfig, Scene, Streams, cast_of, dataset_asset, draw_scene, resolved
+from ..truth import Draw, DrawSampler, SequenceTruth, needs_faces, room_normal
+from ..types import Frame, Meta, State
 
 DEPTH_UNIT = 0.0001
 

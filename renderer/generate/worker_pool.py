@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
 from ...errors import GcbenchError
-from ..runtime.interrupt import uninterrupted
+from ..runtime import uninterrupted
 from .worker_process import FrameDone, Problem, Ready, SequenceDone, Task, work
 
 LIFETIME = 50

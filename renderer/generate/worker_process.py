@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ...errors import GcbenchError
-from ..scene.config import RenderConfig
+from ..scene import RenderConfig
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ..types.sequence import Frame, Meta, State
+    from ..types import Frame, Meta, State
 
 
 class Rendered(Protocol):
@@ -123,7 +123,7 @@ def _load(task: Task) -> Renderer:
 
 
 def _render(renderer: Renderer, index: int, dataset: Path, connection: Connection) -> None:
-    from ..dataset.storage import SequenceWriter
+    from ..dataset import SequenceWriter
 
     rendered = renderer.render(index)
     with SequenceWriter(

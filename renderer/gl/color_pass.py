@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import Material, Tiling
-from ..scene.clip_space import clip_from_light
-from ..scene.scene import Scene
+from ...robots.geometry import Array
+from ...robots.model import Material, Tiling
+from ..scene import Scene, clip_from_light
 from .buffers import Mesh, Piece, Surface, delete_mesh, draw_surface, upload
 from .context import Program, Programs
 from .programs import Look, look_of

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array
-from ..scene.scene import Scene
+from ...robots.geometry import Array
+from ..scene import Scene
 from .programs import Look, changed, defines_of
 from .targets import NoRendererError
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 from .buffers import draw_surface
 from .context import Programs
 from .targets import Target

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel
 
 
 def one_sided(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...robots.model.articulated_model import Material
+from ...robots.model import Material
 from .targets import NoRendererError
 
 

@@ -12,11 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel
-from ..scene.clip_space import clip_from_world
-from ..scene.scene import Scene
-from ..types.camera import Camera
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel
+from ..scene import Scene, clip_from_world
+from ..types import Camera
 from .color_pass import ColorPass
 from .context import Context, Programs
 from .coverage_pass import CoveragePass

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.model.articulated_model import Tiling
+from ...robots.model import Tiling
 
 SHADOW_SIZE = 2048
 """px a side of a shadow map"""

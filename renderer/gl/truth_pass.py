@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 from .buffers import Mesh, Surface, draw_surface, runs_of
 from .context import Programs
 from .targets import Target

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, apply, inverse
-from ...robots.model.articulated_model import ArticulatedModel, Tiling
-from ..scene.box_mapping import box_split
-from ..scene.clip_space import box_corners
-from ..scene.posed_model import rest
-from ..types.camera import Camera
+from ...robots.geometry import Array, apply, inverse
+from ...robots.model import ArticulatedModel, Tiling
+from ..scene import box_corners, box_split, rest
+from ..types import Camera
 from .buffers import Mesh, Piece, Surface, delete_mesh, move_vertices, runs_of, upload
 from .context import Program, Programs
 from .culling import one_sided_of

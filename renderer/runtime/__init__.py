@@ -1,1 +1,20 @@
-"""renderer/runtime."""
+"""What a long run needs: JSON, ZIP archives, progress, interruption."""
+
+from __future__ import annotations
+
+from .interrupt import uninterrupted
+from .json import MAX_JSON, dump_json, parse_json
+from .progress import Bar, frame_bar
+from .zip_archive import Archive, ArchiveWriter, open_archive
+
+__all__ = [
+    "MAX_JSON",
+    "Archive",
+    "ArchiveWriter",
+    "Bar",
+    "dump_json",
+    "frame_bar",
+    "open_archive",
+    "parse_json",
+    "uninterrupted",
+]

@@ -1,1 +1,62 @@
-"""renderer/scene."""
+"""From a configuration and a seed to the plain data that decides every pixel."""
+
+from __future__ import annotations
+
+from .box_mapping import box_split
+from .clip_space import box_corners, clip_from_light, clip_from_world
+from .config import (
+    LAYERS,
+    STUDIO,
+    CameraConfig,
+    ImageConfig,
+    LightsConfig,
+    MotionConfig,
+    RandomizationConfig,
+    RenderConfig,
+    TexturesConfig,
+    resolved,
+)
+from .config_files import config_tree, differences, parse_config, read_config
+from .models import cast_of, dataset_asset, packages_of, robot_of
+from .motion import Motion, MotionSampler, animation_times
+from .posed_model import PosedModel, posed_by_parts, rest, rest_in_part
+from .room import RoomSurface
+from .sampling import Streams, draw_camera, draw_scene
+from .scene import Scene
+
+__all__ = [
+    "LAYERS",
+    "STUDIO",
+    "CameraConfig",
+    "ImageConfig",
+    "LightsConfig",
+    "Motion",
+    "MotionConfig",
+    "MotionSampler",
+    "PosedModel",
+    "RandomizationConfig",
+    "RenderConfig",
+    "RoomSurface",
+    "Scene",
+    "Streams",
+    "TexturesConfig",
+    "animation_times",
+    "box_corners",
+    "box_split",
+    "cast_of",
+    "clip_from_light",
+    "clip_from_world",
+    "config_tree",
+    "dataset_asset",
+    "differences",
+    "draw_camera",
+    "draw_scene",
+    "packages_of",
+    "parse_config",
+    "posed_by_parts",
+    "read_config",
+    "resolved",
+    "rest",
+    "rest_in_part",
+    "robot_of",
+]

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array, apply
-from ..types.camera import Camera
+from ...robots.geometry import Array, apply
+from ..types import Camera
 from .scene import Light
 
 

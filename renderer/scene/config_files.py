@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from ...errors import GcbenchError
-from ..runtime.json import MAX_JSON, dump_json, parse_json
+from ..runtime import MAX_JSON, dump_json, parse_json
 from .config import RenderConfig
 
 if sys.version_info >= (3, 11):

@@ -9,10 +9,10 @@ from typing import Any
 from ...errors import GcbenchError
 from ...robots.catalog import entries as catalog
 from ...robots.catalog import names as objects
-from ...robots.model.articulated_model import Animation, ArticulatedModel
-from ...robots.motion.trajectory import default_scored_joints, joint_indices
+from ...robots.model import Animation, ArticulatedModel
+from ...robots.motion import default_scored_joints, joint_indices
 from ...robots.urdf import partnet
-from ..types.sequence import Meta
+from ..types import Meta
 from .config import RenderConfig
 from .motion import animated, chosen_animation
 from .sampling import Streams

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import GcbenchError
-from ...robots.geometry.transforms import Array, apply
-from ...robots.model.articulated_model import FIXED, Animation, ArticulatedModel, forward_kinematics
-from ...robots.motion.collision import CollisionChecker
-from ...robots.motion.trajectory import JointTrajectory, drawn_in, sample_trajectory
+from ...robots.geometry import Array, apply
+from ...robots.model import FIXED, Animation, ArticulatedModel, forward_kinematics
+from ...robots.motion import CollisionChecker, JointTrajectory, drawn_in, sample_trajectory
 from .config import RenderConfig
 from .posed_model import PosedModel, posed_by_parts
 

@@ -10,9 +10,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, apply, inverse
-from ...robots.model.articulated_model import ArticulatedModel, Posture, Visual, forward_kinematics
-from ...robots.model.skinning import deformed
+from ...robots.geometry import Array, apply, inverse
+from ...robots.model import ArticulatedModel, Posture, Visual, deformed, forward_kinematics
 from .clip_space import box_corners
 
 Item = TypeVar("Item")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...robots.geometry.transforms import rotation_about
+from ...robots.geometry import rotation_about
 from .box_mapping import Array, Faces, box_projection
 from .config import BackgroundConfig
 from .image_sources import ImageFolder, draw_image

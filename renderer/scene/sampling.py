@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel, Material
-from ...robots.motion.trajectory import JointTrajectory
-from ..types.camera import Camera, intrinsics_from_fov, look_at
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel, Material
+from ...robots.motion import JointTrajectory
+from ..types import Camera, intrinsics_from_fov, look_at
 from .config import (
     BackgroundConfig,
     CameraConfig,

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel, Material
-from ...robots.motion.trajectory import JointTrajectory
-from ..types.camera import Camera
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel, Material
+from ...robots.motion import JointTrajectory
+from ..types import Camera
 from .room import RoomSurface
 
 

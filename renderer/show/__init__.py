@@ -1,1 +1,8 @@
-"""renderer/show."""
+"""Datasets for people: pages, contact sheets, GIFs and videos."""
+
+from __future__ import annotations
+
+from .command import show
+from .overlay import Painter, model_at_hand
+
+__all__ = ["Painter", "model_at_hand", "show"]

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types.sequence import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
+from ..types import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
 
 Image = NDArray[np.uint8]
 NOTHING = (38, 40, 46)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from ..types.sequence import Sequence
+from ..types import Sequence
 from . import video as film
 from .page import write_page as write_page
 
@@ -29,14 +29,13 @@ def show(
     path = Path(path)
     many: Iterable[Sequence] | None = None
     if (path / "dataset.json").is_file():
-        from ..dataset.reader import open_dataset
-        from ..dataset.storage import sequence_name
+        from ..dataset import open_dataset, sequence_name
 
         dataset = open_dataset(path)
         sequence = dataset[sequence_name(index)]
         many = iter(dataset)
     else:
-        from ..dataset.storage import open_sequence
+        from ..dataset import open_sequence
 
         sequence = open_sequence(path)
     if not (out or contact_sheet or gif or mp4):

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...robots.geometry.transforms import inverse
-from ..types.sequence import Meta, State
+from ...robots.geometry import inverse
+from ..types import Meta, State
 
 Rows = list[tuple[str, str]]
 HEADINGS = {

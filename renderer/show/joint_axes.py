@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...robots.geometry.transforms import Array
-from ..types.camera import project
-from ..types.sequence import Meta, State
+from ...robots.geometry import Array
+from ..types import Meta, State, project
 from .colors import Image, palette, write
 
 

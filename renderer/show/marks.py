@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..types.sequence import Meta, State
+from ...robots.geometry import Array
+from ..types import Meta, State
 from .colors import Image, palette, write
 
 TRAIL = 8

@@ -16,14 +16,11 @@ from numpy.typing import NDArray
 from ...errors import GcbenchError
 from ...robots.catalog import entries as catalog
 from ...robots.catalog import names as objects
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel, forward_kinematics
-from ..gl.rasterizer import Rasterizer
-from ..scene.config import RenderConfig
-from ..scene.models import robot_of
-from ..scene.posed_model import posed_by_parts
-from ..types.camera import Camera
-from ..types.sequence import Meta, Sequence
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel, forward_kinematics
+from ..gl import Rasterizer
+from ..scene import RenderConfig, posed_by_parts, robot_of
+from ..types import Camera, Meta, Sequence
 from .colors import Image
 
 RED = (224, 28, 36)

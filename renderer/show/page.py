@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ... import __version__
 from ...errors import GcbenchError
-from ..types.sequence import Frame, Sequence
+from ..types import Frame, Sequence
 from .colors import (
     NOTHING,
     VISIBILITY,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import GcbenchError
-from ..types.sequence import Sequence
+from ..types import Sequence
 from .colors import NOTHING, Image, depth_image, flow_image, part_image
 from .joint_axes import axis_image
 from .page import chosen_frames, layer_images, picture_size, ranges, replace_file, resized, sampled

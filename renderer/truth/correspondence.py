@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, inverse
-from ..types.sequence import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
+from ...robots.geometry import Array, inverse
+from ..types import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
 
 DEPTH_TOLERANCE = 0.002
 """Depths of one part that differ by less than this share of the depth are the same surface."""

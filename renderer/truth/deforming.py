@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..scene.posed_model import PosedModel
+from ...robots.geometry import Array
+from ..scene import PosedModel
 from .correspondence import Moved, SurfacePoints
 
 

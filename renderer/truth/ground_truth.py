@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, apply
-from ...robots.model.articulated_model import ArticulatedModel
-from ..scene.config import RenderConfig
-from ..scene.posed_model import rest_in_part
-from ..scene.room import RoomSurface
-from ..types.camera import Camera
-from ..types.sequence import Frame
+from ...robots.geometry import Array, apply
+from ...robots.model import ArticulatedModel
+from ..scene import RenderConfig, RoomSurface, rest_in_part
+from ..types import Camera, Frame
 from .correspondence import Moved, SurfacePoints, pose_table, surface_points, visibility
 from .deforming import DeformingPoints, deforming_points
 from .layers import coordinate_boxes, coordinate_image, normal_image

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, apply, inverse
-from ...robots.model.articulated_model import ArticulatedModel
-from ..scene.posed_model import rest_in_part
+from ...robots.geometry import Array, apply, inverse
+from ...robots.model import ArticulatedModel
+from ..scene import rest_in_part
 from .correspondence import SurfacePoints
 from .deforming import DeformingPoints
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, prismatic_motion, revolute_motion
-from ...robots.model.articulated_model import PRISMATIC, ArticulatedModel
-from ..types.camera import Camera, project
+from ...robots.geometry import Array, prismatic_motion, revolute_motion
+from ...robots.model import PRISMATIC, ArticulatedModel
+from ..types import Camera, project
 
 MIN_ANGLE, MIN_DISTANCE = np.radians(10.0), 0.03
 MIN_PIXELS, MIN_SHARE = 400, 0.25

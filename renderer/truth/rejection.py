@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import Animation, ArticulatedModel, joint_screws
-from ..gl.rasterizer import Rasterizer
-from ..scene.config import RenderConfig
-from ..scene.motion import Motion, MotionSampler
-from ..scene.sampling import Streams, draw_camera
-from ..types.camera import Camera
+from ...robots.geometry import Array
+from ...robots.model import Animation, ArticulatedModel, joint_screws
+from ..gl import Rasterizer
+from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera
+from ..types import Camera
 from .observability import MIN_ANGLE, JointVisibility, is_prismatic, own_motion, subtrees
 
 MAX_DRAWS = 100

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, apply, inverse
-from ...robots.model.articulated_model import ArticulatedModel
-from ..scene.posed_model import PosedModel
-from ..types.camera import Camera
+from ...robots.geometry import Array, apply, inverse
+from ...robots.model import ArticulatedModel
+from ..scene import PosedModel
+from ..types import Camera
 from .correspondence import DEPTH_TOLERANCE
 from .deforming import weights
 

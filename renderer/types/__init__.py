@@ -1,1 +1,38 @@
-"""renderer/types."""
+"""The records that methods and metrics see: cameras, sequences, observations, estimates."""
+
+from __future__ import annotations
+
+from .camera import Camera, intrinsics_from_fov, look_at, project
+from .observation import Estimate, Inputs, Knowledge, Method, Observation
+from .sequence import (
+    BACKGROUND,
+    FORMAT,
+    OCCLUDED,
+    OUT_OF_IMAGE,
+    VISIBLE,
+    Frame,
+    Meta,
+    Sequence,
+    State,
+)
+
+__all__ = [
+    "BACKGROUND",
+    "FORMAT",
+    "OCCLUDED",
+    "OUT_OF_IMAGE",
+    "VISIBLE",
+    "Camera",
+    "Estimate",
+    "Frame",
+    "Inputs",
+    "Knowledge",
+    "Meta",
+    "Method",
+    "Observation",
+    "Sequence",
+    "State",
+    "intrinsics_from_fov",
+    "look_at",
+    "project",
+]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...robots.geometry.transforms import Array, apply, inverse, transform
+from ...robots.geometry import Array, apply, inverse, transform
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel
 
 Inputs = Literal["none", "rgb", "rgbd", "rgbd-noise"]
 Knowledge = Literal["none", "free", "axes", "kinematics", "model"]

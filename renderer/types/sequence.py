@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
+from ...robots.geometry import Array
 
 FORMAT = "gcbench/1"
 BACKGROUND, VISIBLE, OCCLUDED, OUT_OF_IMAGE = 0, 1, 2, 3

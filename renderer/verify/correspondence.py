@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..types.sequence import OCCLUDED, OUT_OF_IMAGE, VISIBLE, Sequence
+from ...robots.geometry import Array
+from ..types import OCCLUDED, OUT_OF_IMAGE, VISIBLE, Sequence
 from .checks import Check, check, share
 from .rays import FLAT, FLOW, Block, View, block, pixel_name
 from .targets import Targets

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types.sequence import OCCLUDED, OUT_OF_IMAGE, VISIBLE, Sequence
+from ..types import OCCLUDED, OUT_OF_IMAGE, VISIBLE, Sequence
 from .checks import Check, share
 from .rays import FLAT, FLOW, View, block, deforming_numbers, pixel_name
 

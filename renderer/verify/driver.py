@@ -18,9 +18,9 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ...errors import GcbenchError
-from ...robots.model.articulated_model import ArticulatedModel
-from ..scene.config import RenderConfig
-from ..types.sequence import Sequence
+from ...robots.model import ArticulatedModel
+from ..scene import RenderConfig
+from ..types import Sequence
 from .checks import Check, Report, check, merge
 from .images import verify_images
 from .kinematics import verify_state
@@ -69,7 +69,7 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
     config if it lies in one. Raises GcbenchError if there is no readable dataset at `path`; a
     sequence that is not readable is a check that fails.
     """
-    from ..dataset.reader import open_dataset
+    from ..dataset import open_dataset
 
     path = Path(path)
     if path.is_file() or (path / "meta.json").is_file():
@@ -85,7 +85,7 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
 
 
 def _verify_one(path: Path) -> Report:
-    from ..dataset.reader import open_dataset
+    from ..dataset import open_dataset
 
     seed, reference, notes = None, Reference(), ["alone, without a dataset's config"]
     if (path.parent.parent / "dataset.json").is_file():
@@ -182,8 +182,8 @@ def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check
 
 def _verify_file(job: _Job) -> list[Check]:
     """The checks of one file, with its name in front of every place."""
-    from ..dataset.reader import open_sequence
-    from ..scene.models import robot_of
+    from ..dataset import open_sequence
+    from ..scene import robot_of
 
     file, reference, seed = job
     try:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..types.sequence import Sequence
+from ...robots.geometry import Array
+from ..types import Sequence
 from .checks import Check, check, merge, share
 from .correspondence import verify_correspondence
 from .deforming import verify_deforming

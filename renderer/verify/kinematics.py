@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import FIXED, PRISMATIC, ArticulatedModel
-from ..dataset.state_arrays import state_shapes
-from ..scene.motion import animation_times
-from ..types.sequence import Sequence, State
+from ...robots.geometry import Array
+from ...robots.model import FIXED, PRISMATIC, ArticulatedModel
+from ..dataset import state_shapes
+from ..scene import animation_times
+from ..types import Sequence, State
 from .checks import Check, check
 
 METRES, RADIANS = 1e-6, 1e-6

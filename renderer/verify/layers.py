@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..types.sequence import VISIBLE, Sequence
+from ...robots.geometry import Array
+from ..types import VISIBLE, Sequence
 from .checks import Check, check, merge, share
 from .rays import FLAT, View, block, deforming_numbers, pixel_name
 

@@ -8,8 +8,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.model.articulated_model import FIXED, ArticulatedModel
-from ..types.sequence import Sequence
+from ...robots.model import FIXED, ArticulatedModel
+from ..types import Sequence
 from .checks import Check, check
 
 _KEYS = ("displacement", "pixels", "share", "motion")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..types.sequence import Sequence
+from ...robots.geometry import Array
+from ..types import Sequence
 
 FLOW = 0.02
 """px: half a step of the encoding in both components is 0.011."""

@@ -13,11 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array, apply
-from ...robots.model.articulated_model import ArticulatedModel
-from ..scene.motion import animation_times
-from ..scene.posed_model import PosedModel, posed_by_parts, rest_in_part
-from ..types.sequence import Sequence
+from ...robots.geometry import Array, apply
+from ...robots.model import ArticulatedModel
+from ..scene import PosedModel, animation_times, posed_by_parts, rest_in_part
+from ..types import Sequence
 from .checks import Check, merge, share
 from .rays import deforming_numbers, pixel_name
 

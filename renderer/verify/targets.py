@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ..types.sequence import Sequence
+from ...robots.geometry import Array
+from ..types import Sequence
 from .rays import Index, View, deforming_numbers
 
 

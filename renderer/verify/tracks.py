@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry.transforms import Array
-from ...robots.model.articulated_model import ArticulatedModel
-from ..types.sequence import Sequence
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel
+from ..types import Sequence
 from .checks import Check, check, merge, share
 from .rays import FLOW, Block, View, block, deforming_numbers, pixel_name
 

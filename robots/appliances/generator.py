@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..files.download import cache_folder, whole_folder
+from ..files import cache_folder, whole_folder
 
 VERSION = 3
 """Of the generator; a change of any instance's bytes is a new one."""

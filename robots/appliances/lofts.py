@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.transforms import Array
+from ..geometry import Array
 
 _ARC = 5
 """Facets of a rounded corner of an outline."""

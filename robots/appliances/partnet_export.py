@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.transforms import Array
+from ..geometry import Array
 from .lofts import Solid
 from .shapes import joined
 from .textures import Color, Picture, png

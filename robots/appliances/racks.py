@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.transforms import Array
+from ..geometry import Array
 from .lofts import Solid, circle, loft, ring
 from .partnet_export import Paint, Shape
 from .sampling import Dice

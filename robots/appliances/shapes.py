@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.transforms import Array
+from ..geometry import Array
 from .lofts import Ring, Solid, circle, cosine, loft, ring, rounded_rectangle, sine
 
 _EDGE = 3

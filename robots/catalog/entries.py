@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import Path
 
 from ...errors import GcbenchError
+from ..files import WheelFiles
 from ..files import download as _fetch
-from ..files.download import WheelFiles
-from ..model.articulated_model import ArticulatedModel
+from ..model import ArticulatedModel
 from . import names as objects
 
 
@@ -174,11 +174,11 @@ def load(name_or_path: str | Path, packages: Mapping[str, Path] | None = None,
     `packages` says where `package://NAME/...` of a URDF is. `allow_missing` loads a file of
     which meshes are missing, and records them; a catalogue robot is always whole.
     """
-    from ..urdf.reader import load_urdf  # parses XML and meshes; a listing of names needs neither
+    from ..urdf import load_urdf  # parses XML and meshes; a listing of names needs neither
 
     if is_path(name_or_path):
         if Path(name_or_path).suffix.lower() in GLTF:
-            from ..gltf.reader import load_gltf
+            from ..gltf import load_gltf
 
             return load_gltf(name_or_path, allow_missing)
         return load_urdf(Path(name_or_path), packages or {}, allow_missing)

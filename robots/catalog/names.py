@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...errors import GcbenchError
+from ..appliances import GENERATED, IDS
 from ..appliances import generator as appliances
-from ..appliances.generator import GENERATED, IDS
-from ..model.articulated_model import ArticulatedModel
+from ..model import ArticulatedModel
 
 PARTNET = "partnet"
 KINDS = (*GENERATED, PARTNET)
@@ -56,7 +56,7 @@ def folder_of(
     kind, number = split(name)
     if kind in GENERATED:
         return appliances.appliance_folder(kind, number)
-    from ..urdf.partnet import partnet_folder
+    from ..urdf import partnet_folder
 
     return partnet_folder(str(number), (packages or {}).get(PARTNET), download)
 

@@ -17,11 +17,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..geometry.transforms import transform
-from ..meshes.solids import bar, block, circle, hull, plate, rod, rounded
-from ..model.articulated_model import FIXED, REVOLUTE, ArticulatedModel, Material, Visual
-from ..model.surface import Surface, moved, visuals_of_part
-from ..model.texture import base_color
+from ..geometry import transform
+from ..meshes import bar, block, circle, hull, plate, rod, rounded
+from ..model import (
+    FIXED,
+    REVOLUTE,
+    ArticulatedModel,
+    Material,
+    Surface,
+    Visual,
+    base_color,
+    moved,
+    visuals_of_part,
+)
 
 SHOULDER, UPPER_ARM, FOREARM, HAND = 67.66, 89.68, 113.58, 75.0
 """mm: table to shoulder, shoulder to elbow, elbow to wrist, wrist to grasp point."""

@@ -10,10 +10,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry.transforms import Array, rotation_about, transform
-from ..meshes.primitives import box, capsule, cylinder, joined, revolved, sphere
-from ..model.articulated_model import FIXED, PRISMATIC, REVOLUTE, ArticulatedModel, Material
-from ..model.surface import Surface, moved, visuals_of_part
+from ..geometry import Array, rotation_about, transform
+from ..meshes import box, capsule, cylinder, joined, revolved, sphere
+from ..model import (
+    FIXED,
+    PRISMATIC,
+    REVOLUTE,
+    ArticulatedModel,
+    Material,
+    Surface,
+    moved,
+    visuals_of_part,
+)
 
 _LOOSE = 0.25  # share of models that are loose bodies
 _BRANCH = 0.2  # share of links that hang on an earlier one

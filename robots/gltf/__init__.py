@@ -1,1 +1,7 @@
-"""robots/gltf."""
+"""glTF files, with skins, morph targets and animations, as articulated models."""
+
+from __future__ import annotations
+
+from .reader import load_gltf
+
+__all__ = ["load_gltf"]

@@ -9,8 +9,8 @@ import numpy as np
 import pygltflib
 from numpy.typing import NDArray
 
-from ..geometry.transforms import Array, inverse, transform
-from ..model.articulated_model import ModelError, Posture
+from ..geometry import Array, inverse, transform
+from ..model import ModelError, Posture
 from .accessors import Accessors
 from .document import Document
 from .nodes import Z_UP, NodeTree, Rig, rotation_from_quaternion

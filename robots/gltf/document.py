@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import pygltflib
 
-from ..model.articulated_model import ModelError
+from ..model import ModelError
 
 MAX_JSON_BYTES = 64 * 2**20
 MAX_OBJECTS = 200_000

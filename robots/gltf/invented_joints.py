@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry.transforms import Array
-from ..model.articulated_model import REVOLUTE, ArticulatedModel, forward_kinematics
-from ..model.skinning import deformed
+from ..geometry import Array
+from ..model import REVOLUTE, ArticulatedModel, deformed, forward_kinematics
 
 LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
 """rad to each side: of a joint, and of one that moves little (a finger, a jaw)."""

@@ -10,10 +10,9 @@ import numpy as np
 import pygltflib
 from numpy.typing import NDArray
 
-from ..files.paths import MissingAssetError
-from ..geometry.transforms import Array
-from ..model.articulated_model import Maps, Material, ModelError, Tiling
-from ..model.texture import decode_texture, mean_color
+from ..files import MissingAssetError
+from ..geometry import Array
+from ..model import Maps, Material, ModelError, Tiling, decode_texture, mean_color
 from .accessors import Accessors
 from .document import Document, dictionary, index, integer, number, numbers
 

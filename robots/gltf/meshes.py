@@ -8,11 +8,9 @@ import numpy as np
 import pygltflib
 from numpy.typing import NDArray
 
-from ..geometry.normals import face_normals
-from ..geometry.transforms import Array, apply
-from ..meshes.library import MAX_INSTANCES, MAX_TRIANGLES
-from ..model.articulated_model import Material, ModelError, Morph, Skin, Visual
-from ..model.surface import clean_triangles
+from ..geometry import Array, apply, face_normals
+from ..meshes import MAX_INSTANCES, MAX_TRIANGLES
+from ..model import Material, ModelError, Morph, Skin, Visual, clean_triangles
 from .accessors import Accessors
 from .document import Document
 from .materials import Materials

@@ -16,17 +16,17 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.paths import read_file
-from ..geometry.transforms import Array, inverse
-from ..meshes.library import quiet
-from ..model.articulated_model import (
+from ..files import read_file
+from ..geometry import Array, inverse
+from ..meshes import quiet
+from ..model import (
     FIXED,
     ArticulatedModel,
     ModelError,
     Visual,
+    deformed,
     forward_kinematics,
 )
-from ..model.skinning import deformed
 from .accessors import Accessors
 from .animation import KeyedAnimation, read_animations
 from .document import Document, read_document

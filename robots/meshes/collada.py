@@ -18,12 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.paths import Asset
-from ..files.xml import refuse_doctype
-from ..geometry.transforms import Array
-from ..model.articulated_model import Material, ModelError
-from ..model.surface import Surface, moved, surface
-from ..model.texture import base_color, mean_color
+from ..files import Asset, refuse_doctype
+from ..geometry import Array
+from ..model import Material, ModelError, Surface, base_color, mean_color, moved, surface
 
 if TYPE_CHECKING:
     from .library import MeshLibrary

@@ -11,11 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.paths import TEXTURES, Asset, AssetFinder, MissingAssetError
-from ..files.paths import read_file as read_bytes
-from ..model.articulated_model import ModelError
-from ..model.surface import Surface
-from ..model.texture import decode_texture
+from ..files import TEXTURES, Asset, AssetFinder, MissingAssetError
+from ..files import read_file as read_bytes
+from ..model import ModelError, Surface, decode_texture
 
 MAX_TRIANGLES = 5_000_000
 MAX_TOTAL_BYTES = 2**30

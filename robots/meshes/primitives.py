@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.transforms import Array
-from ..model.articulated_model import ModelError
-from ..model.surface import Surface
+from ..geometry import Array
+from ..model import ModelError, Surface
 
 AROUND = 64
 """Facets around a full turn: off the true circle by 0.12 % of the radius."""

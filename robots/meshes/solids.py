@@ -10,9 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.transforms import Array, transform
-from ..model.articulated_model import ModelError
-from ..model.surface import Surface, moved, surface
+from ..geometry import Array, transform
+from ..model import ModelError, Surface, moved, surface
 
 SIDES = 32
 """Facets around a full turn."""

@@ -13,10 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.paths import BUFFERS, MATERIALS, TEXTURES, Asset, MissingAssetError
-from ..model.articulated_model import Material, ModelError
-from ..model.surface import Surface, moved, surface
-from ..model.texture import base_color, mean_color, texture_from_image
+from ..files import BUFFERS, MATERIALS, TEXTURES, Asset, MissingAssetError
+from ..model import (
+    Material,
+    ModelError,
+    Surface,
+    base_color,
+    mean_color,
+    moved,
+    surface,
+    texture_from_image,
+)
 from . import library as limits
 
 if TYPE_CHECKING:

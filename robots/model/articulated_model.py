@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GcbenchError
-from ..geometry.transforms import Array, move_screw, prismatic_motion, revolute_motion
+from ..geometry import Array, move_screw, prismatic_motion, revolute_motion
 
 FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
 Tiling = Literal["repeat", "mirror", "clamp"]

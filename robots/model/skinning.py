@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.transforms import Array, apply
+from ..geometry import Array, apply
 from .articulated_model import Visual
 
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.normals import face_normals, smooth_corners, valid_normals
-from ..geometry.transforms import Array
+from ..geometry import Array, face_normals, smooth_corners, valid_normals
 from .articulated_model import Material, ModelError, Visual
 
 

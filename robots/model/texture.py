@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.transforms import Array
+from ..geometry import Array
 from .articulated_model import ModelError
 
 if TYPE_CHECKING:

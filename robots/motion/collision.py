@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.transforms import Array, apply
-from ..model.articulated_model import ArticulatedModel
+from ..geometry import Array, apply
+from ..model import ArticulatedModel
 from .floor_contact import TOLERANCE, RigidGroups, ground_height, random_poses, rest_poses
 
 __all__ = ["GROUND", "CollisionChecker", "Contact", "ground_height"]

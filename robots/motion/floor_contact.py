@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.transforms import Array, apply, inverse
-from ..model.articulated_model import FIXED, ArticulatedModel, forward_kinematics
+from ..geometry import Array, apply, inverse
+from ..model import FIXED, ArticulatedModel, forward_kinematics
 from .trajectory import joint_window
 
 TOLERANCE = 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.transforms import Array, rotation_about
+from ..geometry import Array, rotation_about
 
 
 def chain_angles(

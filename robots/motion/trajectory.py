@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ..geometry.transforms import Array, apply
-from ..model.articulated_model import FIXED, ArticulatedModel, forward_kinematics
-from ..model.skinning import deformed
+from ..geometry import Array, apply
+from ..model import FIXED, ArticulatedModel, deformed, forward_kinematics
 
 _SINES = 3  # half-waves in the speed: at most 1.5 cycles in a sequence
 _UNEVENNESS = 1.5  # the speed leaves its mean by up to this share of it; above 1 it may turn back

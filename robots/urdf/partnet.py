@@ -18,8 +18,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ...errors import GcbenchError
-from ..files.paths import MissingAssetError, read_file
-from ..model.articulated_model import ArticulatedModel, ModelError
+from ..files import MissingAssetError, read_file
+from ..model import ArticulatedModel, ModelError
 from .reader import load_urdf
 
 URDF, NAMES = "mobility.urdf", "semantics.txt"

@@ -14,18 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.paths import asset_finder, read_file
-from ..geometry.transforms import Array, apply, prismatic_motion, revolute_motion
-from ..meshes.library import MeshLibrary, quiet
-from ..model.articulated_model import (
+from ..files import asset_finder, read_file
+from ..geometry import Array, apply, prismatic_motion, revolute_motion
+from ..meshes import MeshLibrary, quiet
+from ..model import (
     FIXED,
     PRISMATIC,
     REVOLUTE,
     ArticulatedModel,
     ModelError,
     forward_kinematics,
+    parts_in_order,
+    resolve_mimics,
 )
-from ..model.kinematic_tree import parts_in_order, resolve_mimics
 from .document import Document, read_document
 from .visuals import pose_or_identity, visuals_of_document
 

@@ -11,13 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.paths import MissingAssetError
-from ..geometry.transforms import Array
-from ..meshes.library import MAX_TRIANGLES, MeshLibrary
-from ..meshes.primitives import box, capsule, cylinder, sphere
-from ..model.articulated_model import ArticulatedModel, Material, ModelError, Visual
-from ..model.surface import Surface, moved, visuals_of_part
-from ..model.texture import base_color, mean_color
+from ..files import MissingAssetError
+from ..geometry import Array
+from ..meshes import MAX_TRIANGLES, MeshLibrary, box, capsule, cylinder, sphere
+from ..model import (
+    ArticulatedModel,
+    Material,
+    ModelError,
+    Surface,
+    Visual,
+    base_color,
+    mean_color,
+    moved,
+    visuals_of_part,
+)
 from .document import Document
 
 if TYPE_CHECKING:
