@@ -82,8 +82,8 @@ def _draw() -> str:
     model = ArticulatedModel(
         name="triangle", part_names=("triangle",), parent=np.array([-1]),
         parent_from_part_at_zero=np.eye(4)[None], motion=one, screw=np.zeros((1, 6)),
-        joint=np.array([-1]), gear=np.ones(1), offset=np.zeros(1), joint_names=(), joint_types=(),
-        joint_child=none, limits=np.zeros((0, 2)), visuals=(visual,),
+        joint=np.array([-1]), multiplier=np.ones(1), offset=np.zeros(1), joint_names=(),
+        joint_types=(), joint_child=none, limits=np.zeros((0, 2)), visuals=(visual,),
     )
     camera = Camera(640, 480, intrinsics_from_fov(640, 480, 1.0), np.eye(4))
     started = time.perf_counter()

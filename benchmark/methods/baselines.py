@@ -92,7 +92,7 @@ def _one_joint(prismatic: bool) -> ArticulatedModel:
         motion=np.array([0, PRISMATIC if prismatic else REVOLUTE]),
         screw=np.array([[0.0] * 6, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]),
         joint=np.array([-1, 0]),
-        gear=np.array([0.0, 1.0]),
+        multiplier=np.array([0.0, 1.0]),
         offset=np.zeros(2),
         joint_names=("joint",),
         joint_child=np.array([1]),

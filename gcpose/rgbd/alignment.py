@@ -26,7 +26,7 @@ Equations = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Elements:
-    """Surface elements sorted by part."""
+    """TriangleSurface elements sorted by part."""
 
     column: Image
     """[7 N] point, normal, sigma of the distance in m"""

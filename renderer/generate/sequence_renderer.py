@@ -13,7 +13,7 @@ from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel, joint_screws
 from ..dataset import UNITS
 from ..gl import Rasterizer
-from ..scene import RenderConfig, Scene, Streams, cast_of, dataset_asset, draw_scene, resolved
+from ..scene import RenderConfig, Scene, Streams, dataset_asset, draw_scene, model_source, resolved
 from ..truth import Draw, DrawSampler, SequenceTruth, needs_faces, room_normal
 from ..types import Frame, Meta, State
 
@@ -42,7 +42,7 @@ class SequenceRenderer:
 
     def __init__(self, config: RenderConfig) -> None:
         self.config = config = resolved(config)
-        self._cast = cast_of(config, 0)
+        self._cast = model_source(config, 0)
         self._rasterizer = Rasterizer(
             config.width, config.height, round(config.samples**0.5),
             faces=needs_faces(self.model, config.layers))
@@ -94,7 +94,7 @@ class SequenceRenderer:
 
     def _take(self, index: int) -> None:
         """Make ready the model of sequence `index`; the device holds one at a time."""
-        cast = cast_of(self.config, index, self._cast)
+        cast = model_source(self.config, index, self._cast)
         if cast is not self._cast:
             self._cast = cast
             self._sampler = self._new_sampler()

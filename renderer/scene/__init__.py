@@ -17,7 +17,7 @@ from .config import (
     resolved,
 )
 from .config_files import config_tree, differences, parse_config, read_config
-from .models import cast_of, dataset_asset, packages_of, robot_of
+from .models import dataset_asset, model_source, packages_of, robot_of
 from .motion import Motion, MotionSampler, animation_times
 from .posed_model import PosedModel, posed_by_parts, rest, rest_in_part
 from .room import RoomSurface
@@ -43,7 +43,6 @@ __all__ = [
     "animation_times",
     "box_corners",
     "box_split",
-    "cast_of",
     "clip_from_light",
     "clip_from_world",
     "config_tree",
@@ -51,6 +50,7 @@ __all__ = [
     "differences",
     "draw_camera",
     "draw_scene",
+    "model_source",
     "packages_of",
     "parse_config",
     "posed_by_parts",

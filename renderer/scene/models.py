@@ -21,7 +21,7 @@ _TRIES = 1000
 
 
 @dataclass(frozen=True)
-class Cast:
+class ModelSource:
     """A model, and what of it is scored."""
 
     robot: str
@@ -35,7 +35,7 @@ class Cast:
     """Where the model came from, for `meta.json`."""
 
 
-def cast_of(config: RenderConfig, index: int, last: Cast | None = None) -> Cast:
+def model_source(config: RenderConfig, index: int, last: ModelSource | None = None) -> ModelSource:
     """The cast of sequence `index`: `last`, if that is the one.
 
     An instance that lacks a joint of `scored_joints` is drawn again. Raises GcbenchError if a model
@@ -76,7 +76,7 @@ def robot_of(config: RenderConfig, meta: Meta) -> str:
     return instance
 
 
-def dataset_asset(config: RenderConfig, cast: Cast) -> dict[str, Any]:
+def dataset_asset(config: RenderConfig, cast: ModelSource) -> dict[str, Any]:
     """Where the models of a whole dataset come from, for `dataset.json`."""
     if not objects.is_category(config.robot):
         return cast.asset
@@ -101,7 +101,7 @@ class MissingJointError(GcbenchError):
     """A model has no joint of a name that is to be scored."""
 
 
-def _load(config: RenderConfig, robot: str) -> Cast:
+def _load(config: RenderConfig, robot: str) -> ModelSource:
     model = catalog.load(robot, packages_of(config), config.allow_missing)
     if not model.visuals:
         raise GcbenchError(f"{robot}: the model has no visible geometry to render")
@@ -119,7 +119,7 @@ def _load(config: RenderConfig, robot: str) -> Cast:
                              "sha256": model.sha256, "notes": notes}
     if objects.is_category(config.robot):
         asset["instance"] = robot
-    return Cast(robot, model, _scored_joints(config, model), animation, asset)
+    return ModelSource(robot, model, _scored_joints(config, model), animation, asset)
 
 
 def _scored_joints(config: RenderConfig, model: ArticulatedModel) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply, inverse
-from ...robots.model import ArticulatedModel, Posture, Visual, deformed, forward_kinematics
+from ...robots.model import ArticulatedModel, ModelState, Visual, deformed, forward_kinematics
 from .clip_space import box_corners
 
 Item = TypeVar("Item")
@@ -24,7 +24,7 @@ class PosedModel:
     Triangles are numbered through all visuals in their order, vertices too.
     """
 
-    def __init__(self, model: ArticulatedModel, posture: Posture) -> None:
+    def __init__(self, model: ArticulatedModel, posture: ModelState) -> None:
         self.model, self.posture = model, posture
         self.deforming = tuple(v for v in model.visuals if v.deforms)
         self._surfaces = OrderedDict[int, tuple[tuple[Array, Array], ...]]()
@@ -90,7 +90,7 @@ class PosedModel:
 def posed_by_parts(model: ArticulatedModel, world_from_part: Array) -> PosedModel:
     """The model with its parts in poses [T P 4 4], its morph weights and its scale at rest."""
     weights = np.broadcast_to(model.morph_weights, (len(world_from_part), len(model.morph_weights)))
-    return PosedModel(model, Posture(world_from_part, None, weights))
+    return PosedModel(model, ModelState(world_from_part, None, weights))
 
 
 def rest(model: ArticulatedModel) -> PosedModel:

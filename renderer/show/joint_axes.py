@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...robots.geometry import Array
-from ..types import Meta, State, project
+from ...robots.geometry import Array, pinhole
+from ..types import Meta, State
 from .colors import Image, palette, write
 
 
@@ -48,7 +48,8 @@ def joint_axes(meta: Meta, state: State, t: int) -> list[Axis]:
         # Cut where the line would pass through the camera's plane, behind which nothing projects.
         cut = abs(0.9 * near_child[2] / direction[2]) if direction[2] else np.inf
         reach = direction * min(half, cut)
-        uv = project(state.intrinsics, near_child + np.stack([-reach, 0.0 * reach, reach]))[:, :2]
+        points = near_child + np.stack([-reach, 0.0 * reach, reach])
+        uv = pinhole.project(state.intrinsics, points)[:, :2]
         tail, point, head = ((float(u), float(v)) for u, v in uv)
         out.append(Axis(j, tail, head, point))
     return out

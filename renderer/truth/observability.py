@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, prismatic_motion, revolute_motion
+from ...robots.geometry import Array, pinhole, prismatic_motion, revolute_motion
 from ...robots.model import PRISMATIC, ArticulatedModel
-from ..types import Camera, project
+from ..types import Camera
 
 MIN_ANGLE, MIN_DISTANCE = np.radians(10.0), 0.03
 MIN_PIXELS, MIN_SHARE = 400, 0.25
@@ -79,7 +79,7 @@ def own_motion(
     pixels = np.stack([u, v, np.ones_like(u)], axis=1).astype(np.float64)
     points = pixels @ np.linalg.inv(camera.intrinsics).T * depth.ravel()[index, None]
     motion = (prismatic_motion if prismatic else revolute_motion)(screw, step)
-    there = project(camera.intrinsics, points @ motion[:3, :3].T + motion[:3, 3])
+    there = pinhole.project(camera.intrinsics, points @ motion[:3, :3].T + motion[:3, 3])
     return float(np.median(np.linalg.norm(there[:, :2] - pixels[:, :2], axis=1)))
 
 

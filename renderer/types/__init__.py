@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .camera import Camera, intrinsics_from_fov, look_at, project
+from .camera import Camera, intrinsics_from_fov, look_at
 from .observation import Estimate, Inputs, Knowledge, Method, Observation
 from .sequence import (
     BACKGROUND,
@@ -34,5 +34,4 @@ __all__ = [
     "State",
     "intrinsics_from_fov",
     "look_at",
-    "project",
 ]

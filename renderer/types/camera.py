@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...robots.geometry import Array, apply, inverse, transform
+from ...robots.geometry import Array, apply, inverse, pinhole, transform
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,7 @@ class Camera:
 
     def project(self, points_in_world: ArrayLike) -> Array:
         """(u, v, z) [... 3]: pixel and depth in m of world points [... N 3]."""
-        return project(self.intrinsics, apply(self.cam_from_world, points_in_world))
-
-
-def project(intrinsics: Array, points_in_cam: ArrayLike) -> Array:
-    """(u, v, z) [... 3] of camera-frame points [... 3]: pixels, pixels, metres."""
-    p = np.asarray(points_in_cam, np.float64)
-    z = p[..., 2]
-    uv = p @ intrinsics[:2].T / z[..., None]
-    return np.concatenate([uv, z[..., None]], axis=-1)
+        return pinhole.project(self.intrinsics, apply(self.cam_from_world, points_in_world))
 
 
 def intrinsics_from_fov(width: int, height: int, vertical_fov: float) -> Array:

@@ -184,7 +184,7 @@ def poses_from_model(model: ArticulatedModel, joint_names: ArrayLike, positions:
             i = column.get(model.joint_names[model.joint[p]])
             q = positions[:, i] if i is not None else np.zeros(len(positions))
             twist = _twist(model.screw[p], model.motion[p] == PRISMATIC)
-            pose = pose @ _exp(twist * (model.gear[p] * q + model.offset[p])[:, None, None])
+            pose = pose @ _exp(twist * (model.multiplier[p] * q + model.offset[p])[:, None, None])
         poses.append(pose if parent < 0 else poses[parent] @ pose)
     return dict(zip(model.part_names, poses, strict=True))
 
@@ -212,9 +212,9 @@ def poses_from_urdf(
         if mimic is None or mimic.joint not in joints or name in seen:
             i = column.get(called.get(joints[name].child, name))
             return positions[:, i] if i is not None else np.zeros(len(positions))
-        gear = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
+        multiplier = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
         offset = 0.0 if mimic.offset is None else float(mimic.offset)
-        return gear * value(mimic.joint, seen | {name}) + offset
+        return multiplier * value(mimic.joint, seen | {name}) + offset
 
     def motion(joint: Any) -> Array:
         out = np.broadcast_to(np.eye(4), (len(positions), 4, 4)).copy()

@@ -24,7 +24,7 @@ from ..model import (
     REVOLUTE,
     ArticulatedModel,
     Material,
-    Surface,
+    TriangleSurface,
     Visual,
     base_color,
     moved,
@@ -61,7 +61,7 @@ LENS = _plastic("LED", (0.93, 0.95, 0.98), 0.15)
 GREY = _plastic("grey plastic", (0.33, 0.33, 0.35), 0.5)
 WIRES = [_plastic(f"{name} wire", srgb, 0.5) for name, srgb in (
     ("red", (0.75, 0.08, 0.07)), ("blue", (0.10, 0.22, 0.62)), ("white", (0.85, 0.85, 0.83)))]
-Solids = list[tuple[Material, Surface]]
+Solids = list[tuple[Material, TriangleSurface]]
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,8 @@ def owi535() -> ArticulatedModel:
     visuals: list[Visual] = []
     for p, part in enumerate(parts):
         visuals += visuals_of_part(p, [
-            Surface(s.vertices * _M, s.faces, s.normals, material=m) for m, s in part.solids])
+            TriangleSurface(s.vertices * _M, s.faces, s.normals, material=m)
+            for m, s in part.solids])
     keypoints = _keypoints()
     return ArticulatedModel(
         name="owi535", part_names=tuple(names),
@@ -95,7 +96,8 @@ def owi535() -> ArticulatedModel:
         motion=np.array([REVOLUTE if p.joint else FIXED for p in parts], np.int64),
         screw=np.array([(*p.axis, 0.0, 0.0, 0.0) for p in parts]),
         joint=np.array([joints.index(p.joint) if p.joint else -1 for p in parts], np.int64),
-        gear=np.array([p.gear for p in parts]), offset=np.zeros(len(parts)), joint_names=joints,
+        multiplier=np.array([p.gear for p in parts]), offset=np.zeros(len(parts)),
+        joint_names=joints,
         joint_child=np.array([[p.joint for p in parts].index(j) for j in joints], np.int64),
         joint_types=("revolute",) * len(joints), limits=limits, visuals=tuple(visuals),
         keypoint_names=tuple(name for name, _, _ in keypoints),
@@ -294,7 +296,7 @@ def _finger(sign: float) -> Solids:
     x, y = _PIVOTS[0][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[0][1] + _CRANK * np.sin(_CLOSED)
     inner = _PIVOTS[1][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[1][1] + _CRANK * np.sin(_CLOSED)
 
-    def placed(s: Surface) -> Surface:
+    def placed(s: TriangleSurface) -> TriangleSurface:
         """From the hand's frame, where the left finger is closed; mirrored for the right one."""
         return moved(moved(s, transform(None, (-x, -y, 0.0))), np.eye(4), (1.0, sign, 1.0))
 

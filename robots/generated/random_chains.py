@@ -18,7 +18,7 @@ from ..model import (
     REVOLUTE,
     ArticulatedModel,
     Material,
-    Surface,
+    TriangleSurface,
     moved,
     visuals_of_part,
 )
@@ -52,7 +52,7 @@ class _Link:
     """[3] through the part's origin, in its frame"""
     limits: tuple[float, float]
     """rad or m"""
-    shapes: list[Surface]
+    shapes: list[TriangleSurface]
 
 
 def _chain(rng: np.random.Generator) -> list[_Link]:
@@ -81,12 +81,12 @@ def _chain(rng: np.random.Generator) -> list[_Link]:
 
 def _arm(
     rng: np.random.Generator, radius: float, axis: Array, palette: list[Material]
-) -> tuple[list[Surface], Array]:
+) -> tuple[list[TriangleSurface], Array]:
     """Surfaces of a link and the pose of its end in its frame: often a housing around the joint,
     with the beam beside it, as industrial arms have."""
     length = rng.uniform(2.0, 9.0) * radius
     side = np.zeros(3)
-    shapes: list[Surface] = []
+    shapes: list[TriangleSurface] = []
     if rng.random() < 0.7:
         wide, long = rng.uniform(1.05, 1.6) * radius, rng.uniform(1.5, 3.2) * radius
         housing = cylinder(wide, long) if rng.random() < 0.75 else sphere(1.1 * wide)
@@ -104,7 +104,7 @@ def _arm(
     return shapes, transform(translation=side + _up(length))
 
 
-def _beam(rng: np.random.Generator, radius: float, length: float) -> Surface:
+def _beam(rng: np.random.Generator, radius: float, length: float) -> TriangleSurface:
     """A solid from the origin to `length` along z."""
     kind = rng.integers(4)
     if kind == 0:
@@ -118,7 +118,7 @@ def _beam(rng: np.random.Generator, radius: float, length: float) -> Surface:
     return moved(made, transform(translation=_up(length / 2.0)))
 
 
-def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> Surface:
+def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> TriangleSurface:
     """A lathe's work from the origin to `length` along z: a smooth profile between flat ends."""
     z = np.linspace(0.0, 1.0, 25)
     waves = np.sin(np.pi * np.arange(1, 4) * z[:, None] + rng.uniform(0, 2 * np.pi, 3))
@@ -172,7 +172,9 @@ def _palette(rng: np.random.Generator) -> list[Material]:
     return out
 
 
-def _painted(shape: Surface, palette: list[Material], rng: np.random.Generator) -> Surface:
+def _painted(
+    shape: TriangleSurface, palette: list[Material], rng: np.random.Generator
+) -> TriangleSurface:
     return replace(shape, material=palette[rng.integers(len(palette))])
 
 
@@ -203,7 +205,7 @@ def _model(name: str, links: list[_Link]) -> ArticulatedModel:
         motion=motion,
         screw=np.stack([np.concatenate([link.axis, np.zeros(3)]) for link in links]),
         joint=joint,
-        gear=np.ones(len(links)),
+        multiplier=np.ones(len(links)),
         offset=np.zeros(len(links)),
         joint_names=tuple(f"joint{p}" for p in child),
         joint_child=child,

@@ -1,20 +1,14 @@
-"""Transforms, rotations and normals: the one geometry of the project."""
+"""Transforms, screws, the pinhole camera and normals: the one geometry of the project."""
 
 from __future__ import annotations
 
+from . import pinhole, se3
 from .normals import face_normals, smooth_corners, valid_normals
-from .transforms import (
-    Array,
-    apply,
-    inverse,
-    move_screw,
-    prismatic_motion,
-    revolute_motion,
-    rotation_about,
-    transform,
-)
+from .se3 import move_screw, prismatic_motion, revolute_motion
+from .transforms import Array, apply, inverse, rotation_about, rotation_from_rpy, transform
 
 __all__ = [
-    "Array", "apply", "face_normals", "inverse", "move_screw", "prismatic_motion",
-    "revolute_motion", "rotation_about", "smooth_corners", "transform", "valid_normals",
+    "Array", "apply", "face_normals", "inverse", "move_screw", "pinhole", "prismatic_motion",
+    "revolute_motion", "rotation_about", "rotation_from_rpy", "se3", "smooth_corners",
+    "transform", "valid_normals",
 ]

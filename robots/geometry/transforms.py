@@ -1,9 +1,4 @@
-"""Rigid motions and screws, vectorised over leading axes.
-
-A screw is six numbers `(l, m)`: the unit direction l of an axis and its moment m = p x l for any
-point p on it. Turning by theta about it is exp([l, m] theta). A prismatic screw is the direction
-and zeros (dataset contract), which is why its motion has a function of its own.
-"""
+"""Rigid transforms and rotations, vectorized over leading axes."""
 
 from __future__ import annotations
 
@@ -56,28 +51,3 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
     rx, ry, rz = (rotation_about(np.broadcast_to(d, e.shape), e[..., i])
                   for i, d in enumerate((x, y, z)))
     return rz @ ry @ rx
-
-
-def revolute_motion(screw: ArrayLike, angle: ArrayLike) -> Array:
-    """exp(screw * angle) [... 4 4]: turn by `angle` [...] rad about the line `screw` [... 6]."""
-    s = np.asarray(screw, np.float64)
-    l, m = s[..., :3], s[..., 3:]
-    r = rotation_about(l, angle)
-    point = np.cross(l, m)  # the point of the line that is nearest to the origin
-    return transform(r, point - np.einsum("...ij,...j->...i", r, point))
-
-
-def prismatic_motion(screw: ArrayLike, distance: ArrayLike) -> Array:
-    """Shift [... 4 4] by `distance` [...] m along the direction of `screw` [... 6]."""
-    s = np.asarray(screw, np.float64)
-    return transform(None, s[..., :3] * np.asarray(distance, np.float64)[..., None])
-
-
-def move_screw(a_from_b: ArrayLike, screw_in_b: ArrayLike, prismatic: ArrayLike = False) -> Array:
-    """The screw [... 6] of frame b in frame a. `prismatic` [...] keeps zeros for the moment."""
-    m, s = np.asarray(a_from_b, np.float64), np.asarray(screw_in_b, np.float64)
-    l = np.einsum("...ij,...j->...i", m[..., :3, :3], s[..., :3])
-    moment = np.einsum("...ij,...j->...i", m[..., :3, :3], s[..., 3:])
-    moment = moment + np.cross(m[..., :3, 3], l)
-    moment = np.where(np.asarray(prismatic, bool)[..., None], 0.0, moment)
-    return np.concatenate([l, moment], axis=-1)

@@ -10,7 +10,7 @@ import pygltflib
 from numpy.typing import NDArray
 
 from ..geometry import Array, inverse, transform
-from ..model import ModelError, Posture
+from ..model import ModelError, ModelState
 from .accessors import Accessors
 from .document import Document
 from .nodes import Z_UP, NodeTree, Rig, rotation_from_quaternion
@@ -76,7 +76,7 @@ class KeyedAnimation:
     channels: Mapping[int, slice]
     """The morph channels of each node that has some."""
 
-    def at(self, times: Array) -> Posture:
+    def at(self, times: Array) -> ModelState:
         """The posture at times [T] s, held before the first key and after the last."""
         times = np.asarray(times, np.float64)
         by_node: dict[int, dict[str, Array]] = {}
@@ -112,7 +112,7 @@ class KeyedAnimation:
             poses[:, p, :3, :3] = _rotation_in(moved[..., :3, :3], turn[p])
             if stretch is not None and self.stretches[p]:
                 stretch[:, p, :3, :3] = (inverse(poses[:, p]) @ moved)[:, :3, :3]
-        return Posture(poses, stretch, morph)
+        return ModelState(poses, stretch, morph)
 
 
 def _rotation_in(linear: Array, fallback: Array) -> Array:

@@ -1,8 +1,8 @@
 """Reads a glTF 2.0 file (.glb, .gltf) into an articulated model. Models are untrusted input.
 
 Parts are nodes: those that carry meshes, the bones of skins, and all above them. Frames are rigid;
-scale goes into the surfaces, and where an animation changes it, into Posture.stretch. glTF's y is
-up; the model's z is.
+scale goes into the surfaces, and where an animation changes it, into ModelState.stretch. glTF's y
+is up; the model's z is.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ def _still_model(
     return ArticulatedModel(
         name=name, part_names=parts.names, parent=parts.parent, parent_from_part_at_zero=at_zero,
         motion=np.full(count, FIXED, np.int64), screw=np.zeros((count, 6)),
-        joint=np.full(count, -1, np.int64), gear=np.ones(count), offset=np.zeros(count),
+        joint=np.full(count, -1, np.int64), multiplier=np.ones(count), offset=np.zeros(count),
         joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
         limits=np.zeros((0, 2)), visuals=tuple(visuals), animations=animations,
         morph_weights=weights)

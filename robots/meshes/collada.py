@@ -20,7 +20,7 @@ import numpy as np
 
 from ..files import Asset, refuse_doctype
 from ..geometry import Array
-from ..model import Material, ModelError, Surface, base_color, mean_color, moved, surface
+from ..model import Material, ModelError, TriangleSurface, base_color, mean_color, moved, surface
 
 if TYPE_CHECKING:
     from .library import MeshLibrary
@@ -30,7 +30,7 @@ MAX_DEPTH = 64
 MAX_TRIANGLES = 5_000_000
 
 
-def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[Surface]:
+def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[TriangleSurface]:
     """All triangles of a COLLADA file in metres; raises ModelError, or whatever pycollada does."""
     import collada
     from collada.common import DaeError
@@ -54,8 +54,8 @@ def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[Sur
     if scene is None:
         raise ModelError("has no scene; export it with its nodes")
     materials: dict[int, Material | None] = {}
-    shared: dict[tuple[int, int], Surface | None] = {}
-    found: list[Surface] = []
+    shared: dict[tuple[int, int], TriangleSurface | None] = {}
+    found: list[TriangleSurface] = []
     triangles = 0
     for matrix, geometry, bindings in _instances(scene.nodes):
         by_symbol = {b.symbol: b.target for b in bindings}
@@ -125,7 +125,7 @@ def _instances(roots: Any) -> Iterator[tuple[Array, Any, Any]]:
             stack.extend((child, matrix, depth + 1) for child in reversed(node.children or []))
 
 
-def _surface(primitive: Any, material: Material | None) -> Surface | None:
+def _surface(primitive: Any, material: Material | None) -> TriangleSurface | None:
     from collada.polylist import Polylist
     from collada.triangleset import TriangleSet
 

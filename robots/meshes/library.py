@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..files import TEXTURES, Asset, AssetFinder, MissingAssetError
 from ..files import read_file as read_bytes
-from ..model import ModelError, Surface, decode_texture
+from ..model import ModelError, TriangleSurface, decode_texture
 
 MAX_TRIANGLES = 5_000_000
 MAX_TOTAL_BYTES = 2**30
@@ -26,11 +26,11 @@ class MeshLibrary:
     def __init__(self, finder: AssetFinder) -> None:
         self.finder = finder
         self.notes: dict[str, None] = {}
-        self._surfaces: dict[Path, tuple[Surface, ...]] = {}
+        self._surfaces: dict[Path, tuple[TriangleSurface, ...]] = {}
         self._textures: dict[Path, NDArray[np.uint8]] = {}
         self._bytes = 0
 
-    def surfaces(self, reference: str) -> tuple[Surface, ...]:
+    def surfaces(self, reference: str) -> tuple[TriangleSurface, ...]:
         """The surfaces of the mesh that a URDF means by `reference`; raises ModelError."""
         asset = self.finder.find(reference)
         if asset.path not in self._surfaces:
@@ -65,7 +65,7 @@ class MeshLibrary:
             self._textures[asset.path] = decode_texture(self.read(asset), str(asset.path))
         return self._textures[asset.path]
 
-    def _load(self, asset: Asset) -> tuple[Surface, ...]:
+    def _load(self, asset: Asset) -> tuple[TriangleSurface, ...]:
         data = self.read(asset)
         kind = asset.path.suffix.lower()
         if not data.strip():

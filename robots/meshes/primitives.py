@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry import Array
-from ..model import ModelError, Surface
+from ..model import ModelError, TriangleSurface
 
 AROUND = 64
 """Facets around a full turn: off the true circle by 0.12 % of the radius."""
 
 
-def box(size: Sequence[float]) -> Surface:
+def box(size: Sequence[float]) -> TriangleSurface:
     """A box of edge lengths `size` m."""
     _positive("box", size)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float64)
@@ -25,19 +25,19 @@ def box(size: Sequence[float]) -> Surface:
         vertices[face, :, axis], normals[face, :, axis] = sign, sign
         vertices[face, :, u], vertices[face, :, v] = corners[:, 0] * sign, corners[:, 1]
     quad = np.array([[0, 1, 2], [0, 2, 3]])
-    return Surface(vertices.reshape(-1, 3) * np.asarray(size, np.float64) / 2.0,
+    return TriangleSurface(vertices.reshape(-1, 3) * np.asarray(size, np.float64) / 2.0,
                    np.concatenate([quad + 4 * face for face in range(6)]),
                    normals.reshape(-1, 3), np.tile((corners + 1.0) / 2.0, (6, 1)))
 
 
-def sphere(radius: float) -> Surface:
+def sphere(radius: float) -> TriangleSurface:
     """A sphere of `radius` m."""
     _positive("sphere", [radius])
     polar = np.linspace(np.pi, 0.0, AROUND // 2 + 1)
     return revolved(radius * np.sin(polar), radius * np.cos(polar), np.sin(polar), np.cos(polar))
 
 
-def cylinder(radius: float, length: float) -> Surface:
+def cylinder(radius: float, length: float) -> TriangleSurface:
     """A closed cylinder of `radius` and `length` m."""
     _positive("cylinder", [radius, length])
     h = length / 2.0
@@ -49,7 +49,7 @@ def cylinder(radius: float, length: float) -> Surface:
     return joined(parts)
 
 
-def capsule(radius: float, length: float) -> Surface:
+def capsule(radius: float, length: float) -> TriangleSurface:
     """A cylinder of `radius` and `length` m with half a sphere on either end."""
     _positive("capsule", [radius])
     if length < 0:
@@ -62,7 +62,9 @@ def capsule(radius: float, length: float) -> Surface:
                      np.sin(both), np.cos(both))
 
 
-def revolved(r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLike) -> Surface:
+def revolved(
+    r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLike
+) -> TriangleSurface:
     """The profile (r, z), from below upwards on the outside, turned about the z axis."""
     r, z, nr, nz = (np.asarray(x, np.float64) for x in (r, z, normal_r, normal_z))
     r = np.where(np.abs(r) < 1e-12 * max(float(np.abs(r).max()), 1e-300), 0.0, r)
@@ -80,13 +82,14 @@ def revolved(r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLik
         i + 1) * columns + j
     below, above = r[i] > 0, r[i + 1] > 0  # no triangle of zero width at a pole
     faces = np.concatenate([np.stack([a, b, c0], -1)[below], np.stack([a, c0, d], -1)[above]])
-    return Surface(vertices.reshape(-1, 3), faces, normals.reshape(-1, 3), uv.reshape(-1, 2))
+    return TriangleSurface(
+        vertices.reshape(-1, 3), faces, normals.reshape(-1, 3), uv.reshape(-1, 2))
 
 
-def joined(parts: Sequence[Surface]) -> Surface:
+def joined(parts: Sequence[TriangleSurface]) -> TriangleSurface:
     counts = np.cumsum([0, *(len(p.vertices) for p in parts)])
     uvs: list[Array] = [p.uv for p in parts if p.uv is not None]
-    return Surface(np.concatenate([p.vertices for p in parts]),
+    return TriangleSurface(np.concatenate([p.vertices for p in parts]),
                    np.concatenate([p.faces + n for p, n in zip(parts, counts, strict=False)]),
                    np.concatenate([p.normals for p in parts]), np.concatenate(uvs))
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Array, transform
-from ..model import ModelError, Surface, moved, surface
+from ..model import ModelError, TriangleSurface, moved, surface
 
 SIDES = 32
 """Facets around a full turn."""
 
 
-def hull(points: ArrayLike) -> Surface:
+def hull(points: ArrayLike) -> TriangleSurface:
     """The convex hull of points [N 3]."""
     from scipy.spatial import ConvexHull
 
@@ -30,7 +30,7 @@ def hull(points: ArrayLike) -> Surface:
     return _solid(p, f)
 
 
-def block(low: ArrayLike, high: ArrayLike, radius: float = 0.0) -> Surface:
+def block(low: ArrayLike, high: ArrayLike, radius: float = 0.0) -> TriangleSurface:
     """A box between two corners [3], its edges rounded by `radius`."""
     a, b = np.asarray(low, np.float64) + radius, np.asarray(high, np.float64) - radius
     corners = np.stack(np.meshgrid(*np.stack([a, b], axis=1), indexing="ij"), -1).reshape(-1, 3)
@@ -43,7 +43,7 @@ def block(low: ArrayLike, high: ArrayLike, radius: float = 0.0) -> Surface:
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None,
-        sides: int = SIDES) -> Surface:
+        sides: int = SIDES) -> TriangleSurface:
     """A cylinder from one point [3] to another, or a cone if `end_radius` is another radius."""
     a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
     along = (b - a) / np.linalg.norm(b - a)
@@ -56,7 +56,7 @@ def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
 
 
 def plate(outline: ArrayLike, span: tuple[float, float], holes: Sequence[ArrayLike] = (),
-          axis: str = "z") -> Surface:
+          axis: str = "z") -> TriangleSurface:
     """An outline [N 2] with holes [M 2], between the two ends of `span` along an axis.
 
     The outline is in (x, y) for the axis "z", in (x, z) for "y", in (y, z) for "x". All loops run
@@ -141,7 +141,7 @@ def _closed(faces: NDArray[np.int64]) -> bool:
     return len(there) == len(edges) and all((b, a) in there for a, b in there)
 
 
-def _solid(vertices: Array, faces: NDArray[np.int64]) -> Surface:
+def _solid(vertices: Array, faces: NDArray[np.int64]) -> TriangleSurface:
     found = surface(vertices, faces)
     if found is None:
         raise ModelError("a solid without a surface")

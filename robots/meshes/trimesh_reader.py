@@ -17,7 +17,7 @@ from ..files import BUFFERS, MATERIALS, TEXTURES, Asset, MissingAssetError
 from ..model import (
     Material,
     ModelError,
-    Surface,
+    TriangleSurface,
     base_color,
     mean_color,
     moved,
@@ -39,7 +39,7 @@ GLTF_EXTENSIONS = frozenset({
 
 def surfaces_of_trimesh(
     data: bytes, kind: str, asset: Asset, library: MeshLibrary
-) -> list[Surface]:
+) -> list[TriangleSurface]:
     """All triangles of a file of `kind`; raises ModelError, or whatever trimesh does."""
     import trimesh
 
@@ -60,7 +60,7 @@ def surfaces_of_trimesh(
         raise ModelError(f"has more than {limits.MAX_TRIANGLES} triangles "
                          f"or {limits.MAX_INSTANCES} parts")
     materials: dict[int, Material | None] = {}
-    found: list[Surface] = []
+    found: list[TriangleSurface] = []
     for matrix, mesh in nodes:
         key = id(getattr(mesh.visual, "material", None))
         if key not in materials or mesh.visual.kind != "texture":

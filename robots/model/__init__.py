@@ -11,8 +11,8 @@ from .articulated_model import (
     Maps,
     Material,
     ModelError,
+    ModelState,
     Morph,
-    Posture,
     Skin,
     Tiling,
     Visual,
@@ -21,7 +21,7 @@ from .articulated_model import (
 )
 from .kinematic_tree import parts_in_order, resolve_mimics
 from .skinning import deformed
-from .surface import Surface, clean_triangles, moved, surface, visuals_of_part
+from .surface import TriangleSurface, clean_triangles, moved, surface, visuals_of_part
 from .texture import base_color, decode_texture, mean_color, texture_from_image
 
 __all__ = [
@@ -33,11 +33,11 @@ __all__ = [
     "Maps",
     "Material",
     "ModelError",
+    "ModelState",
     "Morph",
-    "Posture",
     "Skin",
-    "Surface",
     "Tiling",
+    "TriangleSurface",
     "Visual",
     "base_color",
     "clean_triangles",

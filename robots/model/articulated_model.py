@@ -117,7 +117,7 @@ class Visual:
 
 
 @dataclass(frozen=True)
-class Posture:
+class ModelState:
     """Where the parts of a model are over time, and how its surfaces are stretched. T instants."""
 
     world_from_part: Array
@@ -138,7 +138,7 @@ class Animation(Protocol):
     def duration(self) -> float:
         """s"""
         ...
-    def at(self, times: Array) -> Posture:
+    def at(self, times: Array) -> ModelState:
         """The posture at times [T] s, held before the first key and after the last."""
         ...
 
@@ -149,8 +149,8 @@ class ArticulatedModel:
 
     A part is a link (rigid body), in an order where parents stand before their children. Frames
     are the links' own. Part p moves against its parent by its own joint, which is driven by the
-    independent joint `joint[p]`: a mimic joint is a part whose joint is another part's, with gear
-    and offset, resolved transitively.
+    independent joint `joint[p]`: a mimic joint is a part whose joint is another part's, with
+    multiplier and offset, resolved transitively.
     """
 
     name: str
@@ -165,13 +165,13 @@ class ArticulatedModel:
     """[P 6] axis of the part's own joint in the part's frame (l, m = p x l); prismatic: (l, 0)."""
     joint: NDArray[np.int64]
     """[P] the independent joint that drives the part, -1 where fixed."""
-    gear: Array
-    """[P] the part's own joint value is gear * position[joint] + offset."""
+    multiplier: Array
+    """[P] the part's own joint value is multiplier * position[joint] + offset."""
     offset: Array
     """[P] rad or m."""
     joint_names: tuple[str, ...]
     joint_child: NDArray[np.int64]
-    """[J] the part that each independent joint moves against its parent, with gear 1, offset 0."""
+    """[J] the part that each independent joint moves against its parent: multiplier 1, offset 0."""
     joint_types: tuple[str, ...]
     """[J] "revolute", "continuous" or "prismatic"."""
     limits: Array
@@ -210,7 +210,7 @@ def forward_kinematics(model: ArticulatedModel, positions: ArrayLike) -> Array:
     for p in range(n_parts):
         local = np.broadcast_to(model.parent_from_part_at_zero[p], (*q.shape[:-1], 4, 4))
         if model.motion[p] != FIXED:
-            value = model.gear[p] * q[..., model.joint[p]] + model.offset[p]
+            value = model.multiplier[p] * q[..., model.joint[p]] + model.offset[p]
             move = revolute_motion if model.motion[p] == REVOLUTE else prismatic_motion
             local = local @ move(np.broadcast_to(model.screw[p], (*q.shape[:-1], 6)), value)
         parent = model.parent[p]

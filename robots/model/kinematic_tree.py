@@ -46,7 +46,7 @@ def parts_in_order(parts: Sequence[str], joints: Sequence[tuple[str, str, str]])
 def resolve_mimics(
     mimics: Mapping[str, tuple[str, float, float]], joints: Sequence[str]
 ) -> dict[str, tuple[str, float, float]]:
-    """Each mimic joint's final leader, gear and offset, through chains of mimics.
+    """Each mimic joint's final leader, multiplier and offset, through chains of mimics.
 
     `mimics` maps a joint to (leader, multiplier, offset); value = multiplier * leader + offset.
     Raises ModelError on an unknown leader or a cycle.
@@ -66,11 +66,11 @@ def resolve_mimics(
                 raise ModelError(f"joint {chain[-1]!r}: mimics {at!r}, which does not exist; "
                                  f"there are {_some(joints)}")
         for follower in reversed(chain):
-            leader, gear, offset = mimics[follower]
+            leader, multiplier, offset = mimics[follower]
             if leader in resolved:
                 first, g, o = resolved[leader]
-                leader, gear, offset = first, gear * g, gear * o + offset
-            resolved[follower] = (leader, gear, offset)
+                leader, multiplier, offset = first, multiplier * g, multiplier * o + offset
+            resolved[follower] = (leader, multiplier, offset)
     return resolved
 
 

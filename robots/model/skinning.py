@@ -13,7 +13,7 @@ def deformed(
 ) -> tuple[Array, Array]:
     """World vertices [V 3] m and unit normals [V 3] of a visual, deforming or not.
 
-    From one instant of a Posture: world_from_part [P 4 4], stretch [P 4 4] or None, morph [M].
+    From one instant of a ModelState: world_from_part [P 4 4], stretch [P 4 4] or None, morph [M].
     A normal goes with the cofactors of its vertex' blended matrix, which is right where scale is
     uneven or mirrors.
     """

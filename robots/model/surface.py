@@ -14,7 +14,7 @@ from .articulated_model import Material, ModelError, Visual
 
 
 @dataclass(frozen=True)
-class Surface:
+class TriangleSurface:
     """Triangles with one material."""
 
     vertices: Array
@@ -38,7 +38,7 @@ def surface(
     uv: ArrayLike | None = None,
     material: Material | None = None,
     vertex_color: tuple[float, float, float, float] | None = None,
-) -> Surface | None:
+) -> TriangleSurface | None:
     """A clean surface from what a file says, None if nothing is left of it.
 
     Degenerate triangles and unused vertices are dropped; normals that are absent or invalid are
@@ -57,7 +57,7 @@ def surface(
     t = None if t is None else t[source]
     if t is not None and not np.isfinite(t).all():
         t = None
-    return Surface(v[source], f, n, t, material, vertex_color)
+    return TriangleSurface(v[source], f, n, t, material, vertex_color)
 
 
 def clean_triangles(
@@ -94,7 +94,7 @@ def clean_triangles(
             group_normals[group.ravel()[first]])
 
 
-def moved(s: Surface, a_from_b: Array, scale: ArrayLike = 1.0) -> Surface:
+def moved(s: TriangleSurface, a_from_b: Array, scale: ArrayLike = 1.0) -> TriangleSurface:
     """The surface scaled (per axis, mirroring allowed), then taken to frame a.
 
     `a_from_b` [4 4] may hold scale and shear too: nodes of mesh files do.
@@ -110,9 +110,9 @@ def moved(s: Surface, a_from_b: Array, scale: ArrayLike = 1.0) -> Surface:
                    normals=normals)
 
 
-def visuals_of_part(part: int, surfaces: Sequence[Surface]) -> list[Visual]:
+def visuals_of_part(part: int, surfaces: Sequence[TriangleSurface]) -> list[Visual]:
     """The part's surfaces, those of equal material joined into one visual each."""
-    groups: dict[object, list[Surface]] = {}
+    groups: dict[object, list[TriangleSurface]] = {}
     for s in surfaces:
         groups.setdefault(_material_key(s.material or Material()), []).append(s)
     visuals: list[Visual] = []

@@ -108,7 +108,7 @@ def _kinematics(document: Document, name: str) -> ArticulatedModel:
     at_zero = np.tile(np.eye(4), (count, 1, 1))
     motion = np.zeros(count, np.int64)
     screw, offset = np.zeros((count, 6)), np.zeros(count)
-    joint, gear = np.full(count, -1, np.int64), np.ones(count)
+    joint, multiplier = np.full(count, -1, np.int64), np.ones(count)
     for p, part in enumerate(parts):
         if part not in by_child:
             continue
@@ -126,10 +126,11 @@ def _kinematics(document: Document, name: str) -> ArticulatedModel:
             screw[p] = 0.0
             notes.append(f"joint {j.name!r} mimics {leader!r}, which does not move it: frozen")
         else:
-            motion[p], joint[p], gear[p], offset[p] = move.kind, number[leader], g, o
+            motion[p], joint[p], multiplier[p], offset[p] = move.kind, number[leader], g, o
     return ArticulatedModel(
         name=str(robot.name or name), part_names=tuple(parts), parent=parent,
-        parent_from_part_at_zero=at_zero, motion=motion, screw=screw, joint=joint, gear=gear,
+        parent_from_part_at_zero=at_zero, motion=motion, screw=screw, joint=joint,
+        multiplier=multiplier,
         offset=offset, joint_names=tuple(j.name for j in free),
         joint_child=np.array([index[j.child] for j in free], np.int64),
         joint_types=tuple(_type_name(motions[j.name]) for j in free),

@@ -18,7 +18,7 @@ from ..model import (
     ArticulatedModel,
     Material,
     ModelError,
-    Surface,
+    TriangleSurface,
     Visual,
     base_color,
     mean_color,
@@ -41,7 +41,7 @@ def visuals_of_document(
     visuals: list[Visual] = []
     triangles = 0
     for part, name in enumerate(model.part_names):
-        surfaces: list[Surface] = []
+        surfaces: list[TriangleSurface] = []
         for visual in links[name].visuals:
             shape = visual.geometry
             try:
@@ -67,7 +67,7 @@ def visuals_of_document(
     return visuals, notes
 
 
-def _surfaces(visual: Any, library: MeshLibrary) -> list[Surface]:
+def _surfaces(visual: Any, library: MeshLibrary) -> list[TriangleSurface]:
     """The surfaces of one <visual>, in its own frame."""
     shape = visual.geometry
     if shape.box is not None:
@@ -121,7 +121,7 @@ def _material(
     return Material(str(given.name or ""), color, texture=texture)
 
 
-def _dressed(s: Surface, own: Material | None) -> Surface:
+def _dressed(s: TriangleSurface, own: Material | None) -> TriangleSurface:
     """The surface with its final material: the mesh's own, else the URDF's, else vertex colours."""
     if s.material is not None:
         material = s.material

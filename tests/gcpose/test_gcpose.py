@@ -23,7 +23,7 @@ from gcbench.gcpose.rgbd.labels import lively
 from gcbench.gcpose.rgbd.search import apart, unlike
 from gcbench.gcpose.rgbd.tracker import Tracker
 from gcbench.renderer.types.observation import Estimate, Observation
-from gcbench.robots.geometry.transforms import inverse, rotation_from_rpy
+from gcbench.robots.geometry import inverse, rotation_from_rpy
 
 HEIGHT, WIDTH, FRAMES = 180, 240, 8
 INTRINSICS = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])

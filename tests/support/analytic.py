@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from gcbench.renderer.types.camera import intrinsics_from_fov, look_at
 from gcbench.renderer.types.sequence import Meta, Sequence, State
-from gcbench.robots.geometry.transforms import inverse, rotation_from_rpy, transform
+from gcbench.robots.geometry import inverse, rotation_from_rpy, transform
 from gcbench.robots.model.articulated_model import (
     FIXED,
     PRISMATIC,
@@ -57,7 +57,7 @@ def arm() -> ArticulatedModel:
         screw=np.stack([np.zeros(6), screw([0, 0, 1], [0.02, 0.01, 0]),
                         screw([0.1, 1, 0], [0, 0, 0.03]), screw([0, 0.2, 1], [0, 0, 0], True),
                         screw([0, 0, 1], [0.01, 0, 0])]),
-        joint=np.array([-1, 0, 1, 2, 1]), gear=np.array([0, 1, 1, 1, -1.5]),
+        joint=np.array([-1, 0, 1, 2, 1]), multiplier=np.array([0, 1, 1, 1, -1.5]),
         offset=np.array([0, 0, 0, 0, 0.2]), joint_names=("pan", "lift", "slide"),
         joint_child=np.array([1, 2, 3]), joint_types=("continuous", "revolute", "prismatic"),
         limits=np.array([[-np.inf, np.inf], [-2, 2], [-0.1, 0.3]]), visuals=())

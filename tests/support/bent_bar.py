@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gcbench.robots.geometry.transforms import rotation_about, transform
+from gcbench.robots.geometry import rotation_about, transform
 from gcbench.robots.model.articulated_model import (
     FIXED,
     REVOLUTE,
     Animation,
     ArticulatedModel,
     Material,
+    ModelState,
     Morph,
-    Posture,
     Skin,
     Visual,
 )
@@ -73,12 +73,12 @@ class Swing:
     def angle(self, times):
         return np.sin(np.pi * np.asarray(times))
 
-    def at(self, times: np.ndarray) -> Posture:
+    def at(self, times: np.ndarray) -> ModelState:
         times = np.clip(times, 0, self.duration)
         root = transform(None, np.stack([0 * times, 0 * times, 0.1 * times], -1))
         turn = transform(rotation_about(np.array([0.0, 1.0, 0.0]), self.angle(times)), None)
         poses = np.stack([root, root @ transform(None, HINGE) @ turn], axis=1)
-        return Posture(poses, None, self.bulge * times[:, None])
+        return ModelState(poses, None, self.bulge * times[:, None])
 
 
 def bar(animations: tuple[Animation, ...] = (), morph: bool = False,
@@ -110,7 +110,7 @@ def bar(animations: tuple[Animation, ...] = (), morph: bool = False,
         name="bar", part_names=("low", "high"), parent=np.array([-1, 0]),
         parent_from_part_at_zero=np.stack([np.eye(4), transform(None, HINGE)]),
         motion=np.array([FIXED, REVOLUTE]), screw=np.stack([np.zeros(6), axis]),
-        joint=np.array([-1, 0]), gear=np.array([0.0, 1.0]), offset=np.zeros(2),
+        joint=np.array([-1, 0]), multiplier=np.array([0.0, 1.0]), offset=np.zeros(2),
         joint_names=("bend",), joint_child=np.array([1]), joint_types=("revolute",),
         limits=np.array([[-1.2, 1.2]]), visuals=visuals, animations=animations,
         morph_weights=np.zeros(int(morph)),

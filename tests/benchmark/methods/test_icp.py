@@ -10,7 +10,7 @@ from gcbench.benchmark.methods.icp import Frame, Icp, IcpFirst
 from gcbench.benchmark.protocol.observations import observe
 from gcbench.benchmark.protocol.truth import truth_of
 from gcbench.renderer.types.observation import Estimate, Observation
-from gcbench.robots.geometry.transforms import (
+from gcbench.robots.geometry import (
     Array,
     apply,
     revolute_motion,

@@ -12,7 +12,7 @@ from gcbench.benchmark.protocol.truth import Truth, part_labels, truth_of
 from gcbench.benchmark.results.estimates import Stored
 from gcbench.benchmark.results.rows import Result, Row, Run
 from gcbench.renderer.types.observation import Estimate
-from gcbench.robots.geometry.transforms import revolute_motion
+from gcbench.robots.geometry import revolute_motion
 
 from ...support import analytic
 

@@ -18,7 +18,7 @@ from gcbench.gcpose.chain.kinematics import (
     screws_of,
     twists_of,
 )
-from gcbench.robots.geometry.transforms import inverse, revolute_motion
+from gcbench.robots.geometry import inverse, revolute_motion
 
 PRISMATIC = np.array([False, True, False])
 CHAIN = np.array([-1, 0, 1])

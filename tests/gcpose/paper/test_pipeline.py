@@ -24,7 +24,7 @@ from gcbench.gcpose.paper.epipolar import (
 from gcbench.gcpose.paper.pipeline import FlowOnly, WithDepth
 from gcbench.gcpose.rgb.labels import Spots
 from gcbench.renderer.types.observation import Observation
-from gcbench.robots.geometry.transforms import Array, rotation_about
+from gcbench.robots.geometry import Array, rotation_about
 from gcbench.robots.motion.kinematics import chain_rotations
 from scipy.sparse import csr_array
 

@@ -15,7 +15,7 @@ from gcbench.gcpose.images.still_camera import CONTRAST, appearance
 from gcbench.gcpose.rgb.bundle import Fit, adjust_rays
 from gcbench.gcpose.rgb.flow_sweep import ByFlow, at_depths
 from gcbench.gcpose.rgb.points import Rays, places, slopes, warps
-from gcbench.robots.geometry.transforms import inverse
+from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array
 from scipy.spatial.distance import cdist
 

@@ -9,7 +9,7 @@ import numpy as np
 from gcbench.gcpose.rgb.costs import patch_costs
 from gcbench.gcpose.rgb.labels import Spots, along_chain, along_tracks, disorder, labelled
 from gcbench.gcpose.rgb.points import places
-from gcbench.robots.geometry.transforms import inverse
+from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, measured

@@ -12,7 +12,7 @@ from gcbench.renderer.gl.rasterizer import Rasterizer
 from gcbench.renderer.scene.room import RoomSurface
 from gcbench.renderer.scene.scene import Light, Scene
 from gcbench.renderer.types.camera import Camera, intrinsics_from_fov, look_at
-from gcbench.robots.geometry.transforms import inverse, rotation_from_rpy, transform
+from gcbench.robots.geometry import inverse, rotation_from_rpy, transform
 from gcbench.robots.model.articulated_model import FIXED, ArticulatedModel, Material, Visual
 from gcbench.robots.motion.trajectory import JointTrajectory
 
@@ -62,7 +62,7 @@ def model(*visuals: Visual) -> ArticulatedModel:
     return ArticulatedModel(
         name="things", part_names=tuple("abcdefgh"[:n]), parent=np.arange(n) - 1,
         parent_from_part_at_zero=np.tile(np.eye(4), (n, 1, 1)), motion=np.full(n, FIXED),
-        screw=np.zeros((n, 6)), joint=np.full(n, -1), gear=np.ones(n), offset=np.zeros(n),
+        screw=np.zeros((n, 6)), joint=np.full(n, -1), multiplier=np.ones(n), offset=np.zeros(n),
         joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
         limits=np.zeros((0, 2)), visuals=visuals)
 

@@ -22,7 +22,7 @@ from gcbench.renderer.scene.config import (
     RenderConfig,
     resolved,
 )
-from gcbench.renderer.scene.models import cast_of, draw_instance, robot_of
+from gcbench.renderer.scene.models import draw_instance, model_source, robot_of
 from gcbench.renderer.scene.motion import MotionSampler
 from gcbench.renderer.scene.sampling import Streams
 from gcbench.renderer.show.overlay import Painter, model_at_hand
@@ -72,10 +72,10 @@ def test_an_instance_is_a_function_of_config_and_index() -> None:
 def test_an_instance_has_the_joints_that_are_asked_for() -> None:
     config = replace(SMALL, robot="oven", scored_joints=("rack", "door"))
     for index in range(3):
-        cast = cast_of(config, index)
+        cast = model_source(config, index)
         assert cast.scored == ("door", "rack")  # base outward
     with pytest.raises(GcbenchError, match="has no joint 'lid' of its own; there are door"):
-        cast_of(replace(SMALL, robot="oven:3", scored_joints=("lid",)), 0)
+        model_source(replace(SMALL, robot="oven:3", scored_joints=("lid",)), 0)
 
 
 def test_the_camera_stands_before_the_front() -> None:

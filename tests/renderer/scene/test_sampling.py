@@ -43,7 +43,7 @@ def two_parts() -> ArticulatedModel:
     return ArticulatedModel(
         name="two", part_names=("base", "arm"), parent=np.array([-1, 0]),
         parent_from_part_at_zero=np.tile(np.eye(4), (2, 1, 1)), motion=np.full(2, FIXED),
-        screw=np.zeros((2, 6)), joint=np.full(2, -1), gear=np.ones(2), offset=np.zeros(2),
+        screw=np.zeros((2, 6)), joint=np.full(2, -1), multiplier=np.ones(2), offset=np.zeros(2),
         joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
         limits=np.zeros((0, 2)), visuals=tuple(
             Visual(part, CUBE, faces, normals, None, material)

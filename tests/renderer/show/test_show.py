@@ -24,8 +24,8 @@ from gcbench.renderer.show import video as film
 from gcbench.renderer.show.command import show
 from gcbench.renderer.show.descriptions import joint_table, sections
 from gcbench.renderer.show.joint_axes import axis_image, joint_axes
-from gcbench.renderer.types.camera import project
 from gcbench.renderer.types.sequence import Sequence
+from gcbench.robots.geometry.pinhole import project
 
 from ...support.analytic import render
 from ...test_cli import Lines, one_line

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gcbench.renderer.truth.correspondence import pose_table, surface_points, visibility
 from gcbench.renderer.types.sequence import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
-from gcbench.robots.geometry.transforms import revolute_motion, transform
+from gcbench.robots.geometry import revolute_motion, transform
 
 WIDTH, HEIGHT = 40, 30
 K = np.array([[50.0, 0.5, 19.0], [0.0, 60.0, 14.0], [0.0, 0.0, 1.0]])

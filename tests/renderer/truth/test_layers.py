@@ -23,7 +23,7 @@ from gcbench.renderer.show.page import page_data
 from gcbench.renderer.show.video import contact_sheet, write_gif
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.renderer.verify.driver import verify_dataset, verify_sequence
-from gcbench.robots.geometry.transforms import apply
+from gcbench.robots.geometry import apply
 
 from ...support import bent_bar
 from ...support.gltf_maker import Maker

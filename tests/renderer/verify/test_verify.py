@@ -17,7 +17,7 @@ from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.verify.checks import check, merge, share
 from gcbench.renderer.verify.driver import Report, verify_dataset, verify_sequence
-from gcbench.robots.geometry.transforms import transform
+from gcbench.robots.geometry import transform
 from scipy.spatial.transform import Rotation
 
 from ...support import analytic
@@ -287,7 +287,8 @@ def urdf_of(model):
         to_axis = origin_of(origin @ transform(np.eye(3), foot))
         back = origin_of(transform(np.eye(3), -foot))
         joint, kind = model.joint_names[model.joint[c]], "revolute"
-        mimic = f'<mimic joint="{joint}" multiplier="{model.gear[c]}" offset="{model.offset[c]}"/>'
+        mimic = (f'<mimic joint="{joint}" multiplier="{model.multiplier[c]}"'
+                 f' offset="{model.offset[c]}"/>')
         if c in model.joint_child:
             mimic, kind = "", model.joint_types[model.joint[c]]
         else:

@@ -25,7 +25,7 @@ from gcbench.robots.appliances.textures import Picture, keypad, png, words
 from gcbench.robots.catalog import entries as catalog
 from gcbench.robots.catalog import names as objects
 from gcbench.robots.files.download import whole_folder
-from gcbench.robots.geometry.transforms import apply
+from gcbench.robots.geometry import apply
 from gcbench.robots.model.articulated_model import (
     ArticulatedModel,
     forward_kinematics,

@@ -18,7 +18,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.robots.catalog import entries as catalog
 from gcbench.robots.catalog.entries import CATALOG, CatalogEntry, Generated
-from gcbench.robots.geometry.transforms import inverse, rotation_about, transform
+from gcbench.robots.geometry import inverse, rotation_about, transform
 from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
 from gcbench.robots.motion.collision import CollisionChecker
 from gcbench.robots.motion.trajectory import default_scored_joints

@@ -8,7 +8,7 @@ import trimesh
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.robots.catalog import entries as catalog
-from gcbench.robots.geometry.transforms import apply, inverse
+from gcbench.robots.geometry import apply, inverse
 from gcbench.robots.model.articulated_model import (
     ArticulatedModel,
     forward_kinematics,

@@ -9,7 +9,7 @@ import pytest
 from gcbench.robots.catalog import entries as catalog
 from gcbench.robots.gltf.meshes import dominant, triangles_of
 from gcbench.robots.gltf.reader import load_gltf
-from gcbench.robots.model.articulated_model import ArticulatedModel, Posture, forward_kinematics
+from gcbench.robots.model.articulated_model import ArticulatedModel, ModelState, forward_kinematics
 from gcbench.robots.model.skinning import deformed
 from gcbench.robots.motion.trajectory import default_scored_joints
 from scipy.spatial import cKDTree
@@ -20,7 +20,7 @@ from ...support.independent_gltf import IndependentGltf
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
-def corners(model: ArticulatedModel, posture: Posture, t: int) -> np.ndarray:
+def corners(model: ArticulatedModel, posture: ModelState, t: int) -> np.ndarray:
     """[F 3 3] world corners of all triangles at instant t."""
     stretch = None if posture.stretch is None else posture.stretch[t]
     return np.concatenate([
@@ -30,7 +30,7 @@ def corners(model: ArticulatedModel, posture: Posture, t: int) -> np.ndarray:
 
 def at_rest(model: ArticulatedModel) -> np.ndarray:
     poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
-    return corners(model, Posture(poses[None], None, model.morph_weights[None]), 0)
+    return corners(model, ModelState(poses[None], None, model.morph_weights[None]), 0)
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
@@ -106,7 +106,8 @@ def test_bones_get_joints_that_bend_them(tmp_path: Path) -> None:
     assert default_scored_joints(model) == ("tip",)
     low, high = model.limits[0]
     assert low == -high and 0.3 < high < 1.0
-    moved = corners(model, Posture(forward_kinematics(model, [[high]]), None, np.zeros((1, 0))), 0)
+    state = ModelState(forward_kinematics(model, [[high]]), None, np.zeros((1, 0)))
+    moved = corners(model, state, 0)
     still = at_rest(model)
     below = still[..., 2].max(1) < 0.5 - 1e-9  # all weight on the base
     np.testing.assert_allclose(moved[below], still[below], atol=1e-12)
@@ -426,7 +427,7 @@ def test_a_single_mesh_turns_about_the_vertical(tmp_path: Path) -> None:
     maker.node(mesh=maker.mesh(), translation=[3, 1, 2], rotation=[0.6, 0.0, 0.0, 0.8])
     model = load_gltf(maker.save(tmp_path))
     turned = forward_kinematics(model, np.array([[0.0], [0.7]]))
-    before, after = (corners(model, Posture(turned, None, np.zeros((2, 0))), t) for t in (0, 1))
+    before, after = (corners(model, ModelState(turned, None, np.zeros((2, 0))), t) for t in (0, 1))
     middle = (before.reshape(-1, 3).min(0) + before.reshape(-1, 3).max(0)) / 2
     c, s = np.cos(0.7), np.sin(0.7)
     wanted = (before - middle) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + middle

@@ -14,7 +14,7 @@ from gcbench.robots.geometry.normals import face_normals, smooth_corners
 from gcbench.robots.meshes.library import MeshLibrary
 from gcbench.robots.meshes.primitives import box, capsule, cylinder, sphere
 from gcbench.robots.model.articulated_model import Material, ModelError
-from gcbench.robots.model.surface import Surface, moved, surface, visuals_of_part
+from gcbench.robots.model.surface import TriangleSurface, moved, surface, visuals_of_part
 from gcbench.robots.model.texture import linear_from_srgb
 from PIL import Image
 
@@ -26,13 +26,13 @@ def library(folder: Path) -> MeshLibrary:
     return MeshLibrary(asset_finder(folder / "model.urdf", asset_root=folder))
 
 
-def volume(s: Surface) -> float:
+def volume(s: TriangleSurface) -> float:
     """Positive where faces turn counter-clockwise seen from outside."""
     a, b, c = (s.vertices[s.faces[:, i]] for i in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)
 
 
-def agreement(s: Surface) -> float:
+def agreement(s: TriangleSurface) -> float:
     """The least cosine between a face and its corners' normals."""
     flat, _ = face_normals(s.vertices, s.faces)
     return float(np.einsum("fci,fi->fc", s.normals[s.faces], flat).min())
@@ -335,7 +335,7 @@ def test_visuals_of_equal_material_are_joined() -> None:
     texture = np.full((2, 2, 3), 5, np.uint8)
     looks = [red, blue, Material("other name", (1, 0, 0, 1)), Material(texture=texture),
              Material(texture=texture.copy()), Material(texture=texture + 1)]
-    surfaces = [Surface(b.vertices + i, b.faces, b.normals, b.uv, look)
+    surfaces = [TriangleSurface(b.vertices + i, b.faces, b.normals, b.uv, look)
                 for i, look in enumerate(looks) for b in [box([1, 1, 1])]]
     visuals = visuals_of_part(3, surfaces)
     assert [len(v.faces) for v in visuals] == [24, 12, 24, 12]

@@ -7,10 +7,10 @@ import pytest
 import trimesh
 from gcbench.robots.meshes.solids import SIDES, bar, block, circle, hull, plate, rod, rounded
 from gcbench.robots.model.articulated_model import ModelError
-from gcbench.robots.model.surface import Surface
+from gcbench.robots.model.surface import TriangleSurface
 
 
-def volume(solid: Surface) -> float:
+def volume(solid: TriangleSurface) -> float:
     mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
     mesh.merge_vertices(merge_norm=True)
     assert mesh.is_watertight and mesh.is_winding_consistent

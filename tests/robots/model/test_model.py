@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench.robots.geometry.transforms import inverse, revolute_motion
+from gcbench.robots.geometry import inverse, revolute_motion
 from gcbench.robots.model.articulated_model import (
     FIXED,
     ArticulatedModel,
@@ -115,7 +115,7 @@ def test_a_mimic_of_a_mimic_follows_through(tmp_path: Path) -> None:
     q = 0.7
     second = -0.5 * q + 0.3
     third = 2 * second + 0.1
-    np.testing.assert_allclose(m.gear[1:], [1, -0.5, -1])
+    np.testing.assert_allclose(m.multiplier[1:], [1, -0.5, -1])
     angle = q + second + third  # all axes are z
     pose = forward_kinematics(m, [q])[3]
     np.testing.assert_allclose(np.arctan2(pose[1, 0], pose[0, 0]), angle)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gcbench.robots.geometry.transforms import transform
+from gcbench.robots.geometry import transform
 from gcbench.robots.model.articulated_model import (
     FIXED,
     REVOLUTE,
@@ -39,7 +39,7 @@ def tree(parents: list[int], places: list[tuple[float, float, float]], fixed: tu
         name="tree", part_names=tuple("abcdefgh"[:n]), parent=np.array(parents),
         parent_from_part_at_zero=transform(None, np.array(places, float)),
         motion=np.where(joint >= 0, REVOLUTE, FIXED),
-        screw=np.tile(np.array([0, 1.0, 0, 0, 0, 0]), (n, 1)), joint=joint, gear=np.ones(n),
+        screw=np.tile(np.array([0, 1.0, 0, 0, 0, 0]), (n, 1)), joint=joint, multiplier=np.ones(n),
         offset=np.zeros(n), joint_names=tuple(f"j{p}" for p in moving),
         joint_child=np.array(moving), joint_types=("revolute",) * len(moving),
         limits=np.tile(np.array([-limit, limit]), (len(moving), 1)), visuals=visuals)

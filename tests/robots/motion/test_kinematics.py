@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from gcbench.robots.geometry.transforms import rotation_about
+from gcbench.robots.geometry import rotation_about
 from gcbench.robots.motion.kinematics import chain_angles, chain_rotations
 
 

@@ -48,7 +48,7 @@ def chain(names: tuple[str, ...] = NAMES) -> ArticulatedModel:
         parent_from_part_at_zero=np.tile(np.eye(4), (n, 1, 1)),
         motion=np.array([FIXED] + [PRISMATIC if k == "prismatic" else REVOLUTE for k in kinds]),
         screw=np.tile(np.array([0, 0, 1.0, 0, 0, 0]), (n, 1)), joint=np.arange(-1, j),
-        gear=np.ones(n), offset=np.zeros(n), joint_names=names, joint_child=np.arange(1, n),
+        multiplier=np.ones(n), offset=np.zeros(n), joint_names=names, joint_child=np.arange(1, n),
         joint_types=tuple(kinds), limits=np.array([JOINTS[name][1:] for name in names], float),
         visuals=tuple(Visual(p, triangle, np.array([[0, 1, 2]], np.int32), triangle, None,
                              Material()) for p in range(n)))
