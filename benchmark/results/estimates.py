@@ -17,7 +17,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import GcbenchError, MethodError
 from ...renderer.runtime import ArchiveWriter, dump_json, open_archive, parse_json
 from ...renderer.types import Estimate
 
@@ -54,7 +54,7 @@ class Stored:
     """None if it failed."""
 
 
-class InvalidEstimateError(GcbenchError):
+class InvalidEstimateError(MethodError):
     """What a method returned is not an estimate of this sequence; the message says why."""
 
 

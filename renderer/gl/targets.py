@@ -10,10 +10,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import RenderError
 
 
-class NoRendererError(GcbenchError):
+class NoRendererError(RenderError):
     """No EGL device of this machine can draw."""
 
 

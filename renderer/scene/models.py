@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, GcbenchError
 from ...robots.catalog import entries as catalog
 from ...robots.catalog import names as objects
 from ...robots.model import Animation, ArticulatedModel
@@ -97,7 +97,7 @@ def packages_of(config: RenderConfig) -> dict[str, Path]:
     return out
 
 
-class MissingJointError(GcbenchError):
+class MissingJointError(ConfigError):
     """A model has no joint of a name that is to be scored."""
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from ..model import ModelError
+from ...errors import ModelError
 
 MESHES = frozenset({".stl", ".obj", ".dae", ".ply", ".glb", ".gltf"})
 TEXTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"})

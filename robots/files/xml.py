@@ -8,7 +8,7 @@ from __future__ import annotations
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from ..model import ModelError
+from ...errors import ModelError
 
 MAX_DEPTH = 64
 MAX_ELEMENTS = 500_000

@@ -11,9 +11,9 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import ModelError
 from ..files import MAX_FILE_BYTES, AssetFinder, MissingAssetError, read_file
 from ..geometry import Array
-from ..model import ModelError
 from .document import Document
 
 MAX_TOTAL_BYTES = 2**30

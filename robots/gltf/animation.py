@@ -9,8 +9,9 @@ import numpy as np
 import pygltflib
 from numpy.typing import NDArray
 
+from ...errors import ModelError
 from ..geometry import Array, inverse, transform
-from ..model import ModelError, ModelState
+from ..model import ModelState
 from .accessors import Accessors
 from .document import Document
 from .nodes import Z_UP, NodeTree, Rig, rotation_from_quaternion

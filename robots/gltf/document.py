@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import pygltflib
 
-from ..model import ModelError
+from ...errors import ModelError
 
 MAX_JSON_BYTES = 64 * 2**20
 MAX_OBJECTS = 200_000

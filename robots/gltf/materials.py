@@ -10,9 +10,10 @@ import numpy as np
 import pygltflib
 from numpy.typing import NDArray
 
+from ...errors import ModelError
 from ..files import MissingAssetError
 from ..geometry import Array
-from ..model import Maps, Material, ModelError, Tiling, decode_texture, mean_color
+from ..model import Maps, Material, Tiling, decode_texture, mean_color
 from .accessors import Accessors
 from .document import Document, dictionary, index, integer, number, numbers
 

@@ -8,9 +8,10 @@ import numpy as np
 import pygltflib
 from numpy.typing import NDArray
 
+from ...errors import ModelError
 from ..geometry import Array, apply, face_normals
 from ..meshes import MAX_INSTANCES, MAX_TRIANGLES
-from ..model import Material, ModelError, Morph, Skin, Visual, clean_triangles
+from ..model import Material, Morph, Skin, Visual, clean_triangles
 from .accessors import Accessors
 from .document import Document
 from .materials import Materials

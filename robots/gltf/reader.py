@@ -16,17 +16,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import ModelError
 from ..files import read_file
 from ..geometry import Array, inverse
 from ..meshes import quiet
-from ..model import (
-    FIXED,
-    ArticulatedModel,
-    ModelError,
-    Visual,
-    deformed,
-    forward_kinematics,
-)
+from ..model import FIXED, ArticulatedModel, Visual, deformed, forward_kinematics
 from .accessors import Accessors
 from .animation import KeyedAnimation, read_animations
 from .document import Document, read_document

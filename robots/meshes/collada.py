@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...errors import ModelError
 from ..files import Asset, refuse_doctype
 from ..geometry import Array
-from ..model import Material, ModelError, TriangleSurface, base_color, mean_color, moved, surface
+from ..model import Material, TriangleSurface, base_color, mean_color, moved, surface
 
 if TYPE_CHECKING:
     from .library import MeshLibrary

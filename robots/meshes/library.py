@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import ModelError
 from ..files import TEXTURES, Asset, AssetFinder, MissingAssetError
 from ..files import read_file as read_bytes
-from ..model import ModelError, TriangleSurface, decode_texture
+from ..model import TriangleSurface, decode_texture
 
 MAX_TRIANGLES = 5_000_000
 MAX_TOTAL_BYTES = 2**30

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...errors import ModelError
 from ..geometry import Array
-from ..model import ModelError, TriangleSurface
+from ..model import TriangleSurface
 
 AROUND = 64
 """Facets around a full turn: off the true circle by 0.12 % of the radius."""

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...errors import ModelError
 from ..geometry import Array, transform
-from ..model import ModelError, TriangleSurface, moved, surface
+from ..model import TriangleSurface, moved, surface
 
 SIDES = 32
 """Facets around a full turn."""

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...errors import ModelError
 from ..files import BUFFERS, MATERIALS, TEXTURES, Asset, MissingAssetError
 from ..model import (
     Material,
-    ModelError,
     TriangleSurface,
     base_color,
     mean_color,

@@ -8,15 +8,10 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import GcbenchError
 from ..geometry import Array, move_screw, prismatic_motion, revolute_motion
 
 FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
 Tiling = Literal["repeat", "mirror", "clamp"]
-
-
-class ModelError(GcbenchError):
-    """A model's file cannot be used; the message names the file, the reason and the remedy."""
 
 
 @dataclass(frozen=True)

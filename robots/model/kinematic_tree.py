@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from .articulated_model import ModelError
+from ...errors import ModelError
 
 
 def parts_in_order(parts: Sequence[str], joints: Sequence[tuple[str, str, str]]) -> list[str]:

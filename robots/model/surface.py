@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...errors import ModelError
 from ..geometry import Array, face_normals, smooth_corners, valid_normals
-from .articulated_model import Material, ModelError, Visual
+from .articulated_model import Material, Visual
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...errors import ModelError
 from ..geometry import Array
-from .articulated_model import ModelError
 
 if TYPE_CHECKING:
     from PIL import Image

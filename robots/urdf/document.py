@@ -17,8 +17,8 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from ...errors import ModelError
 from ..files import Element, new_element, parse_xml, xml_bytes
-from ..model import ModelError
 
 if TYPE_CHECKING:
     from yourdfpy.urdf import Robot

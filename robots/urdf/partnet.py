@@ -17,9 +17,9 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from ...errors import GcbenchError
+from ...errors import GcbenchError, ModelError
 from ..files import MissingAssetError, read_file
-from ..model import ArticulatedModel, ModelError
+from ..model import ArticulatedModel
 from .reader import load_urdf
 
 URDF, NAMES = "mobility.urdf", "semantics.txt"

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...errors import ModelError
 from ..files import asset_finder, read_file
 from ..geometry import Array, apply, prismatic_motion, revolute_motion
 from ..meshes import MeshLibrary, quiet
@@ -22,7 +23,6 @@ from ..model import (
     PRISMATIC,
     REVOLUTE,
     ArticulatedModel,
-    ModelError,
     forward_kinematics,
     parts_in_order,
     resolve_mimics,

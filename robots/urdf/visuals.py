@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...errors import ModelError
 from ..files import MissingAssetError
 from ..geometry import Array
 from ..meshes import MAX_TRIANGLES, MeshLibrary, box, capsule, cylinder, sphere
 from ..model import (
     ArticulatedModel,
     Material,
-    ModelError,
     TriangleSurface,
     Visual,
     base_color,

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gcbench.errors import ModelError
 from gcbench.robots.gltf.reader import load_gltf
-from gcbench.robots.model.articulated_model import ModelError
 
 from ...support.gltf_maker import CUBE, Maker, bent_bar
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from gcbench.errors import ModelError
 from gcbench.robots.meshes.solids import SIDES, bar, block, circle, hull, plate, rod, rounded
-from gcbench.robots.model.articulated_model import ModelError
 from gcbench.robots.model.surface import TriangleSurface
 
 

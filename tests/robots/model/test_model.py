@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gcbench.errors import ModelError
 from gcbench.robots.geometry import inverse, revolute_motion
 from gcbench.robots.model.articulated_model import (
     FIXED,
     ArticulatedModel,
-    ModelError,
     forward_kinematics,
     joint_screws,
 )

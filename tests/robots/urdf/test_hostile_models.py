@@ -11,9 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from gcbench.errors import ModelError
 from gcbench.robots.files import paths as references
 from gcbench.robots.meshes import library as mesh
-from gcbench.robots.model.articulated_model import ArticulatedModel, ModelError
+from gcbench.robots.model.articulated_model import ArticulatedModel
 from gcbench.robots.urdf.reader import load_urdf
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"

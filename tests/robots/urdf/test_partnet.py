@@ -11,10 +11,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.errors import ModelError
 from gcbench.robots.appliances.generator import write_appliance
 from gcbench.robots.catalog import entries as catalog
 from gcbench.robots.catalog import names as objects
-from gcbench.robots.model.articulated_model import ArticulatedModel, ModelError, forward_kinematics
+from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
 from gcbench.robots.urdf import partnet
 from gcbench.robots.urdf.partnet import part_names, scored_joints
 from PIL import Image
