@@ -271,13 +271,12 @@ def test_doctor_is_content_with_this_machine(capsys: Lines) -> None:
 
 
 def test_doctor_fails_where_nothing_renders(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gcbench.renderer.gl import context as gl
-    from gcbench.renderer.gl import rasterizer
+    from gcbench.renderer import gl
 
     def fail(*_: object) -> None:
         raise gl.NoRendererError("no device")
 
-    monkeypatch.setattr(rasterizer, "Rasterizer", fail)
+    monkeypatch.setattr(gl, "Rasterizer", fail)
     monkeypatch.setattr(gl, "device_names", fail)
     assert main(["doctor"]) == 2
     said = capsys.readouterr().out

@@ -9,7 +9,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.run import datasets
 from gcbench.benchmark.run.suite import parse_suite, read_suite, shipped
-from gcbench.renderer.generate import driver as generate
+from gcbench.renderer import generate
 from gcbench.renderer.scene.config import RenderConfig
 
 from ...support import bench_data
