@@ -20,6 +20,7 @@ from ..dataset import state_shapes
 from ..scene import animation_times
 from ..types import Sequence, State
 from .checks import Check, check
+from .urdf_reader import UrdfJoint, read_urdf_tree
 
 METRES, RADIANS = 1e-6, 1e-6
 
@@ -193,54 +194,42 @@ def poses_from_urdf(
     urdf: Path, joint_names: ArrayLike, positions: Array,
     link_names: Mapping[str, str] | None = None,
 ) -> dict[str, Array]:
-    """root_from_link [T 4 4] of each link of a URDF, from its own text.
+    """Return root_from_link [T 4 4] of each link of a URDF, read by `urdf_reader`.
 
-    yourdfpy reads the file; the motion is ours, because its mimic of a mimic is wrong. A movable
-    joint that the sequence does not know is taken to stand at zero. `link_names` is as in
-    `verify_state`.
+    Args:
+        urdf: The file.
+        joint_names: Names of the columns of `positions`. Other movable joints stand at zero.
+        positions: [T J] rad or m.
+        link_names: The sequence's names of links that it does not call by their own; a joint is
+            called like the link that it moves.
     """
-    import yourdfpy
+    tree, names = read_urdf_tree(urdf), dict(link_names or {})
+    column = {str(n): i for i, n in enumerate(np.asarray(joint_names))}
+    poses: dict[str, Array] = {}
+    for link in tree.links:
+        joint = tree.joint_of_link.get(link)
+        if joint is None:
+            poses[link] = np.broadcast_to(np.eye(4), (len(positions), 4, 4))
+            continue
+        leader, multiplier, offset = tree.leader_of(joint)
+        i = column.get(names.get(leader.child, leader.name))
+        value = positions[:, i] if i is not None else np.zeros(len(positions))
+        motion = _urdf_motion(joint, multiplier * value + offset)
+        poses[link] = poses[joint.parent] @ joint.parent_from_child_at_zero @ motion
+    return {names.get(link, link): pose for link, pose in poses.items()}
+
+
+def _urdf_motion(joint: UrdfJoint, value: Array) -> Array:
+    """[T 4 4] of a joint at values [T] rad or m."""
     from scipy.spatial.transform import Rotation
 
-    robot: Any = yourdfpy.URDF.load(str(urdf), load_meshes=False, build_scene_graph=False).robot
-    joints: dict[str, Any] = {j.name: j for j in robot.joints}
-    column = {str(n): i for i, n in enumerate(np.asarray(joint_names))}
-    called: dict[str, str] = dict(link_names or {})
-
-    def value(name: str, seen: frozenset[str] = frozenset()) -> Array:
-        mimic = joints[name].mimic
-        if mimic is None or mimic.joint not in joints or name in seen:
-            i = column.get(called.get(joints[name].child, name))
-            return positions[:, i] if i is not None else np.zeros(len(positions))
-        multiplier = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
-        offset = 0.0 if mimic.offset is None else float(mimic.offset)
-        return multiplier * value(mimic.joint, seen | {name}) + offset
-
-    def motion(joint: Any) -> Array:
-        out = np.broadcast_to(np.eye(4), (len(positions), 4, 4)).copy()
-        axis = np.asarray([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, np.float64)
-        along = axis / np.linalg.norm(axis) * value(joint.name)[:, None]
-        if joint.type in ("revolute", "continuous"):
-            out[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
-        elif joint.type == "prismatic":
-            out[:, :3, 3] = along
-        return out
-
-    by_child = {j.child: j for j in joints.values()}
-    poses: dict[str, Array] = {}
-
-    def pose(link: str) -> Array:
-        if link not in poses:
-            joint = by_child.get(link)
-            if joint is None:
-                poses[link] = np.broadcast_to(np.eye(4), (len(positions), 4, 4))
-            else:
-                origin = np.eye(4) if joint.origin is None else joint.origin
-                poses[link] = pose(joint.parent) @ origin @ motion(joint)
-        return poses[link]
-
-    links: list[str] = [link.name for link in robot.links]
-    return {called.get(link, link): pose(link) for link in links}
+    out = np.broadcast_to(np.eye(4), (len(value), 4, 4)).copy()
+    along = joint.axis * value[:, None]
+    if joint.kind in ("revolute", "continuous"):
+        out[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
+    elif joint.kind == "prismatic":
+        out[:, :3, 3] = along
+    return out
 
 
 def _twist(screw: Array, prismatic: Any) -> Array:

@@ -7,7 +7,6 @@ import shutil
 import zipfile
 from dataclasses import replace
 
-import gcbench.renderer.verify.kinematics as verify_state
 import numpy as np
 import pytest
 from gcbench import GcbenchError
@@ -246,35 +245,6 @@ def test_a_consistent_lie_about_depth_shows_where_the_flow_leads():
     report = verify_sequence(replace(s, flow=flow), MODEL)
     assert "flow forward" not in report.failures
     assert "depth where the flow leads" in report.failures, report.table()
-
-
-def test_poses_come_from_the_urdf_itself(tmp_path):
-    """A mimic of a mimic, an axis that is not of unit length, a joint the sequence has not."""
-    urdf = tmp_path / "chain.urdf"
-    urdf.write_text("""<robot name="chain">
-      <link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="e"/>
-      <joint name="ab" type="revolute"><parent link="a"/><child link="b"/>
-        <origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/><axis xyz="0 0 2"/>
-        <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-      <joint name="bc" type="continuous"><parent link="b"/><child link="c"/>
-        <origin xyz="1 0 0"/><axis xyz="0 0 1"/><mimic joint="ab" multiplier="2" offset="0.1"/>
-        </joint>
-      <joint name="cd" type="prismatic"><parent link="c"/><child link="d"/>
-        <axis xyz="1 0 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
-        <mimic joint="bc" multiplier="-1"/></joint>
-      <joint name="de" type="fixed"><parent link="d"/><child link="e"/><origin xyz="0 0 1"/></joint>
-    </robot>""")
-    q = np.array([[0.0], [0.5]])
-    poses = verify_state.poses_from_urdf(urdf, ("ab",), q)
-    for t, (angle,) in enumerate(q):
-        first, second = np.pi / 2 + angle, 2 * angle + 0.1
-        b = np.array([1.0, 0, 0])
-        c = b + np.array([np.cos(first), np.sin(first), 0])
-        along = np.array([np.cos(first + second), np.sin(first + second), 0])
-        np.testing.assert_allclose(poses["b"][t, :3, 3], b, atol=1e-12)
-        np.testing.assert_allclose(poses["c"][t, :3, 3], c, atol=1e-12)
-        np.testing.assert_allclose(poses["e"][t, :3, 3], c - second * along + [0, 0, 1], atol=1e-12)
-        np.testing.assert_allclose(poses["e"][t, :3, 0], along, atol=1e-12)
 
 
 def urdf_of(model):
