@@ -23,14 +23,10 @@ from .images import (
 )
 from .numerics import together
 from .rgb import estimate_rgb
-from .rgbd import Tracker, adjust, deviation, lively, lost, search
+from .rgbd import RgbdSettings, Tracker, adjust, deviation, lively, lost, search
+from .settings import Settings
 
-_CANDIDATES = 1500, 900  # and with noise, where what is near errs alike
-_FEWEST = 30  # lively pixels that are worth a search
-_CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
-_CALIBRATION = {0: 2.7, 2: 2.9, 4: 2.5}  # of standard deviations, by the axes' freedom
-_LOST = np.radians(10.0)  # and where much stays unexplained
-_NOISY = (8.2, np.radians(0.1))  # where depth is noisy: factor, and the least
+_DEFAULT = Settings()
 
 
 class GCPose:
@@ -41,11 +37,20 @@ class GCPose:
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
     version = "13"
 
-    def __init__(self, flow: Flow | str = "", depth: str = "") -> None:
-        """A flow, or the name of one (see flow.py), and of a depth network (see depth.py).
+    def __init__(
+        self, flow: Flow | str = "", depth: str = "", settings: Settings = _DEFAULT
+    ) -> None:
+        """Make a method with an optical flow, a depth network, and settings.
 
-        Raises GcbenchError for names that are none, or files that are missing.
+        Args:
+            flow: A flow, or the name of one (images/flow.py); default: OpenCV's DIS.
+            depth: Name of a network for depth from single images (images/depth.py).
+            settings: The tuned numbers. The method's name lists those that are changed.
+
+        Raises:
+            GcbenchError: If a name is unknown or a file is missing.
         """
+        self.settings = settings
         named = flow_named(flow) if isinstance(flow, str) and flow else flow
         self.flow = dis_flow if isinstance(named, str) else named
         self.fine_flow = fine_dis_flow if isinstance(named, str) else named
@@ -53,6 +58,7 @@ class GCPose:
         chosen = {"flow": flow if isinstance(flow, str) else "", "depth": depth}
         self.name += "".join(f" {k}={v.partition(':')[0]}" for k, v in chosen.items()
                              if v not in ("", "none"))
+        self.name += "".join(f" {k}={v}" for k, v in settings.changes().items())
         self.training = training_of(*chosen.values())
 
     def estimate(self, observation: Observation) -> Estimate:
@@ -62,60 +68,66 @@ class GCPose:
 
     def _estimate(self, observation: Observation) -> Estimate:
         known = knowledge(observation)
-        rgb = observation.rgb
+        rgb, settings = observation.rgb, self.settings.rgbd
         if observation.depth is None:
             found = estimate_rgb(observation, known, self.fine_flow, self.depth)
-            return found or unmoved(observation, known)
+            return found or unmoved(observation, known, settings.sigma_static)
         if rgb is None or len(observation.depth) < 2:
-            return unmoved(observation, known)
+            return unmoved(observation, known, settings.sigma_static)
         noise = observation.depth_noise
         if noise > 0:
             surfaces = smoothed(observation.depth, rgb, observation.intrinsics, noise, self.flow)
         else:
             surfaces = measure(observation.depth, observation.intrinsics)
         where = lively(surfaces, rgb)
-        if np.count_nonzero(where[0]) < _FEWEST:
-            return unmoved(observation, known)
-        tracker = Tracker(surfaces, rgb, where, known, _CANDIDATES[noise > 0])
+        if np.count_nonzero(where[0]) < settings.min_moving_pixels:
+            return unmoved(observation, known, settings.sigma_static)
+        candidates = settings.candidates_noisy if noise else settings.candidates
+        tracker = Tracker(surfaces, rgb, where, known, candidates)
         best = search(tracker, self.flow)
         state, sums = adjust(
             replace(surfaces, flow=None),
             best.clouds,
             best.state,
             known.freedom,
-            (1.0, 0.6, 0.4, 0.4) if noise else (0.25, 0.12, 0.12),
+            settings.final_scales_noisy if noise else settings.final_scales,
             tracker.hinges(best),
         )
         sigma = deviation(sums, *state.angle.shape)
         if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
-            return unmoved(observation, known)
+            return unmoved(observation, known, settings.sigma_static)
         return Estimate(
             displacement=state.angle,
             screw=screws_of(state.twist, state.prismatic),
             part=parts(tracker, state),
-            sigma=calibrated(sigma, known, noise > 0, lost(tracker, best)),
+            sigma=calibrated(sigma, tracker, lost(tracker, best), settings),
         )
 
 
-def calibrated(sigma: Array, known: Known, noisy: bool, lost: bool) -> Array:
-    """Standard deviations [T J] that two thirds of the errors lie within.
+def calibrated(sigma: Array, tracker: Tracker, lost: bool, settings: RgbdSettings) -> Array:
+    """Return standard deviations [T J] that two thirds of the errors lie within.
 
-    What errs together (labels, smoothing, the bend of surfaces within a pixel) is more than the
+    Errors that points share (labels, smoothing, curvature within a pixel) exceed what the
     residuals show: factor and floor are from training sequences.
     """
-    factor, floor = _NOISY if noisy else (_CALIBRATION[known.freedom], 0.0)
+    s = settings
+    factors = {0: s.sigma_factor_known_lines, 2: s.sigma_factor_known_directions,
+               4: s.sigma_factor_free}
+    factor, floor = factors[tracker.known.freedom], 0.0
+    if tracker.surfaces.noise:
+        factor, floor = s.sigma_factor_noisy, s.sigma_floor_noisy
     if lost:
-        floor = _LOST
-    out = np.minimum(np.hypot(factor * sigma, floor), _CLUELESS)
+        floor = s.sigma_unreliable
+    out = np.minimum(np.hypot(factor * sigma, floor), s.sigma_static)
     out[0] = 0.0
     return out
 
 
-def unmoved(observation: Observation, known: Known) -> Estimate:
-    """The estimate where there is nothing to see: no motion, and no trust in it."""
+def unmoved(observation: Observation, known: Known, deviation: float) -> Estimate:
+    """Return the estimate where nothing is seen to move: zero with the given standard deviation."""
     frames, joints = len(observation.times), observation.n_joints
     images = observation.rgb if observation.depth is None else observation.depth
-    sigma = np.full((frames, joints), _CLUELESS)
+    sigma = np.full((frames, joints), deviation)
     sigma[0] = 0.0
     screw = None
     if known.line is not None:

@@ -60,7 +60,9 @@ LAYERS = {
         "generate export",
         "doctor",
     ),
-    "gcpose": ("numerics networks", "chain images", "rgbd", "rgb", "paper training", "method"),
+    "gcpose": (
+        "numerics networks", "chain images", "rgbd", "rgb", "paper training", "settings", "method"
+    ),
     "benchmark": ("results", "protocol", "methods report", "run"),
 }
 """The sub-packages of each room, lowest first: each imports only from those above it here."""

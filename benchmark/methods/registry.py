@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import json
 import re
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module, metadata
 from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 from urllib.parse import parse_qsl, urlencode
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, GcbenchError
+from ...renderer.runtime import dump_json
 from ...renderer.types import Inputs, Knowledge, Method
 from ..protocol import ORACLES, allowed
 from ..results import INPUTS, KNOWLEDGE, Row
@@ -49,6 +51,8 @@ class Declaration:
     knowledge: tuple[Knowledge, ...]
     hint: str = ""
     """What would make it support more inputs"""
+    settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """Its tuned numbers as a JSON object, if it has any."""
 
 
 def available() -> dict[str, str]:
@@ -118,9 +122,30 @@ def _made(method: Callable[..., Any], options: dict[str, str], source: str) -> A
         accepted = inspect.signature(method).parameters
     except ValueError:
         accepted = {}
-    if unknown := [name for name in options if name not in accepted]:
+    made: dict[str, Any] = dict(options)
+    if "settings" in accepted and "set" in options:
+        changes = parse_changes(made.pop("set"))
+        made["settings"] = accepted["settings"].default.override(changes)
+    if unknown := [name for name in made if name not in accepted]:
         raise GcbenchError(f"{source} takes no --{unknown[0]}; leave it out")
-    return method(**options)
+    return method(**made)
+
+
+def parse_changes(text: str) -> dict[str, str]:
+    """Parse "NAME=VALUE NAME=VALUE ...". Raises ConfigError for anything else."""
+    out: dict[str, str] = {}
+    for item in text.split():
+        name, equals, value = item.partition("=")
+        if not (name and equals and value):
+            raise ConfigError(f"--set {item}: expected NAME=VALUE, such as rgbd.candidates=800")
+        out[name] = value
+    return out
+
+
+def _settings(method: Any) -> dict[str, Any]:
+    """The settings of a method that has some, as a JSON object."""
+    as_dict = getattr(getattr(method, "settings", None), "as_dict", None)
+    return json.loads(dump_json(as_dict())) if callable(as_dict) else {}
 
 
 def declare(method: Any, source: str) -> Declaration:
@@ -140,6 +165,7 @@ def declare(method: Any, source: str) -> Declaration:
     return Declaration(
         method.name, method.version, method.training, tuple(method.inputs),
         tuple(method.knowledge), str(getattr(method, "hint", "")),
+        _settings(method),
     )  # fmt: skip
 
 

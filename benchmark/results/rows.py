@@ -17,7 +17,7 @@ import hashlib
 import io
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
@@ -136,6 +136,8 @@ class Run:
     """seconds_per_sequence, workers, threads (of one worker)."""
     environments: tuple[Mapping[str, Any], ...]
     """Versions and machine of each installation that ran a part, in order."""
+    settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """Tuned numbers of the method; empty if it has none, or in files of earlier versions."""
 
 
 @dataclass(frozen=True)
@@ -227,8 +229,8 @@ def read_run(path: Path) -> Run:
     oracles = _words(row.pop("oracles"), path, "oracles")
     if row["inputs"] not in INPUTS or row["knowledge"] not in KNOWLEDGE:
         raise GcbenchError(f"{path}: unknown inputs or knowledge")
-    run = _strings(tree, Run, path, without=("row",))
-    for name, kind in (("config", dict), ("limits", dict), ("left_out", int)):
+    run = _strings({"settings": {}, **tree}, Run, path, without=("row",))
+    for name, kind in (("config", dict), ("limits", dict), ("settings", dict), ("left_out", int)):
         if not isinstance(run[name], kind):
             raise GcbenchError(f"{path}: {name} is not what it must be")
     for name in ("assets", "environments"):

@@ -10,7 +10,7 @@ import os
 import platform
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -59,6 +59,8 @@ class EvalConfig:
     flownet2:CHECKPOINT; default: the method's own. The row's name says it."""
     depth: str = ""
     """Depth from single images, likewise: none, or mono:FOLDER with Monodepth2's weights."""
+    set: tuple[str, ...] = ()
+    """Settings of the method, as NAME=VALUE: rgbd.candidates=800. The row's name lists them."""
     suite: str = "mini"
     """Name of a suite, or a TOML file; its missing sequences are rendered first."""
     data: tuple[Path, ...] = ()
@@ -111,7 +113,8 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Outcome:
     same call continues.
     """
     _check(config)
-    options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth)) if v}
+    options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
+                                 ("set", " ".join(config.set))) if v}
     named = [(with_options(locate(method), options), oracles)
              for method, oracles in map(split, config.method)]
     declared = {source: ask(source) for source in dict.fromkeys(source for source, _ in named)}
@@ -130,7 +133,8 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Outcome:
         "seconds_per_sequence": config.timeout, "workers": config.workers, "threads": threads,
     }  # fmt: skip
     jobs = [
-        prepare(describe_run(row, source, d, limits), d, config.results, config.retry)
+        prepare(describe_run(row, source, d, limits, declared[source].settings), d,
+                config.results, config.retry)
         for source, row in rows
         for d in data
     ]
@@ -208,13 +212,14 @@ def _check(config: EvalConfig) -> None:
         raise GcbenchError("--workers and --timeout must be more than 0")
 
 
-def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any]) -> Run:
+def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any],
+                 settings: Mapping[str, Any]) -> Run:
     """What `run.json` says of a row on a dataset, here and now."""
     info = data.dataset.info
     return Run(
         row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
         assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
-        environments=(environment(),),
+        environments=(environment(),), settings=settings,
     )  # fmt: skip
 
 

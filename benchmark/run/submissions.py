@@ -117,7 +117,7 @@ def score_predictions(config: ScoreConfig) -> tuple[RunFolder, ...]:
     found = read_predictions(file, wanted)
     folders: list[RunFolder] = []
     for d in data:
-        run = describe_run(found.row, "predictions", d, {})
+        run = describe_run(found.row, "predictions", d, {}, {})
         refuse_other_source(run, results)
         job = prepare(run, d, results, retry=STATUSES)
         for key, target in wanted.items():

@@ -1,9 +1,21 @@
-"""Compiled loops, threads and array types."""
+"""Compiled loops, settings records, threads and array types."""
 
 from __future__ import annotations
 
 from .arrays import Image
 from .compiled import compiled
+from .settings import (
+    DEGREE,
+    Count,
+    NonNegative,
+    Positive,
+    Scales,
+    SettingsRecord,
+    Share,
+)
 from .threads import together
 
-__all__ = ["Image", "compiled", "together"]
+__all__ = [
+    "DEGREE", "Count", "Image", "NonNegative", "Positive", "Scales", "SettingsRecord", "Share",
+    "compiled", "together",
+]

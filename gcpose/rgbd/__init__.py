@@ -5,6 +5,7 @@ from __future__ import annotations
 from .bundle import adjust, deviation
 from .labels import lively
 from .search import lost, search
+from .settings import RgbdSettings
 from .tracker import Tracker
 
-__all__ = ["Tracker", "adjust", "deviation", "lively", "lost", "search"]
+__all__ = ["RgbdSettings", "Tracker", "adjust", "deviation", "lively", "lost", "search"]
