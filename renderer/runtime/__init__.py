@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .interrupt import uninterrupted
-from .json import MAX_JSON, dump_json, parse_json
+from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
 from .progress import Bar, frame_bar
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
@@ -16,5 +16,8 @@ __all__ = [
     "frame_bar",
     "open_archive",
     "parse_json",
+    "parse_toml",
+    "read_record",
+    "to_record",
     "uninterrupted",
 ]

@@ -1,23 +1,49 @@
-"""JSON of all our files."""
+"""JSON and TOML at the border: bytes become plain trees, and trees become typed records.
+
+A record is a dataclass whose annotations state types and bounds:
+
+    @dataclass(frozen=True)
+    class Size:
+        width: Annotated[int, msgspec.Meta(ge=1, le=4096)]
+
+    read_record(path, Size)  # DatasetError: "size.json: $.width: expected int >= 1, got 0"
+
+Untrusted bytes end in a record or in an error of one line that names the file and the field: NaN,
+infinity, numbers out of range, deep nesting and wrong types are refused.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from collections.abc import Mapping
-from typing import Any, cast
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
+import msgspec
 import numpy as np
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, DatasetError, GcbenchError
+from ...robots.files import read_file
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib  # pyright: ignore[reportMissingImports]
 
 MAX_JSON = 2**26
-"""Bytes of a JSON file."""
+"""Bytes of a JSON or TOML file; a larger one is refused."""
+Record = TypeVar("Record")
+_SHOWN = 60  # characters of a wrong value in a message
 
 
 def dump_json(tree: Any) -> bytes:
-    """JSON of dicts, lists, tuples, numbers, strings and NumPy values, for people to read too.
+    """Return indented JSON of dicts, lists, tuples, numbers, strings and NumPy values.
 
-    Raises ValueError for NaN and infinity, which JSON does not have.
+    Raises:
+        ValueError: for NaN and infinity, which JSON cannot express.
     """
 
     def plain(value: Any) -> Any:
@@ -25,21 +51,148 @@ def dump_json(tree: Any) -> bytes:
             return value.tolist()
         if isinstance(value, Mapping):
             return dict(cast("Mapping[str, Any]", value))
-        raise TypeError(f"{type(value).__name__} has no place in a JSON file")
+        raise TypeError(f"JSON cannot express {type(value).__name__}")
 
     return (json.dumps(tree, indent=1, allow_nan=False, default=plain) + "\n").encode()
 
 
-def parse_json(data: bytes, where: str) -> dict[str, Any]:
-    """The object in `data`. Raises GcbenchError that begins with `where`."""
+def parse_json(
+    data: bytes, where: str, file_format: str = "", error: type[GcbenchError] = DatasetError
+) -> dict[str, Any]:
+    """Return the JSON object in `data`.
 
-    def refuse(constant: str) -> float:
-        raise ValueError(f"{constant} is not JSON")
+    Args:
+        data: UTF-8 text.
+        where: Beginning of an error message: the file, or the file and its member.
+        file_format: Required value of the object's field `format`; empty: any.
+        error: Kind of the error to raise.
+    """
+    try:
+        tree = msgspec.json.decode(data)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
+        raise error(f"{where}: not JSON ({_one_line(problem)})") from problem
+    if not isinstance(tree, dict):
+        raise error(f"{where}: not a JSON object")
+    found = cast("dict[str, Any]", tree)
+    if file_format and found.get("format") != file_format:
+        raise error(
+            f"{where}: format is {_short(found.get('format'))}; "
+            f"this version reads {file_format!r}"
+        )
+    return found
+
+
+def parse_toml(
+    data: bytes, where: str, error: type[GcbenchError] = ConfigError
+) -> dict[str, Any]:
+    """Return the table in `data`; arguments as in `parse_json`."""
+
+    def finite(text: str) -> float:
+        if not np.isfinite(value := float(text)):
+            raise ValueError(f"{_short(text)} is not a finite number")
+        return value
 
     try:
-        tree = json.loads(data, parse_constant=refuse)
-    except (ValueError, RecursionError) as error:
-        raise GcbenchError(f"{where}: not JSON ({error})") from error
-    if not isinstance(tree, dict):
-        raise GcbenchError(f"{where}: not a JSON object")
-    return cast("dict[str, Any]", tree)
+        return tomllib.loads(data.decode(), parse_float=finite)
+    except (ValueError, RecursionError) as problem:
+        raise error(f"{where}: not TOML ({_one_line(problem)})") from problem
+
+
+def to_record(
+    tree: Any,
+    kind: type[Record],
+    where: str,
+    only_known: bool = False,
+    error: type[GcbenchError] = DatasetError,
+) -> Record:
+    """Return the record of type `kind` in a plain tree of dicts, lists and values.
+
+    Args:
+        tree: A result of `parse_json` or `parse_toml`, or a part of one.
+        kind: A dataclass, or any annotation that msgspec supports.
+        where: Beginning of an error message.
+        only_known: Refuse fields that the record lacks. They are ignored otherwise.
+        error: Kind of the error to raise.
+    """
+    if only_known:
+        for path, known in _unknown_fields(kind, tree, "$"):
+            raise error(f"{where}: {path}: unknown field; there are {', '.join(known)}")
+    try:
+        return msgspec.convert(tree, kind)
+    except (msgspec.ValidationError, RecursionError) as problem:
+        raise error(f"{where}: {_explain(str(problem), tree, kind)}") from problem
+
+
+def read_record(
+    path: Path, kind: type[Record], file_format: str = "", only_known: bool = False,
+    limit: int = MAX_JSON,
+) -> Record:
+    """Return the record in a JSON file of at most `limit` bytes; see `parse_json`, `to_record`.
+
+    Raises:
+        DatasetError: if the file cannot be read, or its content is not such a record.
+    """
+    tree = parse_json(read_file(path, limit, DatasetError), str(path), file_format)
+    if only_known:
+        tree.pop("format", None)
+    return to_record(tree, kind, str(path), only_known)
+
+
+def _unknown_fields(kind: Any, tree: Any, path: str) -> Iterator[tuple[str, list[str]]]:
+    """Path of each field that the dataclass lacks, and the fields that it has."""
+    if not dataclasses.is_dataclass(kind) or not isinstance(tree, dict):
+        return
+    hints = get_type_hints(kind)
+    for name, value in cast("dict[str, Any]", tree).items():
+        if name not in hints:
+            yield f"{path}.{_short(name)[1:-1]}", list(hints)
+        else:
+            yield from _unknown_fields(hints[name], value, f"{path}.{name}")
+
+
+def _explain(message: str, tree: Any, kind: Any) -> str:
+    """msgspec's message with the path first and the wrong value last."""
+    text, _, path = message.replace("`", "").partition(" - at ")
+    path = path or "$"
+    text = text[0].lower() + text[1:]
+    if missing := re.fullmatch(r"object missing required field (\w+)", text):
+        return f"{path}.{missing[1]}: missing"
+    if "..." in path:  # a value of a mapping, whose key msgspec does not name
+        return f"{path}: {text}"
+    value, kind = tree, _plain(kind)
+    for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", path):
+        value = value[name] if name else value[int(index)]
+        kind = _plain(_inner(kind, name, index))
+    if text.startswith("invalid enum value"):
+        text = f"expected one of {', '.join(map(str, get_args(kind)))}"
+    if "length" not in text:
+        text = re.sub(r", got \w+$", "", text) + f", got {_short(value)}"
+    return f"{path}: {text}"
+
+
+def _inner(kind: Any, name: str, index: str) -> Any:
+    """The annotation of a field, or of an item of a sequence."""
+    if name:
+        return get_type_hints(kind, include_extras=True)[name]
+    items = get_args(kind)
+    return items[0] if Ellipsis in items else items[min(int(index), len(items) - 1)]
+
+
+def _plain(kind: Any) -> Any:
+    """The annotation without its bounds, and without None."""
+    choices = [k for k in get_args(kind) if k is not type(None)]
+    if get_origin(kind) is Annotated or type(None) in get_args(kind):
+        return _plain(choices[0])
+    return kind
+
+
+def _short(value: Any) -> str:
+    try:
+        text = ascii(value)
+    except ValueError:  # an integer of more digits than Python prints
+        text = "a huge integer"
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
+
+
+def _one_line(problem: Exception) -> str:
+    return " ".join(str(problem).split())[:200]

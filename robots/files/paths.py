@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from ...errors import ModelError
+from ...errors import GcbenchError, ModelError
 
 MESHES = frozenset({".stl", ".obj", ".dae", ".ply", ".glb", ".gltf"})
 TEXTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"})
@@ -118,17 +118,19 @@ def asset_finder(
     return AssetFinder(folder, root, known)
 
 
-def read_file(path: Path, limit: int = MAX_FILE_BYTES) -> bytes:
-    """The bytes of a regular file of at most `limit` bytes; raises ModelError."""
+def read_file(
+    path: Path, limit: int = MAX_FILE_BYTES, kind: type[GcbenchError] = ModelError
+) -> bytes:
+    """The bytes of a regular file of at most `limit` bytes; raises an error of the given kind."""
     try:
         with path.open("rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise ModelError(f"{path}: is not a regular file")
+                raise kind(f"{path}: is not a regular file")
             data = file.read(limit + 1)
     except OSError as error:
-        raise ModelError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise kind(f"{path}: cannot be read ({error.strerror or error})") from error
     if len(data) > limit:
-        raise ModelError(f"{path}: is larger than {limit} bytes, the largest file that is read")
+        raise kind(f"{path}: is larger than {limit} bytes, the largest file that is read")
     return data
 
 
