@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +10,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import GcbenchError
+from ...renderer.show import render_page
 from ...robots.files import write_atomically
 from ..protocol import PCP_DEGREES
 from .about import about, failures
@@ -35,6 +32,7 @@ from .statistics import Difference
 from .tables import Table, paper_tables
 
 FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex")
+TEMPLATE = Path(__file__).parent / "report.html"
 MAX_FAILURES = 200
 """Failures that a page lists."""
 _MORE = {
@@ -66,7 +64,7 @@ def report(
     tables = paper_tables(lines)
     found = draw(lines, chosen(lines), progress) if pictures else []
     contents = (
-        page(page_data(board, differences, tables, found)),
+        render_page(TEMPLATE, page_data(board, differences, tables, found)),
         leaderboard_md(lines, ranks(lines, differences), __version__),
         leaderboard_csv(lines),
         tables_tex(tables, __version__),
@@ -78,23 +76,6 @@ def report(
     except OSError as error:
         raise GcbenchError(f"cannot write to {out}: {error.strerror or error}") from error
     return [out / name for name in FILES]
-
-
-def page(data: Mapping[str, Any]) -> str:
-    """The page as HTML.
-
-    Names come from methods and files that nobody vouches for. They are in the page as JSON in
-    which no character can end the script element, and the script sets them as text; a content
-    security policy admits that script alone and no address.
-    """
-    template = (Path(__file__).parent / "report.html").read_text(encoding="utf-8")
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-    for character in "<>&":  # all that is not ASCII is escaped already
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    found = re.search(r"<script>(.*?)</script>", template, re.DOTALL)
-    assert found, "report.html has one inline script"
-    digest = base64.b64encode(hashlib.sha256(found[1].encode()).digest()).decode()
-    return template.replace("SCRIPT_SHA256", digest).replace("PAGE_DATA", text)
 
 
 def page_data(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .command import show
+from .html import render_page
 from .overlay import Painter, model_at_hand
 
-__all__ = ["Painter", "model_at_hand", "show"]
+__all__ = ["Painter", "model_at_hand", "render_page", "show"]

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import base64
-import hashlib
-import json
 import math
-import os
-import re
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -17,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
-from ...errors import GcbenchError
+from ...errors import RenderError
+from ...robots.files import write_atomically
 from ..types import Frame, Sequence
 from .colors import (
     NOTHING,
@@ -34,9 +30,11 @@ from .colors import (
     visibility_image,
 )
 from .descriptions import joint_table, sections
+from .html import render_page
 from .joint_axes import joint_axes
 from .marks import has_points, points_image
 
+TEMPLATE = Path(__file__).parent / "show.html"
 MAX_FRAMES, MAX_SIDE, MAX_PIXELS = 120, 640, 20_000_000
 """Bounds of a page: frames, px of a picture's longer side, px of all frames together."""
 VALUES_SIDE = 320
@@ -49,29 +47,12 @@ PANES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility", "normal"
 
 
 def write_page(sequence: Sequence, out: Path) -> Path:
-    """Write the page of a sequence to `out`: one HTML file that needs no network. Returns `out`.
+    """Write the page of a sequence to `out`: one HTML file that needs no network. Return `out`.
 
     Long or large sequences are shown with fewer frames and smaller pictures; the page says so.
-    Raises GcbenchError if it cannot be written.
+    Raises RenderError if the file cannot be written.
     """
-    return replace_file(out, page(sequence).encode())
-
-
-def page(sequence: Sequence) -> str:
-    """The page as HTML.
-
-    Names come from models that nobody vouches for. They are in the page as JSON in which no
-    character can end the script element, and the script sets them as text; a content security
-    policy admits that script alone and no address.
-    """
-    template = (Path(__file__).parent / "show.html").read_text(encoding="utf-8")
-    data = json.dumps(page_data(sequence), allow_nan=False, separators=(",", ":"))
-    for character in "<>&":  # all that is not ASCII is escaped already
-        data = data.replace(character, f"\\u{ord(character):04x}")
-    found = re.search(r"<script>(.*?)</script>", template, re.DOTALL)
-    assert found, "show.html has one inline script"
-    digest = base64.b64encode(hashlib.sha256(found[1].encode()).digest()).decode()
-    return template.replace("SCRIPT_SHA256", digest).replace("PAGE_DATA", data)
+    return write_file(out, render_page(TEMPLATE, page_data(sequence)).encode())
 
 
 def page_data(sequence: Sequence) -> dict[str, Any]:
@@ -250,21 +231,12 @@ def data_uri(picture: Image, quality: int | None = None) -> str:
     return f"data:image/{kind};base64," + base64.b64encode(code.tobytes()).decode()
 
 
-def replace_file(out: Path, content: bytes) -> Path:
-    """Write a file whole or not at all. Raises GcbenchError if it cannot be written."""
-    temporary = None
+def write_file(out: Path, content: bytes) -> Path:
+    """Write a file whole or not at all, and return its path; RenderError if that fails."""
     try:
-        with tempfile.NamedTemporaryFile(dir=out.parent, prefix=f".{out.name}.", delete=False) as f:
-            temporary = Path(f.name)
-            f.write(content)
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)  # a temporary file is private, a report is not
-        temporary.replace(out)
+        write_atomically(out, content)
     except OSError as error:
-        if temporary:
-            temporary.unlink(missing_ok=True)
-        raise GcbenchError(f"cannot write {out}: {error.strerror or error}") from error
+        raise RenderError(f"cannot write {out}: {error.strerror or error}") from error
     return out
 
 

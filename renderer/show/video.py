@@ -14,7 +14,7 @@ from ...errors import GcbenchError
 from ..types import Sequence
 from .colors import NOTHING, Image, depth_image, flow_image, part_image
 from .joint_axes import axis_image
-from .page import chosen_frames, layer_images, picture_size, ranges, replace_file, resized, sampled
+from .page import chosen_frames, layer_images, picture_size, ranges, resized, sampled, write_file
 
 SHEET_SEQUENCES, SHEET_FRAMES, FILM_FRAMES = 100, 5, 300
 SHEET_TILE, SMALL_TILE, FILM_TILE = 320, 200, 400
@@ -46,7 +46,7 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
         rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
     if not rows:
         raise GcbenchError("nothing to show: the dataset holds no sequence yet")
-    return replace_file(out, _png(_grid(rows)))
+    return write_file(out, _png(_grid(rows)))
 
 
 def film(sequence: Sequence) -> Iterator[Image]:
@@ -78,7 +78,7 @@ def write_gif(sequence: Sequence, out: Path) -> Path:
     milliseconds = max(20, round(_seconds_per_picture(sequence) * 100) * 10)  # the format's unit
     pictures[0].save(buffer, "GIF", save_all=True, append_images=pictures[1:],
                      duration=milliseconds, loop=0)  # fmt: skip
-    return replace_file(out, buffer.getvalue())
+    return write_file(out, buffer.getvalue())
 
 
 def write_mp4(sequence: Sequence, out: Path) -> Path:

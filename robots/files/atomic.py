@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 _TEMPORARY = re.compile(r"\..+\.(?P<pid>\d+)\.tmp")
@@ -12,11 +13,16 @@ _TEMPORARY = re.compile(r"\..+\.(?P<pid>\d+)\.tmp")
 def write_atomically(path: Path, data: bytes) -> None:
     """Create or replace a file: a reader sees the old one or the new one, whole."""
     temporary = temporary_name(path)
-    with temporary.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:  # a full disk, an interrupt: leave nothing behind
+        with suppress(OSError):
+            temporary.unlink()
+        raise
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from gcbench.benchmark.report.gallery import Picture
 from gcbench.benchmark.report.leaderboard import THRESHOLDS, compare, labels_of, ranks, read_board
-from gcbench.benchmark.report.page import page as html
-from gcbench.benchmark.report.page import page_data
+from gcbench.benchmark.report.page import TEMPLATE, page_data
 from gcbench.benchmark.report.tables import paper_tables
 from gcbench.benchmark.results.rows import Row
+from gcbench.renderer.show import render_page
 
 from ...renderer.show.test_show_browser import HOSTILE, luminance, until
 from ...renderer.show.test_show_browser import (
@@ -52,7 +52,7 @@ def file(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     data = page_data(board, compare(board.lines), paper_tables(board.lines), pictures)
     path = tmp_path_factory.mktemp("page") / "index.html"
-    path.write_text(html(data))
+    path.write_text(render_page(TEMPLATE, data))
     return path
 
 
@@ -355,7 +355,7 @@ def test_the_page_of_one_row_and_one_sequence(browser: Any, tmp_path: Path) -> N
     write_results(tmp_path, row, None, sequences=1, joints=("one",), frames=2)
     board = read_board([tmp_path])
     path = tmp_path / "index.html"
-    path.write_text(html(page_data(board, {}, paper_tables(board.lines), [])))
+    path.write_text(render_page(TEMPLATE, page_data(board, {}, paper_tables(board.lines), [])))
     for tab in opened(browser, path, 1280):
         assert column(tab, "#") == ["1"]
         assert not tab.locator("#compare").is_visible()

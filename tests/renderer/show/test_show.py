@@ -19,7 +19,7 @@ from gcbench.renderer.dataset.provenance import describe, write_provenance
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.show import colors as pictures
-from gcbench.renderer.show import page
+from gcbench.renderer.show import page, render_page
 from gcbench.renderer.show import video as film
 from gcbench.renderer.show.command import show
 from gcbench.renderer.show.descriptions import joint_table, sections
@@ -178,6 +178,10 @@ def read_data(html: str) -> dict:
     return json.loads(found[1])
 
 
+def page_of(sequence: Sequence) -> str:
+    return render_page(page.TEMPLATE, page.page_data(sequence))
+
+
 def decoded(uri: str) -> np.ndarray:
     import base64
 
@@ -186,7 +190,7 @@ def decoded(uri: str) -> np.ndarray:
 
 
 def test_page_holds_the_values_of_every_pixel(sequence: Sequence) -> None:
-    data = read_data(page.page(sequence))
+    data = read_data(page_of(sequence))
     assert data["grid"] == [160, 120]
     for t in range(len(sequence)):
         planes = decoded(data["values"][t]).reshape(13, 120, 160).astype(int)
@@ -206,7 +210,7 @@ def test_page_holds_the_values_of_every_pixel(sequence: Sequence) -> None:
 
 
 def test_page_pictures_are_the_frames(sequence: Sequence) -> None:
-    data = read_data(page.page(sequence))
+    data = read_data(page_of(sequence))
     for t in range(len(sequence)):
         part = decoded(data["images"]["part"][t])[..., ::-1]
         assert np.array_equal(part, pictures.part_image(sequence.part[t], 5))
@@ -220,7 +224,7 @@ def test_hostile_names_stay_data(sequence: Sequence) -> None:
     bad = "</script><script>alert(1)</script><!-- & \u2028 \ud800"
     meta = dataclasses.replace(sequence.meta, name=bad, asset={bad: bad, "x": [float("nan")]},
                                part_names=(bad, *sequence.meta.part_names[1:]))
-    html = page.page(dataclasses.replace(sequence, meta=meta))
+    html = page_of(dataclasses.replace(sequence, meta=meta))
     html.encode()
     assert html.count("</script>") == 2
     assert "alert(1)</" not in html
@@ -261,7 +265,7 @@ def test_one_frame_without_surface_or_joint(sequence: Sequence) -> None:
         joint_parent_part=none, joint_child_part=none, part_pixels=s.part_pixels[:1] * 0)
     lone = Sequence(meta, state, sequence.rgb[:1], [np.zeros((120, 160), np.float32)],
                     [np.zeros((120, 160), np.uint16)], [], [], [])
-    data = read_data(page.page(lone))
+    data = read_data(page_of(lone))
     assert data["depth"]["near"] < data["depth"]["far"]
     assert data["images"]["flow"] == [None]
     assert next(film.film(lone)).ndim == 3
