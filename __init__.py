@@ -1,6 +1,12 @@
 """gcbench: synthetic videos of articulated objects with exact ground truth, and their benchmark.
 
-Conventions, everywhere (docs and files included):
+    import gcbench as gb
+
+    gb.render_dataset(gb.RenderConfig(robot="ur5", seed=7), n=20, out="data/ur5")
+    for sequence in gb.open_dataset("data/ur5"):
+        ...
+
+Conventions (docs and files included):
 
 * Metres, radians, seconds.
 * `a_from_b` is a 4x4 matrix that takes points of frame b to frame a.
@@ -10,26 +16,78 @@ Conventions, everywhere (docs and files included):
 * Flow is `(du, dv)` in pixels, `x_other - x_this`, sampled at `x_this`; unknown is NaN.
 * Parts are numbered from 1 in `part_names` order; 0 is background.
 
-This module imports nothing but the errors, so that `import gcbench` and `gcbench --help` are
-immediate.
+The public names below are imported on first use (PEP 562), so that `import gcbench` is immediate.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .errors import GcbenchError
+from .errors import (
+    ConfigError,
+    DatasetError,
+    GcbenchError,
+    MethodError,
+    ModelError,
+    RenderError,
+)
 
 if TYPE_CHECKING:
-    from .renderer.dataset import open_dataset as open_dataset
+    from .benchmark.report import report
+    from .benchmark.run import EvalConfig, evaluate
+    from .gcpose.method import GCPose
+    from .renderer.dataset import Dataset, open_dataset
+    from .renderer.doctor import examine as doctor
+    from .renderer.export import export as export_dataset
+    from .renderer.generate import generate as render_dataset
+    from .renderer.scene import RenderConfig
+    from .renderer.show import show
+    from .renderer.types import Camera, Estimate, Frame, Method, Observation, Sequence
+    from .renderer.verify import verify_dataset
+    from .robots.catalog import fetch_robot, list_robots
+    from .robots.model import ArticulatedModel
+    from .robots.motion import JointTrajectory
 
 __version__ = "0.1.0"
-__all__ = ["GcbenchError", "open_dataset"]
+__all__ = [
+    "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
+    "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "Method", "MethodError",
+    "ModelError", "Observation", "RenderConfig", "RenderError", "Sequence", "doctor", "evaluate",
+    "export_dataset", "fetch_robot", "list_robots", "open_dataset", "render_dataset", "report",
+    "show", "verify_dataset",
+]
+
+_HOMES = {
+    "robots.catalog": "fetch_robot list_robots",
+    "robots.model": "ArticulatedModel",
+    "robots.motion": "JointTrajectory",
+    "renderer.types": "Camera Estimate Frame Method Observation Sequence",
+    "renderer.scene": "RenderConfig",
+    "renderer.dataset": "Dataset open_dataset",
+    "renderer.generate": "render_dataset=generate",
+    "renderer.verify": "verify_dataset",
+    "renderer.show": "show",
+    "renderer.export": "export_dataset=export",
+    "renderer.doctor": "doctor=examine",
+    "gcpose.method": "GCPose",
+    "benchmark.run": "EvalConfig evaluate",
+    "benchmark.report": "report",
+}
+"""Where each lazy public name is defined."""
 
 
 def __getattr__(name: str) -> Any:
-    if name == "open_dataset":
-        from .renderer.dataset import open_dataset
+    from importlib import import_module
 
-        return open_dataset
+    for home, names in _HOMES.items():
+        for entry in names.split():
+            public, _, inside = entry.partition("=")
+            if name == public:
+                value = getattr(import_module(f".{home}", __name__), inside or name)
+                globals()[name] = value
+                return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

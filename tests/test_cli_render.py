@@ -32,7 +32,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[RenderConfig, int, Path
         calls.append((config, n, out, workers))
         return Summary()
 
-    monkeypatch.setattr("gcbench.renderer.generate.generate", generate)
+    monkeypatch.setattr("gcbench.render_dataset", generate, raising=False)
     return calls
 
 

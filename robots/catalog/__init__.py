@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .entries import load
+from .listing import RobotInfo, fetch_robot, list_robots
 from .names import is_category
 
-__all__ = ["is_category", "load"]
+__all__ = ["RobotInfo", "fetch_robot", "is_category", "list_robots", "load"]

@@ -1,0 +1,60 @@
+"""The options of `gcbench render`."""
+
+# No `annotations` from the future here: tyro evaluates those of the local class.
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from ..runtime import command_line
+from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolved
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What `gcbench render` hands to `render_dataset`."""
+
+    config: RenderConfig
+    n: int
+    out: Path
+    workers: int | None
+
+
+def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
+    """Parse the options of `gcbench render`; `doc` is the text above them in the help.
+
+    Raises ConfigError for wrong options, SystemExit after printing the help.
+    """
+    import tyro
+
+    quiet = tyro.conf.arg(help_behavior_hint="")
+    ranges = RandomizationConfig()
+
+    @dataclass(frozen=True)
+    class Render(RenderConfig):
+        n: int = 10
+        """Number of sequences in the dataset."""
+        out: Annotated[Path | None, quiet] = None
+        """Folder of the dataset. Default: data/ROBOT."""
+        workers: Annotated[int | None, quiet] = None
+        """Processes that render. Default: the number of cores, which is the fastest."""
+        randomize: Literal["full", "none"] = "full"
+        """none: a plain studio, in which only the motion (and the object of a kind) is random."""
+        config: Annotated[Path | None, quiet] = None
+        """TOML or JSON file of options (any but --n, --out, --workers and --randomize, with _ for
+        -), with tables such as `[randomization.camera]`, or a dataset.json. Options on the command
+        line override the file."""
+        randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
+
+    base = RenderConfig()
+    if command_line.option_value(args, "--randomize") == "none":
+        base = replace(base, randomization=STUDIO)
+    if file := command_line.option_value(args, "--config"):
+        base = read_config(Path(file), base)
+    names = [f.name for f in fields(RenderConfig)]
+    default = Render(**{name: getattr(base, name) for name in names})
+    options: Any = command_line.parse_options(args, "render", Render, doc, default)
+    config = resolved(RenderConfig(**{name: getattr(options, name) for name in names}))
+    out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
+    return RenderOptions(config, options.n, out, options.workers)

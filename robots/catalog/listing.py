@@ -1,0 +1,72 @@
+"""The list of robots and objects that gcbench knows by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import ModelError
+from . import entries, names
+
+
+@dataclass(frozen=True)
+class RobotInfo:
+    """One line of `gcbench robots`."""
+
+    name: str
+    """What `load_robot` and `--robot` take."""
+    robot: str
+    """Maker and model."""
+    joints: str
+    """Number of independent joints."""
+    scored: str
+    """Number of joints that are scored, or which."""
+    licence: str
+    """SPDX expression of the model's files."""
+    fetched: str
+    """"yes" if it loads without network."""
+    source: str
+    """Requirement of the wheel that holds the meshes, or "generated"."""
+
+
+def list_robots() -> list[RobotInfo]:
+    """List the robots and objects that `load_robot` knows by name.
+
+    Example:
+        >>> [robot.name for robot in list_robots()][:2]
+        ['ur5', 'ur5-textured']
+    """
+    from ..appliances import generator
+
+    out: list[RobotInfo] = []
+    for entry in entries.CATALOG:
+        generated = isinstance(entry, entries.Generated)
+        out.append(RobotInfo(
+            entry.name, f"{entry.maker} {entry.title}", str(entry.joints), str(len(entry.scored)),
+            entry.licence, "yes" if entries.is_fetched(entry) else "no",
+            "generated" if generated else entry.files.requirement))
+    for name in generator.GENERATED:
+        scored = "drawer" if name == "drawer" else "door"
+        out.append(RobotInfo(name, f"any {name}, or {name}:17", "1+", scored, generator.LICENCE,
+                             "yes", "generated"))
+    out.append(RobotInfo("partnet:7310", "an object of your PartNet-Mobility folder", "", "",
+                         "research", "no", "yours"))
+    return out
+
+
+def fetch_robot(name: str) -> Path | None:
+    """Download the files of a robot, once, with a pinned hash.
+
+    Args:
+        name: A robot of `list_robots`.
+
+    Returns:
+        The folder of its files in the cache (`GCBENCH_CACHE`); None if the robot is generated.
+
+    Raises:
+        ModelError: There is no robot of that name, it is an object, or the download fails.
+    """
+    if names.is_object(name):
+        raise ModelError(f"{name}: an object has nothing to fetch; name robots")
+    entry = entries.find(name)
+    return None if isinstance(entry, entries.Generated) else entries.fetch(entry)
