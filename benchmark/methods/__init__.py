@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
-from .registry import Declaration, declare, load, locate, plan_rows, split, with_options
+from .registry import Declaration, declare, identify, load, locate, plan_rows, split, with_options
 
-__all__ = ["Declaration", "declare", "load", "locate", "plan_rows", "split", "with_options"]
+__all__ = [
+    "Declaration", "declare", "identify", "load", "locate", "plan_rows", "split", "with_options",
+]

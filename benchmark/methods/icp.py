@@ -19,7 +19,7 @@ from ...errors import GcbenchError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array, apply, inverse, rotation_about, transform
 from ...robots.motion import chain_angles, chain_rotations, logarithm
-from .registry import load, locate
+from .registry import load
 
 MAX_DEPTH_CHANGE = 0.10
 """m between two frames; a pair with more is no correspondence."""
@@ -56,7 +56,7 @@ class Icp:
             raise GcbenchError(f"{self.name} needs RGB, depth and the directions of the axes")
         part = observation.part
         if part is None:
-            part = load(locate(self.segmenter)).estimate(observation).part
+            part = load(self.segmenter).estimate(observation).part
             if part is None:
                 raise GcbenchError(f"{self.segmenter} found no parts")
         joints, k, parent = len(axes), observation.intrinsics, observation.parents

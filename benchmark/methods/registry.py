@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any, cast
 from urllib.parse import parse_qsl, urlencode
 
-from ...errors import ConfigError, GcbenchError
+from ...errors import ConfigError, MethodError
 from ...renderer.runtime import dump_json
 from ...renderer.types import Inputs, Knowledge, Method
 from ..protocol import ORACLES, allowed
@@ -33,6 +33,18 @@ METHODS = {
     "hold-still": "gcbench.benchmark.methods.baselines:HoldStill",
     "constant-velocity": "gcbench.benchmark.methods.baselines:ConstantVelocity",
 }
+_FORMER_SOURCES = {
+    "gcbench.gcpose.published:FlowOnly": "gcpose-flow",
+    "gcbench.gcpose.published:Epipolar": "gcpose-epipolar",
+    "gcbench.gcpose.published:WithDepth": "gcpose-depth",
+    "gcbench.benchmark.icp:Icp": "icp",
+    "gcbench.benchmark.icp:IcpFirst": "icp-first",
+    "gcbench.benchmark.baselines:HoldStill": "hold-still",
+    "gcbench.benchmark.baselines:ConstantVelocity": "constant-velocity",
+}
+"""Names of methods by the module:attribute where they stood in earlier versions. Results folders
+of these versions store them; do not remove an entry."""
+_SOURCE = re.compile(r"[\w./~-]+:[A-Za-z_][\w.]*")
 _HOW = """\
 A method is a class, without arguments, of: name (str), version (str), training (str), inputs
 (a tuple of {inputs}), knowledge (a tuple of {knowledge}) and
@@ -62,57 +74,79 @@ def available() -> dict[str, str]:
 
 
 def split(name: str) -> tuple[str, tuple[str, ...]]:
-    """ "icp@true-parts" as a method and its oracles. Raises GcbenchError for an unknown oracle."""
+    """ "icp@true-parts" as a method and its oracles. Raises MethodError for an unknown oracle."""
     method, at, flags = name.partition("@")
     oracles = tuple(dict.fromkeys(flags.split("+"))) if at else ()
     if unknown := [o for o in oracles if o not in ORACLES]:
-        raise GcbenchError(f"{name!r}: no oracle {unknown[0]!r}; there are {', '.join(ORACLES)}")
+        raise MethodError(f"{name!r}: no oracle {unknown[0]!r}; there are {', '.join(ORACLES)}")
     return method, oracles
 
 
-def locate(name: str) -> str:
-    """module:attribute, or FILE.py:attribute, of a method.
+def identify(name: str) -> str:
+    """Return the identity of a method, which `run.json` stores: stable when its module moves.
 
-    Raises GcbenchError that lists what exists for a name that is neither known nor of that form.
+    Args:
+        name: A registered name, module:attribute or FILE.py:attribute, with or without options
+            (see `with_options`).
+
+    Returns:
+        The registered name, also for the module:attribute where a registered method stands or
+        stood in an earlier version. A method that is not registered has no other identity than
+        its source, which is returned unchanged. Options are kept.
     """
-    table = available()
+    source, mark, options = name.partition("?")
+    names = _FORMER_SOURCES | {path: key for key, path in available().items()}
+    return names.get(source, source) + mark + options
+
+
+def locate(name: str) -> str:
+    """Return the module:attribute or FILE.py:attribute of a method.
+
+    Raises:
+        MethodError: If `name` is neither registered nor of that form; lists the registered names.
+    """
+    table, name = available(), identify(name)
     if name in table:
         return table[name]
-    if re.fullmatch(r"[\w./~-]+:[A-Za-z_][\w.]*", name):
+    if _SOURCE.fullmatch(name):
         return name
-    raise GcbenchError(
+    raise MethodError(
         f"no method {name!r}; there are {', '.join(table)}, and any module:attribute or "
         "FILE.py:attribute"
     )
 
 
 def with_options(source: str, options: dict[str, str]) -> str:
-    """module:attribute of a method that is made with options: `module:attribute?flow=raft`."""
+    """Add constructor options to the name or source of a method: `gcpose?flow=raft`."""
     return f"{source}?{urlencode(options)}" if options else source
 
 
 def load(source: str) -> Method:
-    """The method at a module:attribute, made, with the options that follow it (see with_options).
+    """Load and construct a method.
 
-    The current folder is searched, too. Raises GcbenchError if it is not there, is no method, or
-    does not take the options.
+    Args:
+        source: A name, module:attribute or FILE.py:attribute, with options (see `with_options`).
+            Modules are also searched in the current folder.
+
+    Raises:
+        MethodError: If the method is missing or invalid, or does not take the options.
     """
-    source, _, query = source.partition("?")
-    options = dict(parse_qsl(query))
+    name, _, query = source.partition("?")
+    source, options = locate(name), dict(parse_qsl(query))
     where, _, attribute = source.rpartition(":")
     module = _file(Path(where)) if where.endswith(".py") else _module(where, source)
     found: Any = module
     for part in attribute.split("."):
         if not hasattr(found, part):
             names = [n for n in vars(module) if not n.startswith("_")]
-            raise GcbenchError(f"{source}: no {part!r} there; there are {', '.join(names)}")
+            raise MethodError(f"{source}: no {part!r} there; there are {', '.join(names)}")
         found = getattr(found, part)
     if isinstance(found, type) or not hasattr(found, "estimate"):
         if not callable(found):
-            raise GcbenchError(f"{source}: not a method. {HOW}")
+            raise MethodError(f"{source}: not a method. {HOW}")
         found = _made(cast("Callable[..., Any]", found), options, source)
     elif options:
-        raise GcbenchError(f"{source} takes no --{', --'.join(options)}: it is made already")
+        raise MethodError(f"{source} takes no --{', --'.join(options)}: it is made already")
     declare(found, source)
     return found
 
@@ -127,7 +161,7 @@ def _made(method: Callable[..., Any], options: dict[str, str], source: str) -> A
         changes = parse_changes(made.pop("set"))
         made["settings"] = accepted["settings"].default.override(changes)
     if unknown := [name for name in made if name not in accepted]:
-        raise GcbenchError(f"{source} takes no --{unknown[0]}; leave it out")
+        raise MethodError(f"{source} takes no --{unknown[0]}; leave it out")
     return method(**made)
 
 
@@ -149,19 +183,19 @@ def _settings(method: Any) -> dict[str, Any]:
 
 
 def declare(method: Any, source: str) -> Declaration:
-    """What the method declares. Raises GcbenchError that says what is missing or wrong."""
+    """What the method declares. Raises MethodError that says what is missing or wrong."""
     if not callable(getattr(method, "estimate", None)):
-        raise GcbenchError(f"{source}: no estimate(observation). {HOW}")
+        raise MethodError(f"{source}: no estimate(observation). {HOW}")
     for name in ("name", "version", "training"):
         value = getattr(method, name, None)
         if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f@]{1,200}", value):
-            raise GcbenchError(f"{source}: {name} is {value!r}, expected a line of text. {HOW}")
+            raise MethodError(f"{source}: {name} is {value!r}, expected a line of text. {HOW}")
     for name, known in (("inputs", INPUTS), ("knowledge", KNOWLEDGE)):
         values = getattr(method, name, None)
         if isinstance(values, str) or not isinstance(values, tuple | list) or not values:
-            raise GcbenchError(f"{source}: {name} is {values!r}, expected a tuple of {known}")
+            raise MethodError(f"{source}: {name} is {values!r}, expected a tuple of {known}")
         if wrong := [v for v in cast("list[Any]", values) if v not in known]:
-            raise GcbenchError(f"{source}: {name} has {wrong[0]!r}; there are {', '.join(known)}")
+            raise MethodError(f"{source}: {name} has {wrong[0]!r}; there are {', '.join(known)}")
     return Declaration(
         method.name, method.version, method.training, tuple(method.inputs),
         tuple(method.knowledge), str(getattr(method, "hint", "")),
@@ -177,7 +211,7 @@ def plan_rows(
 ) -> list[Row]:
     """The rows to evaluate: every track and knowledge that is supported, or those asked for.
 
-    Raises GcbenchError if one that is asked for is not supported.
+    Raises MethodError if one that is asked for is not supported.
     """
     for asked, supported, what in (
         (inputs, declared.inputs, "inputs"),
@@ -185,7 +219,7 @@ def plan_rows(
     ):
         if missing := [value for value in asked if value not in supported]:
             hint = f"; {declared.hint}" if declared.hint and what == "inputs" else ""
-            raise GcbenchError(
+            raise MethodError(
                 f"{declared.name} does not support {what} {missing[0]}; "
                 f"it supports {', '.join(supported)}{hint}"
             )
@@ -196,9 +230,9 @@ def plan_rows(
         if allowed(i, k)
     ]
     if not rows:
-        raise GcbenchError(f"{declared.name}: inputs and knowledge do not go together")
+        raise MethodError(f"{declared.name}: inputs and knowledge do not go together")
     if oracles and all(row.inputs == "none" for row in rows):
-        raise GcbenchError(f"{declared.name} sees no images, so that an oracle is nothing to it")
+        raise MethodError(f"{declared.name} sees no images, so that an oracle is nothing to it")
     return rows
 
 
@@ -210,8 +244,8 @@ def _module(name: str, source: str) -> ModuleType:
         return import_module(name)
     except ModuleNotFoundError as error:
         if error.name and (name == error.name or name.startswith(error.name + ".")):
-            raise GcbenchError(f"{source}: no module {error.name!r}") from error
-        raise GcbenchError(
+            raise MethodError(f"{source}: no module {error.name!r}") from error
+        raise MethodError(
             f"{source}: needs the package {error.name!r}, which is missing"
         ) from error
 
@@ -219,10 +253,10 @@ def _module(name: str, source: str) -> ModuleType:
 def _file(path: Path) -> ModuleType:
     path = path.expanduser()
     if not path.is_file():
-        raise GcbenchError(f"{path}: no such file")
+        raise MethodError(f"{path}: no such file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise GcbenchError(f"{path}: not a Python file")
+        raise MethodError(f"{path}: not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)  # dataclasses look there
     sys.path.append(str(path.resolve().parent))

@@ -119,7 +119,8 @@ class Run:
 
     row: Row
     source: str
-    """module:attribute of the method, or "predictions"."""
+    """The method's identity with its options, "icp" or "gcpose?flow=raft" (module:attribute if it
+    is not registered, and for all methods in earlier versions), or "predictions"."""
     dataset: str
     """As in `Result`."""
     data: str

@@ -23,7 +23,7 @@ from ...renderer.runtime import Bar, dump_json, uninterrupted
 from ...renderer.scene import differences
 from ...renderer.types import Inputs, Knowledge
 from ...robots.files import remove_leftovers, write_atomically
-from ..methods import locate, plan_rows, split, with_options
+from ..methods import identify, locate, plan_rows, split, with_options
 from ..protocol import score_sequence, shape_of
 from ..results import (
     ESTIMATES,
@@ -115,7 +115,9 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Outcome:
     _check(config)
     options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
                                  ("set", " ".join(config.set))) if v}
-    named = [(with_options(locate(method), options), oracles)
+    for name, _ in map(split, config.method):
+        locate(name)  # an unknown name is an error before a process starts
+    named = [(with_options(identify(method), options), oracles)
              for method, oracles in map(split, config.method)]
     declared = {source: ask(source) for source in dict.fromkeys(source for source, _ in named)}
     rows = [
@@ -226,10 +228,10 @@ def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any],
 def _identity(run: Run) -> dict[str, Any]:
     """What must be equal for estimates to stand in one row."""
     row = run.row
-    return json.loads(dump_json({
-        "version": row.version, "training": row.training, "source": run.source,
-        "config": run.config,
-    }))  # fmt: skip
+    tree = {
+        "version": row.version, "training": row.training, "source": identify(run.source),
+    }  # fmt: skip
+    return json.loads(dump_json({**tree, "config": run.config}))
 
 
 def _is_done(folder: RunFolder, data: Data, sequence: str, retry: Sequence[Status]) -> bool:
