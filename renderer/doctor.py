@@ -71,20 +71,13 @@ def _devices() -> Iterator[str]:
 
 def _draw() -> str:
     """Draw a triangle with the real passes, check its depth, and time a frame."""
-    from ..robots.model import ArticulatedModel, Material, Visual
+    from ..robots.model import ArticulatedModel, Link, TriangleSurface
     from .gl import NoRendererError, Rasterizer
     from .types import Camera, intrinsics_from_fov
 
     points = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 2, 2]])
-    visual = Visual(0, points, np.array([[0, 1, 2]], np.int32), np.tile([0.0, 0, -1], (3, 1)), None,
-                    Material())
-    none, one = np.zeros(0, np.int64), np.array([0])
-    model = ArticulatedModel(
-        name="triangle", part_names=("triangle",), parent=np.array([-1]),
-        parent_from_part_at_zero=np.eye(4)[None], motion=one, screw=np.zeros((1, 6)),
-        joint=np.array([-1]), multiplier=np.ones(1), offset=np.zeros(1), joint_names=(),
-        joint_types=(), joint_child=none, limits=np.zeros((0, 2)), visuals=(visual,),
-    )
+    triangle = TriangleSurface(points, np.array([[0, 1, 2]]), np.tile([0.0, 0, -1], (3, 1)))
+    model = ArticulatedModel.from_links("triangle", [Link("triangle", surfaces=(triangle,))])
     camera = Camera(640, 480, intrinsics_from_fov(640, 480, 1.0), np.eye(4))
     started = time.perf_counter()
     rasterizer = Rasterizer(640, 480)

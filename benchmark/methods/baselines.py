@@ -10,7 +10,7 @@ import numpy as np
 from ...renderer.scene import RenderConfig, Streams
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
-from ...robots.model import PRISMATIC, REVOLUTE, ArticulatedModel
+from ...robots.model import ArticulatedModel, Joint, JointType, Link
 from ...robots.motion import sample_trajectory
 
 TRAINING = RenderConfig(stream="train")
@@ -83,20 +83,7 @@ def mean_motion(frames: int, prismatic: bool) -> Array:
 
 
 def _one_joint(prismatic: bool) -> ArticulatedModel:
-    limits = [[0.0, _SLIDE]] if prismatic else [[-np.pi, np.pi]]
-    return ArticulatedModel(
-        name="joint",
-        part_names=("base", "part"),
-        parent=np.array([-1, 0]),
-        parent_from_part_at_zero=np.stack([np.eye(4)] * 2),
-        motion=np.array([0, PRISMATIC if prismatic else REVOLUTE]),
-        screw=np.array([[0.0] * 6, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]),
-        joint=np.array([-1, 0]),
-        multiplier=np.array([0.0, 1.0]),
-        offset=np.zeros(2),
-        joint_names=("joint",),
-        joint_child=np.array([1]),
-        joint_types=("prismatic" if prismatic else "revolute",),
-        limits=np.array(limits),
-        visuals=(),
-    )
+    joint_type = JointType.PRISMATIC if prismatic else JointType.REVOLUTE
+    limits = (0.0, _SLIDE) if prismatic else (-np.pi, np.pi)
+    joint = Joint("joint", joint_type, limits=limits)
+    return ArticulatedModel.from_links("joint", [Link("base"), Link("part", "base", joint=joint)])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import GcbenchError
 from ...robots.geometry import Array, apply
-from ...robots.model import FIXED, Animation, ArticulatedModel, forward_kinematics
+from ...robots.model import Animation, ArticulatedModel, JointType, forward_kinematics
 from ...robots.motion import CollisionChecker, JointTrajectory, drawn_in, sample_trajectory
 from .config import RenderConfig
 from .posed_model import PosedModel, posed_by_parts
@@ -56,8 +56,8 @@ def animated(model: ArticulatedModel) -> ArticulatedModel:
     """The model without joints: what moves it is an animation, and nobody can be asked for them."""
     parts = len(model.parent)
     return replace(
-        model, joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
-        limits=np.zeros((0, 2)), joint=np.full(parts, -1), motion=np.full(parts, FIXED),
+        model, joint_names=(), joint_child=np.zeros(0, np.int64), limits=np.zeros((0, 2)),
+        joint=np.full(parts, -1), part_joint_types=(JointType.FIXED,) * parts,
     )
 
 

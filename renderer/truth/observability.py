@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, pinhole, prismatic_motion, revolute_motion
-from ...robots.model import PRISMATIC, ArticulatedModel
+from ...robots.model import ArticulatedModel
 from ..types import Camera
 
 MIN_ANGLE, MIN_DISTANCE = np.radians(10.0), 0.03
@@ -51,7 +51,7 @@ def subtrees(model: ArticulatedModel, joints: NDArray[np.int64]) -> NDArray[np.b
     """[joints P] the parts that each of the given joints moves (mimicking parts included)."""
     out = np.zeros((len(joints), len(model.parent)), bool)
     for k, joint in enumerate(joints):
-        for part in np.flatnonzero((model.joint == joint) & (model.motion != 0)):
+        for part in np.flatnonzero(model.joint == joint):
             out[k] |= model.subtree(int(part))
     return out
 
@@ -85,4 +85,4 @@ def own_motion(
 
 def is_prismatic(model: ArticulatedModel, joint: int) -> bool:
     """Whether an independent joint shifts rather than turns."""
-    return bool(model.motion[model.joint_child[joint]] == PRISMATIC)
+    return bool(model.prismatic[model.joint_child[joint]])

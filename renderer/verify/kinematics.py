@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...robots.geometry import Array
-from ...robots.model import FIXED, PRISMATIC, ArticulatedModel
+from ...robots.model import ArticulatedModel
 from ..dataset import state_shapes
 from ..scene import animation_times
 from ..types import Sequence, State
@@ -181,10 +181,10 @@ def poses_from_model(model: ArticulatedModel, joint_names: ArrayLike, positions:
     poses: list[Array] = []
     for p, parent in enumerate(model.parent):
         pose = np.broadcast_to(model.parent_from_part_at_zero[p], (len(positions), 4, 4))
-        if model.motion[p] != FIXED:
+        if model.joint[p] >= 0:
             i = column.get(model.joint_names[model.joint[p]])
             q = positions[:, i] if i is not None else np.zeros(len(positions))
-            twist = _twist(model.screw[p], model.motion[p] == PRISMATIC)
+            twist = _twist(model.screw[p], bool(model.prismatic[p]))
             pose = pose @ _exp(twist * (model.multiplier[p] * q + model.offset[p])[:, None, None])
         poses.append(pose if parent < 0 else poses[parent] @ pose)
     return dict(zip(model.part_names, poses, strict=True))

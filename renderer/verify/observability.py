@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.model import FIXED, ArticulatedModel
+from ...robots.model import ArticulatedModel
 from ..types import Sequence
 from .checks import Check, check
 
@@ -69,8 +69,7 @@ def _moved(model: ArticulatedModel, joint: str) -> NDArray[np.bool_]:
     number = model.joint_names.index(joint)
     moved = np.zeros(len(model.parent), bool)
     for p, parent in enumerate(model.parent):
-        moved[p] = (parent >= 0 and moved[parent]) or (
-            model.motion[p] != FIXED and model.joint[p] == number)
+        moved[p] = (parent >= 0 and moved[parent]) or model.joint[p] == number
     return moved
 
 

@@ -12,7 +12,7 @@ closed at 0 and 45 mm apart at its limit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,15 +20,15 @@ import numpy as np
 from ..geometry import transform
 from ..meshes import bar, block, circle, hull, plate, rod, rounded
 from ..model import (
-    FIXED,
-    REVOLUTE,
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
     Material,
+    Mimic,
     TriangleSurface,
-    Visual,
     base_color,
     moved,
-    visuals_of_part,
 )
 
 SHOULDER, UPPER_ARM, FOREARM, HAND = 67.66, 89.68, 113.58, 75.0
@@ -64,45 +64,13 @@ WIRES = [_plastic(f"{name} wire", srgb, 0.5) for name, srgb in (
 Solids = list[tuple[Material, TriangleSurface]]
 
 
-@dataclass(frozen=True)
-class _Part:
-    name: str
-    parent: str
-    origin: tuple[float, float, float]
-    """mm, in the parent."""
-    axis: tuple[float, float, float]
-    """Zeros: fixed."""
-    joint: str
-    gear: float
-    solids: Solids
-
-
 def owi535() -> ArticulatedModel:
     """The arm: joints rotation, base, elbow, wrist and gripper, all rad, and 17 keypoints."""
-    parts = _parts()
-    names = [part.name for part in parts]
-    joints = (*LIMITS, "gripper")
-    limits = np.array([*np.radians(list(LIMITS.values())), (0.0, GRIPPER)])
-    visuals: list[Visual] = []
-    for p, part in enumerate(parts):
-        visuals += visuals_of_part(p, [
-            TriangleSurface(s.vertices * _M, s.faces, s.normals, material=m)
-            for m, s in part.solids])
-    keypoints = _keypoints()
-    return ArticulatedModel(
-        name="owi535", part_names=tuple(names),
-        parent=np.array([names.index(p.parent) if p.parent else -1 for p in parts], np.int64),
-        parent_from_part_at_zero=transform(None, np.array([p.origin for p in parts]) * _M),
-        motion=np.array([REVOLUTE if p.joint else FIXED for p in parts], np.int64),
-        screw=np.array([(*p.axis, 0.0, 0.0, 0.0) for p in parts]),
-        joint=np.array([joints.index(p.joint) if p.joint else -1 for p in parts], np.int64),
-        multiplier=np.array([p.gear for p in parts]), offset=np.zeros(len(parts)),
-        joint_names=joints,
-        joint_child=np.array([[p.joint for p in parts].index(j) for j in joints], np.int64),
-        joint_types=("revolute",) * len(joints), limits=limits, visuals=tuple(visuals),
-        keypoint_names=tuple(name for name, _, _ in keypoints),
-        keypoint_part=np.array([names.index(part) for _, part, _ in keypoints], np.int64),
-        keypoint=np.array([point for _, _, point in keypoints]) * _M)
+    model = ArticulatedModel.from_links("owi535", _links())
+    names, parts, points = zip(*_keypoints(), strict=True)
+    return replace(model, keypoint_names=names,
+                   keypoint_part=np.array([model.part_names.index(p) for p in parts], np.int64),
+                   keypoint=np.array(points) * _M)
 
 
 def _keypoints() -> list[tuple[str, str, tuple[float, float, float]]]:
@@ -129,27 +97,46 @@ def _keypoints() -> list[tuple[str, str, tuple[float, float, float]]]:
     ]
 
 
-def _parts() -> list[_Part]:
-    """Parents before children; frames are aligned with the base's at joint value zero."""
-    pitch, up, none = (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
-    parts = [
-        _Part("base", "", none, none, "", 1.0, _base()),
-        _Part("turret", "base", (0.0, 0.0, SHOULDER), up, "rotation", 1.0, _turret()),
-        _Part("upper_arm", "turret", none, pitch, "base", 1.0, _upper_arm()),
-        _Part("forearm", "upper_arm", (0.0, 0.0, UPPER_ARM), pitch, "elbow", 1.0, _forearm()),
-        _Part("hand", "forearm", (FOREARM, 0.0, 0.0), pitch, "wrist", 1.0, _hand()),
+def _links() -> list[Link]:
+    """Frames are aligned with the base's at joint value zero."""
+    pitch, up = (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)
+
+    def revolute(name: str, axis: tuple[float, float, float]) -> Joint:
+        low, high = np.radians(LIMITS[name]).tolist()
+        return Joint(name, JointType.REVOLUTE, axis, limits=(low, high))
+
+    links = [
+        _link("base", None, _base()),
+        _link("turret", "base", _turret(), (0.0, 0.0, SHOULDER), revolute("rotation", up)),
+        _link("upper_arm", "turret", _upper_arm(), joint=revolute("base", pitch)),
+        _link("forearm", "upper_arm", _forearm(), (0.0, 0.0, UPPER_ARM), revolute("elbow", pitch)),
+        _link("hand", "forearm", _hand(), (FOREARM, 0.0, 0.0), revolute("wrist", pitch)),
     ]
+    gripper = Joint("gripper", JointType.REVOLUTE, up, limits=(0.0, GRIPPER))
     reach = _CRANK * np.cos(_CLOSED), _CRANK * np.sin(_CLOSED)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for name, (x, y), layer in zip(("outer", "inner"), _PIVOTS, (8.5, 4.5), strict=True):
-            crank = f"{name}_crank_{side}"
-            parts.append(_Part(crank, "hand", (x, sign * y, 0.0), up, "gripper", sign,
-                               _crank((reach[0], sign * reach[1]), layer)))
+            crank, end = f"{name}_crank_{side}", (reach[0], sign * reach[1])
+            first = crank == "outer_crank_left"
+            links.append(_link(crank, "hand", _crank(end, layer), (x, sign * y, 0.0),
+                               gripper if first else _follower(gripper, crank, sign)))
             if name == "outer":
-                parts.append(_Part(f"finger_{side}", crank, (reach[0], sign * reach[1], 0.0), up,
-                                   "gripper", -sign, _finger(sign)))
-    parts.append(_Part("grasp", "hand", (HAND, 0.0, 0.0), none, "", 1.0, []))
-    return parts
+                finger = f"finger_{side}"
+                links.append(_link(finger, crank, _finger(sign), (*end, 0.0),
+                                   _follower(gripper, finger, -sign)))
+    return [*links, _link("grasp", "hand", [], (HAND, 0.0, 0.0))]
+
+
+def _link(name: str, parent: str | None, solids: Solids,
+          origin: tuple[float, float, float] = (0.0, 0.0, 0.0), joint: Joint | None = None) -> Link:
+    """A link of solids in mm; `origin` is in the parent, mm. Without a joint it is fixed."""
+    surfaces = tuple(TriangleSurface(s.vertices * _M, s.faces, s.normals, material=m)
+                     for m, s in solids)
+    return Link(name, parent, transform(None, np.array(origin) * _M), joint or Joint(), surfaces)
+
+
+def _follower(leader: Joint, name: str, multiplier: float) -> Joint:
+    return replace(leader, name=name, mimic=Mimic(leader.name, multiplier))
 
 
 def _base() -> Solids:

@@ -6,21 +6,21 @@ Plain by default, as robots are; a renderer that draws textures puts them on.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..geometry import Array, rotation_about, transform
 from ..meshes import box, capsule, cylinder, joined, revolved, sphere
 from ..model import (
-    FIXED,
-    PRISMATIC,
-    REVOLUTE,
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
     Material,
     TriangleSurface,
     moved,
-    visuals_of_part,
 )
 
 _LOOSE = 0.25  # share of models that are loose bodies
@@ -37,30 +37,22 @@ def random_object(number: int) -> ArticulatedModel:
     """
     rng = np.random.default_rng([zlib.crc32(b"random objects"), number])
     links = _loose(rng) if rng.random() < _LOOSE else _chain(rng)
-    return _model(f"random:{number}", links)
+    return ArticulatedModel.from_links(f"random:{number}", links, keep_order=True)
 
 
-@dataclass(frozen=True)
-class _Link:
-    """A part on its way into a model."""
-
-    parent: int
-    pose: Array
-    """[4 4] in the parent at rest"""
-    motion: int
-    axis: Array
-    """[3] through the part's origin, in its frame"""
-    limits: tuple[float, float]
-    """rad or m"""
-    shapes: list[TriangleSurface]
+def _append(links: list[Link], parent: int, pose: Array, joint: Joint,
+            surfaces: Sequence[TriangleSurface] = ()) -> None:
+    """Add a link on link `parent`, with its pose [4 4] there; it and its joint get its number."""
+    number = len(links)
+    links.append(Link(f"part{number}", f"part{parent}", pose,
+                      replace(joint, name=f"joint{number}"), tuple(surfaces)))
 
 
-def _chain(rng: np.random.Generator) -> list[_Link]:
+def _chain(rng: np.random.Generator) -> list[Link]:
     palette = _palette(rng)
     radius = rng.uniform(0.03, 0.09)
-    still = np.zeros(3)
     foot = [_painted(_turned_shape(rng, 1.4 * radius, rng.uniform(0.05, 0.3)), palette, rng)]
-    links = [_Link(-1, transform(), FIXED, still, (0.0, 0.0), foot)]
+    links = [Link("part0", surfaces=tuple(foot))]
     ends = [transform(translation=_up(foot[0].vertices[:, 2].max()))]
     for _ in range(int(rng.integers(2, 7))):
         parent = len(links) - 1
@@ -72,8 +64,9 @@ def _chain(rng: np.random.Generator) -> list[_Link]:
         bend = rotation_about(_AXES[rng.integers(3)], rng.uniform(-1.3, 1.3))
         limits = (-rng.uniform(0.05, 0.2), rng.uniform(0.05, 0.2)) if slides else (
             -rng.uniform(0.6, 2.4), rng.uniform(0.6, 2.4))
-        links.append(_Link(parent, ends[parent] @ transform(bend),
-                           PRISMATIC if slides else REVOLUTE, axis, limits, shapes))
+        joint_type = JointType.PRISMATIC if slides else JointType.REVOLUTE
+        _append(links, parent, ends[parent] @ transform(bend),
+                Joint("", joint_type, axis, limits=limits), shapes)
         ends.append(end)
         radius *= rng.uniform(0.7, 1.0)
     return links
@@ -133,17 +126,17 @@ def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> Tri
     ])
 
 
-def _loose(rng: np.random.Generator) -> list[_Link]:
+def _loose(rng: np.random.Generator) -> list[Link]:
     """Bodies near each other; two slides without surface carry the hinge of each."""
-    still = np.zeros(3)
-    links = [_Link(-1, transform(), FIXED, still, (0.0, 0.0), [])]
+    links = [Link("part0")]
     palette = _palette(rng)
     for _ in range(int(rng.integers(1, 5))):
         frame = rotation_about(_direction(rng), rng.uniform(0.0, np.pi))
         pose = transform(frame, rng.uniform(-0.35, 0.35, 3) + _up(0.5))
         reach = rng.uniform(0.05, 0.25)
-        links.append(_Link(0, pose, PRISMATIC, _AXES[0], (-reach, reach), []))
-        links.append(_Link(len(links) - 1, transform(), PRISMATIC, _AXES[1], (-reach, reach), []))
+        for above, place, axis in ((0, pose, _AXES[0]), (len(links), transform(), _AXES[1])):
+            _append(links, above, place,
+                    Joint("", JointType.PRISMATIC, axis, limits=(-reach, reach)))
         size = rng.uniform(0.03, 0.16)
         shapes = [_painted(_beam(rng, size * rng.uniform(0.6, 1.4), size * rng.uniform(1.0, 4.0)),
                            palette, rng)]
@@ -151,8 +144,8 @@ def _loose(rng: np.random.Generator) -> list[_Link]:
             at = transform(rotation_about(_direction(rng), rng.uniform(0.0, np.pi)),
                            size * rng.uniform(-1.0, 1.0, 3))
             shapes.append(_painted(moved(_beam(rng, 0.5 * size, size), at), palette, rng))
-        links.append(_Link(len(links) - 1, transform(), REVOLUTE, _direction(rng), (-1.5, 1.5),
-                           shapes))
+        hinge = Joint("", JointType.REVOLUTE, _direction(rng), limits=(-1.5, 1.5))
+        _append(links, len(links) - 1, transform(), hinge, shapes)
     return links
 
 
@@ -190,26 +183,3 @@ def _direction(rng: np.random.Generator) -> Array:
 def _along(axis: Array) -> Array:
     """Pose that takes z to one of the three axes."""
     return transform(np.roll(np.eye(3), int(np.argmax(axis)) + 1, axis=1))
-
-
-def _model(name: str, links: list[_Link]) -> ArticulatedModel:
-    motion = np.array([link.motion for link in links])
-    child = np.flatnonzero(motion != FIXED)
-    joint = np.full(len(links), -1)
-    joint[child] = np.arange(len(child))
-    return ArticulatedModel(
-        name=name,
-        part_names=tuple(f"part{p}" for p in range(len(links))),
-        parent=np.array([link.parent for link in links]),
-        parent_from_part_at_zero=np.stack([link.pose for link in links]),
-        motion=motion,
-        screw=np.stack([np.concatenate([link.axis, np.zeros(3)]) for link in links]),
-        joint=joint,
-        multiplier=np.ones(len(links)),
-        offset=np.zeros(len(links)),
-        joint_names=tuple(f"joint{p}" for p in child),
-        joint_child=child,
-        joint_types=tuple("prismatic" if motion[p] == PRISMATIC else "revolute" for p in child),
-        limits=np.array([links[p].limits for p in child]).reshape(-1, 2),
-        visuals=tuple(v for p, link in enumerate(links) for v in visuals_of_part(p, link.shapes)),
-    )

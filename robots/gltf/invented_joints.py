@@ -15,12 +15,12 @@ turns about its thinnest side.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..geometry import Array
-from ..model import REVOLUTE, ArticulatedModel, deformed, forward_kinematics
+from ..model import ArticulatedModel, Joint, JointType, deformed, forward_kinematics
 
 LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
 """rad to each side: of a joint, and of one that moves little (a finger, a jaw)."""
@@ -47,13 +47,20 @@ class _Boxes:
         return float(np.linalg.norm(extent)) if (extent >= 0.0).all() else 0.0
 
 
-def with_joints(
+def invent_joints(
     model: ArticulatedModel, bones: Collection[int], animated: Collection[int],
     meshes: Collection[int],
-) -> ArticulatedModel:
-    """The model (without joints) with those that its parts suggest.
+) -> tuple[dict[str, Joint], str]:
+    """Return the joints that the parts of a model without joints suggest, and a note.
 
-    By part: bones of skins, nodes that animations move, nodes that carry meshes.
+    Args:
+        model: The model; it has no joints yet.
+        bones: Parts that are bones of skins.
+        animated: Parts that an animation moves.
+        meshes: Parts that carry a mesh of their own.
+
+    Returns:
+        The joint of each part that moves, by part name; and a note for the model.
     """
     poses = forward_kinematics(model, np.zeros(0))  # nothing moves yet
     boxes = _boxes(model, poses)
@@ -66,27 +73,22 @@ def with_joints(
         chosen = sorted(p for k, p in enumerate(largest[1:1 + _MOST_LOOSE])
                         if k == 0 or boxes.size(p) >= _SEEN * boxes.size(0))
         note = "a glTF file has no joints: its largest meshes but one got one each"
-    parts = {p: _axis(model, poses, boxes, p, frozenset(chosen)) for p in chosen}
+    lines = {p: (_axis(model, poses, boxes, p, frozenset(chosen)), np.zeros(3)) for p in chosen}
     if not chosen and shown:
         top = shown[0]
         middle = (boxes.low[0] + boxes.high[0]) / 2.0
         pose = poses[top]
         axis = pose[:3, :3].T @ np.array([0.0, 0.0, 1.0])
         point = pose[:3, :3].T @ (middle - pose[:3, 3])
-        parts = {top: np.concatenate([axis, np.cross(point, axis)])}
+        lines = {top: (axis, point)}
         note = "a glTF file without parts that move: the whole turns about the vertical"
-    screw, joint, motion = model.screw.copy(), model.joint.copy(), model.motion.copy()
-    limits: list[tuple[float, float]] = []
-    for j, (p, axis) in enumerate(parts.items()):
-        screw[p], joint[p], motion[p] = axis, j, REVOLUTE
+    joints: dict[str, Joint] = {}
+    for p, (axis, point) in lines.items():
         limit = LIMIT if boxes.size(p) >= _SMALL * boxes.size(0) else SMALL_LIMIT
-        limit = limit if chosen else np.pi
-        limits.append((-float(limit), float(limit)))
-    return replace(
-        model, screw=screw, joint=joint, motion=motion,
-        joint_names=tuple(model.part_names[p] for p in parts),
-        joint_child=np.array(list(parts), np.int64), joint_types=("revolute",) * len(parts),
-        limits=np.array(limits).reshape(-1, 2), notes=(*model.notes, note))
+        limit = float(limit if chosen else np.pi)
+        name = model.part_names[p]
+        joints[name] = Joint(name, JointType.REVOLUTE, axis, point, (-limit, limit))
+    return joints, note
 
 
 def _articulated(
@@ -108,7 +110,7 @@ def _articulated(
 def _axis(
     model: ArticulatedModel, poses: Array, boxes: _Boxes, part: int, chosen: Collection[int]
 ) -> Array:
-    """The screw [6] of a part's joint, in its frame; poses are [P 4 4]."""
+    """The axis [3] of a part's joint, in its frame; poses are [P 4 4]."""
     pose = poses[part]
     origin, frame = pose[:3, 3], pose[:3, :3]
     middle = (boxes.low[part] + boxes.high[part]) / 2.0
@@ -128,7 +130,7 @@ def _axis(
         # of two that are perpendicular, the one along which more is seen: the hinge of a door
         square = along < along.min() + 0.1
         axis = int(np.argmax(np.where(square, np.round(extent / extent.max(), 3), -1.0)))
-    return np.concatenate([np.eye(3)[axis], np.zeros(3)])
+    return np.eye(3)[axis]
 
 
 def _boxes(model: ArticulatedModel, poses: Array) -> _Boxes:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -20,11 +21,11 @@ from ...errors import ModelError
 from ..files import read_file
 from ..geometry import Array, inverse
 from ..meshes import quiet
-from ..model import FIXED, ArticulatedModel, Visual, deformed, forward_kinematics
+from ..model import ArticulatedModel, Link, Visual, deformed, forward_kinematics
 from .accessors import Accessors
 from .animation import KeyedAnimation, read_animations
 from .document import Document, read_document
-from .invented_joints import with_joints
+from .invented_joints import invent_joints
 from .materials import Materials
 from .meshes import (
     Meshes,
@@ -106,13 +107,18 @@ class _Reader:
         visuals += self._skinned_visuals(meshes, parts, channels, bones)
         if not visuals:
             raise ModelError("has nothing to draw: its meshes hold no triangles")
-        model = _still_model(name, parts, visuals, animations, weights)
         part = parts.part_of_node
-        model = replace(model, notes=tuple(dict.fromkeys([
-            *self.document.notes, *meshes.notes, *self.materials.notes])))
+        links = _links(parts)
+        complete = partial(replace, visuals=tuple(visuals), animations=animations,
+                           morph_weights=weights)
+        still = complete(ArticulatedModel.from_links(name, links, keep_order=True))
         moving = {p for a in animations for p in _own_motion(a, part)}
-        return with_joints(model, {part[j] for joints in bones.values() for j in joints}, moving,
-                           {part[n] for n in self.plain})
+        bone_parts = {part[j] for joints in bones.values() for j in joints}
+        joints, note = invent_joints(still, bone_parts, moving, {part[n] for n in self.plain})
+        links = [replace(link, joint=joints.get(link.name, link.joint)) for link in links]
+        notes = [*self.document.notes, *meshes.notes, *self.materials.notes, note]
+        return complete(ArticulatedModel.from_links(name, links, keep_order=True),
+                        notes=tuple(dict.fromkeys(notes)))
 
     def _morphs(self, meshes: Meshes) -> tuple[dict[int, slice], Array]:
         """The morph channels of each drawn node, and their weights at rest."""
@@ -194,21 +200,12 @@ def _inverse_binds(accessor: int | None, count: int, accessors: Accessors) -> Ar
     return matrices
 
 
-def _still_model(
-    name: str, parts: Rig, visuals: list[Visual], animations: tuple[KeyedAnimation, ...],
-    weights: Array,
-) -> ArticulatedModel:
-    """The model with every part fixed."""
-    count = len(parts.node)
+def _links(parts: Rig) -> list[Link]:
+    """A link for each part, fixed to its parent."""
     at_zero = parts.world_from_part.copy()
     at_zero[1:] = inverse(parts.world_from_part[parts.parent[1:]]) @ at_zero[1:]
-    return ArticulatedModel(
-        name=name, part_names=parts.names, parent=parts.parent, parent_from_part_at_zero=at_zero,
-        motion=np.full(count, FIXED, np.int64), screw=np.zeros((count, 6)),
-        joint=np.full(count, -1, np.int64), multiplier=np.ones(count), offset=np.zeros(count),
-        joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
-        limits=np.zeros((0, 2)), visuals=tuple(visuals), animations=animations,
-        morph_weights=weights)
+    return [Link(name, parts.names[above] if above >= 0 else None, pose)
+            for name, above, pose in zip(parts.names, parts.parent, at_zero, strict=True)]
 
 
 def _own_motion(animation: KeyedAnimation, part_of_node: dict[int, int]) -> set[int]:

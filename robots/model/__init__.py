@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 from .articulated_model import (
-    FIXED,
-    PRISMATIC,
-    REVOLUTE,
     Animation,
     ArticulatedModel,
-    Maps,
-    Material,
     ModelState,
-    Morph,
-    Skin,
-    Tiling,
-    Visual,
     forward_kinematics,
     joint_screws,
 )
-from .kinematic_tree import parts_in_order, resolve_mimics
+from .links import Joint, JointType, Link, Mimic, list_names
 from .skinning import deformed
 from .surface import TriangleSurface, clean_triangles, moved, surface, visuals_of_part
 from .texture import base_color, decode_texture, mean_color, texture_from_image
+from .visuals import Maps, Material, Morph, Skin, Tiling, Visual
 
 __all__ = [
-    "FIXED",
-    "PRISMATIC",
-    "REVOLUTE",
     "Animation",
     "ArticulatedModel",
+    "Joint",
+    "JointType",
+    "Link",
     "Maps",
     "Material",
+    "Mimic",
     "ModelState",
     "Morph",
     "Skin",
@@ -43,10 +36,9 @@ __all__ = [
     "deformed",
     "forward_kinematics",
     "joint_screws",
+    "list_names",
     "mean_color",
     "moved",
-    "parts_in_order",
-    "resolve_mimics",
     "surface",
     "texture_from_image",
     "visuals_of_part",

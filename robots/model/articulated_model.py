@@ -2,114 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import Array, move_screw, prismatic_motion, revolute_motion
+from ..geometry import Array, move_screw
+from .links import JointType, Link, Mimic, resolve_mimics, sort_links
+from .surface import visuals_of_part
+from .visuals import Visual
 
-FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
-Tiling = Literal["repeat", "mirror", "clamp"]
-
-
-@dataclass(frozen=True)
-class Maps:
-    """Textures of a surface beside its colour (glTF 2.0, section 3.9): [h w 3|4], row 0 on top."""
-
-    metallic_roughness: NDArray[np.uint8] | None = None
-    """Green multiplies the roughness, blue the metallic factor."""
-    normal: NDArray[np.uint8] | None = None
-    """Normal in the frame of the texture (u, v upward, outward), -1..1 as 0..255."""
-    occlusion: NDArray[np.uint8] | None = None
-    """Red multiplies the light that is reflected."""
-    emission: NDArray[np.uint8] | None = None
-    """sRGB; multiplies the material's emission."""
-
-
-@dataclass(frozen=True)
-class Material:
-    """What a surface looks like (metallic-roughness, as glTF 2.0)."""
-
-    name: str = ""
-    base_color: tuple[float, float, float, float] = (0.5, 0.5, 0.5, 1.0)
-    """Linear RGBA in 0..1 (not sRGB); multiplies the texture."""
-    metallic: float = 0.0
-    roughness: float = 0.6
-    texture: NDArray[np.uint8] | None = None
-    """[h w 3|4] sRGB, row 0 is the top of the image (v = 1)."""
-    maps: Maps = Maps()
-    tiling: tuple[Tiling, Tiling] = ("repeat", "repeat")
-    """What the textures do beyond u and v of 0..1."""
-    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Linear RGB that the surface shines by itself."""
-    unlit: bool = False
-    """Whether it shows its base colour, whatever the light."""
-    alpha_cutoff: float | None = None
-    """There is no surface, neither colour nor depth, where alpha (the base colour's, texture's and
-    vertex colour's product) is less."""
-    blend: bool = False
-    """Whether alpha of texture and vertex colours lets what is behind shine through; that of the
-    base colour always does."""
-
-    @property
-    def transparent(self) -> bool:
-        return self.blend or self.base_color[3] < 1.0
-
-
-@dataclass(frozen=True)
-class Skin:
-    """How vertices follow several parts: linear blend skinning (glTF 2.0, section 3.7.3.1)."""
-
-    bone_part: NDArray[np.int64]
-    """[B] index of the part that is each bone."""
-    part_from_mesh: Array
-    """[B 4 4] affine: a vertex as stored to the bone's part frame (inverse bind, scale baked)."""
-    bone: NDArray[np.int64]
-    """[V K] index into the bones."""
-    weight: Array
-    """[V K], rows sum to 1."""
-
-
-@dataclass(frozen=True)
-class Morph:
-    """Displacements of vertices, each scaled by a weight of the model (glTF morph targets)."""
-
-    channel: NDArray[np.int64]
-    """[M] index into the model's morph weights."""
-    displacement: Array
-    """[M V 3] m, in the frame of the stored vertices; added before the skin."""
-    normal_displacement: Array | None
-    """[M V 3]"""
-
-
-@dataclass(frozen=True)
-class Visual:
-    """The triangles of one part that share a material."""
-
-    part: int
-    """Index into the model's parts (0-based): the one that masks show for these triangles. Of a
-    skin, a visual has the triangles that follow one part most."""
-    vertices: Array
-    """[V 3] m, in the part's frame; with a skin, in the mesh's own."""
-    faces: NDArray[np.int32]
-    """[F 3] counter-clockwise from outside."""
-    normals: Array
-    """[V 3] unit."""
-    uv: Array | None
-    """[V 2], (0, 0) at the bottom left as in OpenGL and OBJ; None where the mesh has none."""
-    material: Material
-    skin: Skin | None = None
-    morph: Morph | None = None
-    color: Array | None = None
-    """[V 4] linear RGBA that multiplies the material's base colour."""
-
-    @property
-    def deforms(self) -> bool:
-        """Whether its vertices move otherwise than its part."""
-        return self.skin is not None or self.morph is not None
-
+_FIXED = JointType.FIXED
 
 @dataclass(frozen=True)
 class ModelState:
@@ -154,8 +60,8 @@ class ArticulatedModel:
     """[P] index of the parent part, -1 for the root."""
     parent_from_part_at_zero: Array
     """[P 4 4] pose in the parent at joint value zero (of the part's own joint)."""
-    motion: NDArray[np.int64]
-    """[P] FIXED, REVOLUTE or PRISMATIC."""
+    part_joint_types: tuple[JointType, ...]
+    """[P] type of the part's own joint."""
     screw: Array
     """[P 6] axis of the part's own joint in the part's frame (l, m = p x l); prismatic: (l, 0)."""
     joint: NDArray[np.int64]
@@ -167,8 +73,6 @@ class ArticulatedModel:
     joint_names: tuple[str, ...]
     joint_child: NDArray[np.int64]
     """[J] the part that each independent joint moves against its parent: multiplier 1, offset 0."""
-    joint_types: tuple[str, ...]
-    """[J] "revolute", "continuous" or "prismatic"."""
     limits: Array
     """[J 2] rad or m; -inf, inf where a joint has none."""
     visuals: tuple[Visual, ...]
@@ -188,6 +92,73 @@ class ArticulatedModel:
     notes: tuple[str, ...] = field(default=())
     """What the reader had to decide (frozen joints, missing meshes), one line each."""
 
+    @classmethod
+    def from_links(
+        cls, name: str, links: Sequence[Link], keep_order: bool = False
+    ) -> ArticulatedModel:
+        """Build a model from its links.
+
+        Parts are sorted depth first from the root, siblings in the order of `links`; independent
+        joints stand in the order of `links`. Mimics are resolved through chains; a mimic joint
+        that nothing moves becomes fixed at its offset, which `notes` record.
+
+        Args:
+            name: Name of the model.
+            links: The links in any order, one of them without parent.
+            keep_order: Number the parts as `links` are ordered, parents before children.
+
+        Returns:
+            The model; its visuals are the surfaces of the links, those of equal material joined.
+
+        Raises:
+            ModelError: If the links do not make one tree, if two links or two joints share a name,
+                if a mimic follows no joint or itself, or if an axis is not a unit vector.
+        """
+        parts = sort_links(links, keep_order)
+        index = {link.name: p for p, link in enumerate(parts)}
+        joints = [link.joint for link in parts]
+        free = [link for link in links if link.joint.type is not _FIXED and not link.joint.mimic]
+        number = {link.joint.name: j for j, link in enumerate(free)}
+        mimics = resolve_mimics([link.joint for link in links])
+        drivers = [mimics.get(joint.name, Mimic(joint.name)) for joint in joints]
+        moves = np.array([joint.type is not _FIXED and driver.multiplier != 0.0
+                          and driver.joint in number
+                          for joint, driver in zip(joints, drivers, strict=True)], bool)
+        at_zero = np.array([link.parent_from_link_at_zero for link in parts], np.float64)
+        screw, notes = np.array([joint.screw for joint in joints]), list[str]()
+        for p in np.flatnonzero(~moves):
+            if joints[p].type is not _FIXED:
+                at_zero[p] = at_zero[p] @ joints[p].type.motion(screw[p], drivers[p].offset)
+                notes.append(f"joint {joints[p].name!r} mimics {drivers[p].joint!r}, "
+                             "which does not move it: frozen")
+        return cls(
+            name=name, part_names=tuple(index),
+            parent=np.array([-1 if link.parent is None else index[link.parent] for link in parts],
+                            np.int64),
+            parent_from_part_at_zero=at_zero,
+            part_joint_types=tuple(joint.type if m else _FIXED
+                                   for joint, m in zip(joints, moves, strict=True)),
+            screw=np.where(moves[:, None], screw, 0.0),
+            joint=np.where(moves, [number.get(d.joint, -1) for d in drivers], -1),
+            multiplier=np.where(moves, [d.multiplier for d in drivers], 1.0),
+            offset=np.where(moves, [d.offset for d in drivers], 0.0),
+            joint_names=tuple(number),
+            joint_child=np.array([index[link.name] for link in free], np.int64),
+            limits=np.array([link.joint.limits for link in free], np.float64).reshape(-1, 2),
+            visuals=tuple(v for p, link in enumerate(parts)
+                          for v in visuals_of_part(p, link.surfaces)),
+            notes=tuple(notes))
+
+    @property
+    def joint_types(self) -> tuple[JointType, ...]:
+        """[J] of the independent joints."""
+        return tuple(self.part_joint_types[child] for child in self.joint_child)
+
+    @cached_property
+    def prismatic(self) -> NDArray[np.bool_]:
+        """[P] whether the part's own joint is prismatic."""
+        return np.array([t is JointType.PRISMATIC for t in self.part_joint_types], bool)
+
     def subtree(self, part: int) -> NDArray[np.bool_]:
         """[P] whether each part is `part` or hangs on it."""
         inside = np.zeros(len(self.parent), bool)
@@ -204,10 +175,10 @@ def forward_kinematics(model: ArticulatedModel, positions: ArrayLike) -> Array:
     poses = np.zeros((*q.shape[:-1], n_parts, 4, 4))
     for p in range(n_parts):
         local = np.broadcast_to(model.parent_from_part_at_zero[p], (*q.shape[:-1], 4, 4))
-        if model.motion[p] != FIXED:
+        if model.joint[p] >= 0:
             value = model.multiplier[p] * q[..., model.joint[p]] + model.offset[p]
-            move = revolute_motion if model.motion[p] == REVOLUTE else prismatic_motion
-            local = local @ move(np.broadcast_to(model.screw[p], (*q.shape[:-1], 6)), value)
+            screw = np.broadcast_to(model.screw[p], (*q.shape[:-1], 6))
+            local = local @ model.part_joint_types[p].motion(screw, value)
         parent = model.parent[p]
         poses[..., p, :, :] = local if parent < 0 else poses[..., parent, :, :] @ local
     return poses
@@ -220,4 +191,4 @@ def joint_screws(model: ArticulatedModel, frame_from_part: ArrayLike) -> Array:
     """
     child = model.joint_child
     poses = np.asarray(frame_from_part, np.float64)[..., child, :, :]
-    return move_screw(poses, model.screw[child], model.motion[child] == PRISMATIC)
+    return move_screw(poses, model.screw[child], model.prismatic[child])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry import Array, apply
-from .articulated_model import Visual
+from .visuals import Visual
 
 
 def deformed(

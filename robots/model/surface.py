@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ModelError
 from ..geometry import Array, face_normals, smooth_corners, valid_normals
-from .articulated_model import Material, Visual
+from .visuals import Material, Visual
 
 
 @dataclass(frozen=True)

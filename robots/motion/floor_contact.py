@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Array, apply, inverse
-from ..model import FIXED, ArticulatedModel, forward_kinematics
+from ..model import ArticulatedModel, forward_kinematics
 from .trajectory import joint_window
 
 TOLERANCE = 1e-3
@@ -28,7 +28,7 @@ class RigidGroups:
         self.group = np.arange(len(model.parent))
         """[P] the group of each part."""
         for p, parent in enumerate(model.parent):
-            if parent >= 0 and model.motion[p] == FIXED:
+            if parent >= 0 and model.joint[p] < 0:
                 self.group[p] = self.group[parent]
         self.surfaces: dict[int, tuple[Array, NDArray[np.int32]]] = {}
         """Vertices [V 3] in the frame of the group's first part, and faces [F 3]."""

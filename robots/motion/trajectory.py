@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import GcbenchError
 from ..geometry import Array, apply
-from ..model import FIXED, ArticulatedModel, deformed, forward_kinematics
+from ..model import ArticulatedModel, deformed, forward_kinematics
 
 _SINES = 3  # half-waves in the speed: at most 1.5 cycles in a sequence
 _UNEVENNESS = 1.5  # the speed leaves its mean by up to this share of it; above 1 it may turn back
@@ -126,7 +126,7 @@ def base_outward(model: ArticulatedModel) -> NDArray[np.int64]:
     """[J] all independent joints, those nearest to the base first."""
     depth = np.zeros(len(model.parent), np.int64)
     for p, parent in enumerate(model.parent):
-        depth[p] = (depth[parent] if parent >= 0 else 0) + (model.motion[p] != FIXED)
+        depth[p] = (depth[parent] if parent >= 0 else 0) + bool(model.joint[p] >= 0)
     return np.lexsort((model.joint_child, depth[model.joint_child])).astype(np.int64)
 
 

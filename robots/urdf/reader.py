@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,26 +16,27 @@ import numpy as np
 
 from ...errors import ModelError
 from ..files import asset_finder, read_file
-from ..geometry import Array, apply, prismatic_motion, revolute_motion
+from ..geometry import apply
 from ..meshes import MeshLibrary, quiet
 from ..model import (
-    FIXED,
-    PRISMATIC,
-    REVOLUTE,
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
+    Mimic,
     forward_kinematics,
-    parts_in_order,
-    resolve_mimics,
+    list_names,
 )
 from .document import Document, read_document
 from .visuals import pose_or_identity, visuals_of_document
 
 if TYPE_CHECKING:
-    from yourdfpy.urdf import Joint
+    from yourdfpy.urdf import Joint as UrdfJoint
 
 MAX_URDF_BYTES = 32 * 2**20
-UNLIMITED = 1000.0
-"""rad or m: files that mean "no limit" write numbers beyond this."""
+LARGEST_LIMIT = 1000.0
+"""rad or m; files that mean "no limit" write larger numbers."""
+UNLIMITED = (-np.inf, np.inf)
 SMALLEST, LARGEST = 1e-4, 1e3
 """m: a model whose bounding box is outside was written in another unit."""
 
@@ -62,7 +63,8 @@ def load_urdf(
     try:
         with quiet():
             document = read_document(data, path.stem, allow_missing)
-            model = _kinematics(document, path.stem)
+            name = str(document.robot.name or path.stem)
+            model = ArticulatedModel.from_links(name, _links(document))
         library = MeshLibrary(finder)
         visuals, notes = visuals_of_document(document, model, library, allow_missing)
     except ModelError as error:
@@ -78,107 +80,65 @@ def load_urdf(
     return model
 
 
-@dataclass(frozen=True)
-class _Motion:
-    """How one part moves against its parent."""
-
-    kind: int
-    axis: Array
-    limits: tuple[float, float]
-    name: str
-
-
-def _kinematics(document: Document, name: str) -> ArticulatedModel:
-    """The model without its visuals."""
-    robot, notes = document.robot, list[str]()
-    joints: list[Joint] = robot.joints
-    ends = [(j.name, j.parent, j.child) for j in joints]
-    parts = parts_in_order([link.name for link in robot.links], ends)
-    motions = {j.name: _motion(j, notes) for j in joints}
-    by_child = {j.child: j for j in joints}
-    mimics = resolve_mimics({j.name: (j.mimic.joint, *_gear(j)) for j in joints
-                             if j.mimic is not None and motions[j.name].kind != FIXED},
-                            [j.name for j in joints])
-    free = [j for j in joints if motions[j.name].kind != FIXED and j.name not in mimics]
-    number = {j.name: i for i, j in enumerate(free)}
-
-    index = {part: i for i, part in enumerate(parts)}
-    count = len(parts)
-    parent = np.full(count, -1, np.int64)
-    at_zero = np.tile(np.eye(4), (count, 1, 1))
-    motion = np.zeros(count, np.int64)
-    screw, offset = np.zeros((count, 6)), np.zeros(count)
-    joint, multiplier = np.full(count, -1, np.int64), np.ones(count)
-    for p, part in enumerate(parts):
-        if part not in by_child:
-            continue
-        j = by_child[part]
-        parent[p] = index[j.parent]
-        at_zero[p] = pose_or_identity(j.origin)
-        move = motions[j.name]
-        if move.kind == FIXED:
-            continue
-        screw[p, :3] = move.axis  # through the part's origin: no moment
-        leader, g, o = mimics.get(j.name, (j.name, 1.0, 0.0))
-        if g == 0.0 or leader not in number:
-            shift = revolute_motion if move.kind == REVOLUTE else prismatic_motion
-            at_zero[p] = at_zero[p] @ shift(screw[p], o)
-            screw[p] = 0.0
-            notes.append(f"joint {j.name!r} mimics {leader!r}, which does not move it: frozen")
-        else:
-            motion[p], joint[p], multiplier[p], offset[p] = move.kind, number[leader], g, o
-    return ArticulatedModel(
-        name=str(robot.name or name), part_names=tuple(parts), parent=parent,
-        parent_from_part_at_zero=at_zero, motion=motion, screw=screw, joint=joint,
-        multiplier=multiplier,
-        offset=offset, joint_names=tuple(j.name for j in free),
-        joint_child=np.array([index[j.child] for j in free], np.int64),
-        joint_types=tuple(_type_name(motions[j.name]) for j in free),
-        limits=np.array([motions[j.name].limits for j in free], np.float64).reshape(-1, 2),
-        visuals=(), notes=tuple(notes))
+def _links(document: Document) -> list[Link]:
+    """The links of the document without their surfaces; the joints give the order."""
+    joints: list[UrdfJoint] = document.robot.joints
+    names = {link.name: None for link in document.robot.links}
+    by_child: dict[str, UrdfJoint] = {}
+    for j in joints:
+        if j.child not in names:
+            raise ModelError(f"joint {j.name!r}: there is no link {j.child!r}; "
+                             f"there are {list_names(names)}")
+        if j.child in by_child:
+            raise ModelError(f"link {j.child!r} is the child of two joints, "
+                             f"{by_child[j.child].name!r} and {j.name!r}; a link has one parent")
+        by_child[j.child] = j
+    return [*(Link(name) for name in names if name not in by_child),
+            *(Link(j.child, j.parent, pose_or_identity(j.origin), _joint(j, document.notes))
+              for j in joints)]
 
 
-def _motion(joint: Joint, notes: list[str]) -> _Motion:
+def _joint(joint: UrdfJoint, notes: list[str]) -> Joint:
     name = joint.name
     if joint.type in ("floating", "planar", "spherical"):
         notes.append(f"joint {name!r} is {joint.type}: frozen at zero")
     if joint.type not in ("revolute", "continuous", "prismatic"):
-        return _Motion(FIXED, np.zeros(3), (0.0, 0.0), name)
+        return Joint(name)
     axis = np.asarray(joint.axis, np.float64)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
         raise ModelError(f"joint {name!r}: its axis is zero")
-    kind = PRISMATIC if joint.type == "prismatic" else REVOLUTE
-    return _Motion(kind, axis / length, _limits(joint, notes), name)
+    limits = _limits(joint, notes)
+    joint_type = JointType(joint.type)
+    if joint_type is not JointType.PRISMATIC:
+        joint_type = JointType.CONTINUOUS if limits == UNLIMITED else JointType.REVOLUTE
+    return Joint(name, joint_type, axis / length, limits=limits, mimic=_mimic(joint))
 
 
-def _limits(joint: Joint, notes: list[str]) -> tuple[float, float]:
-    limit, none = joint.limit, (-np.inf, np.inf)
+def _limits(joint: UrdfJoint, notes: list[str]) -> tuple[float, float]:
+    limit = joint.limit
     if joint.type == "continuous":
-        return none
+        return UNLIMITED
     if limit is None or (limit.lower is None and limit.upper is None):
         notes.append(f"joint {joint.name!r} is {joint.type} without limits: taken as unlimited")
-        return none
+        return UNLIMITED
     lower, upper = float(limit.lower or 0.0), float(limit.upper or 0.0)
     if lower > upper:
         notes.append(f"joint {joint.name!r}: lower limit {lower:g} > upper {upper:g}: swapped")
         lower, upper = upper, lower
-    if max(-lower, upper) > UNLIMITED:
+    if max(-lower, upper) > LARGEST_LIMIT:
         notes.append(f"joint {joint.name!r}: limits {lower:g} {upper:g} taken as none")
-        return -np.inf if lower < -UNLIMITED else lower, np.inf if upper > UNLIMITED else upper
+        lower = lower if lower >= -LARGEST_LIMIT else -np.inf
+        upper = upper if upper <= LARGEST_LIMIT else np.inf
     return lower, upper
 
 
-def _type_name(motion: _Motion) -> str:
-    if motion.kind == PRISMATIC:
-        return "prismatic"
-    return "continuous" if motion.limits == (-np.inf, np.inf) else "revolute"
-
-
-def _gear(joint: Joint) -> tuple[float, float]:
+def _mimic(joint: UrdfJoint) -> Mimic | None:
     mimic: Any = joint.mimic
-    return (1.0 if mimic.multiplier is None else float(mimic.multiplier),
-            0.0 if mimic.offset is None else float(mimic.offset))
+    if mimic is None:
+        return None
+    return Mimic(mimic.joint, 1.0 if mimic.multiplier is None else float(mimic.multiplier),
+                 0.0 if mimic.offset is None else float(mimic.offset))
 
 
 def _check_size(path: Path, model: ArticulatedModel) -> None:

@@ -12,11 +12,12 @@ import numpy as np
 from gcbench.renderer.types.camera import intrinsics_from_fov, look_at
 from gcbench.renderer.types.sequence import Meta, Sequence, State
 from gcbench.robots.geometry import inverse, rotation_from_rpy, transform
-from gcbench.robots.model.articulated_model import (
-    FIXED,
-    PRISMATIC,
-    REVOLUTE,
+from gcbench.robots.model import (
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
+    Mimic,
     forward_kinematics,
 )
 
@@ -43,24 +44,22 @@ SHAPES = (
 
 def arm() -> ArticulatedModel:
     """A base, a turret, an upper arm, a sliding post and a mimic hand: every kind of joint."""
-    def screw(direction, point, prismatic=False):
-        unit = np.asarray(direction, float) / np.linalg.norm(direction)
-        return np.concatenate([unit, np.zeros(3) if prismatic else np.cross(point, unit)])
+    def joint(name, joint_type, direction, point=(0, 0, 0), **others):
+        return Joint(name, joint_type, direction / np.linalg.norm(direction), point, **others)
 
     at_zero = transform(
         rotation_from_rpy([[0, 0, 0], [0, 0, 0.3], [0.1, -0.4, 0], [0.2, 0.3, 0.1], [0, 0.1, 0]]),
         [[0, 0, 0], [0, 0, 0.1], [0.3, 0, 0.26], [0.42, 0, 0.02], [0, 0, 0.06]])
-    return ArticulatedModel(
-        name="arm", part_names=("base", "turret", "upper", "post", "hand"),
-        parent=np.array([-1, 0, 1, 2, 3]), parent_from_part_at_zero=at_zero,
-        motion=np.array([FIXED, REVOLUTE, REVOLUTE, PRISMATIC, REVOLUTE]),
-        screw=np.stack([np.zeros(6), screw([0, 0, 1], [0.02, 0.01, 0]),
-                        screw([0.1, 1, 0], [0, 0, 0.03]), screw([0, 0.2, 1], [0, 0, 0], True),
-                        screw([0, 0, 1], [0.01, 0, 0])]),
-        joint=np.array([-1, 0, 1, 2, 1]), multiplier=np.array([0, 1, 1, 1, -1.5]),
-        offset=np.array([0, 0, 0, 0, 0.2]), joint_names=("pan", "lift", "slide"),
-        joint_child=np.array([1, 2, 3]), joint_types=("continuous", "revolute", "prismatic"),
-        limits=np.array([[-np.inf, np.inf], [-2, 2], [-0.1, 0.3]]), visuals=())
+    joints = [
+        Joint(),
+        joint("pan", JointType.CONTINUOUS, [0, 0, 1], [0.02, 0.01, 0]),
+        joint("lift", JointType.REVOLUTE, [0.1, 1, 0], [0, 0, 0.03], limits=(-2, 2)),
+        joint("slide", JointType.PRISMATIC, [0, 0.2, 1], limits=(-0.1, 0.3)),
+        joint("wave", JointType.REVOLUTE, [0, 0, 1], [0.01, 0, 0], mimic=Mimic("lift", -1.5, 0.2)),
+    ]
+    names = ("base", "turret", "upper", "post", "hand")
+    return ArticulatedModel.from_links(
+        "arm", [Link(*link) for link in zip(names, (None, *names), at_zero, joints, strict=False)])
 
 
 def render(width=200, height=150, frames=4, room=True, quantise=True) -> Sequence:
@@ -116,7 +115,7 @@ def _screws(model, cam_from_part):
         for t, pose in enumerate(cam_from_part[:, c]):
             direction = pose[:3, :3] @ axis
             point = pose[:3, :3] @ np.cross(axis, moment) + pose[:3, 3]
-            turning = model.motion[c] != PRISMATIC
+            turning = not model.prismatic[c]
             out[t, j] = [*direction, *(np.cross(point, direction) * turning)]
     return out
 

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from gcbench.robots.geometry import rotation_about, transform
-from gcbench.robots.model.articulated_model import (
-    FIXED,
-    REVOLUTE,
+from gcbench.robots.model import (
     Animation,
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
     Material,
     ModelState,
     Morph,
@@ -105,14 +106,10 @@ def bar(animations: tuple[Animation, ...] = (), morph: bool = False,
         triangles = [f for a, b, c, d in sides for f in ((a, b, c), (a, c, d))]
         visuals += (Visual(1, corners * 0.15 + [0.3, -0.07, 0.06], np.array(triangles, np.int32),
                            np.tile([0, 0, 1.0], (8, 1)), None, replace(grey, name="block")),)
-    axis = np.array([0.0, 1.0, 0, 0, 0, 0])
-    return ArticulatedModel(
-        name="bar", part_names=("low", "high"), parent=np.array([-1, 0]),
-        parent_from_part_at_zero=np.stack([np.eye(4), transform(None, HINGE)]),
-        motion=np.array([FIXED, REVOLUTE]), screw=np.stack([np.zeros(6), axis]),
-        joint=np.array([-1, 0]), multiplier=np.array([0.0, 1.0]), offset=np.zeros(2),
-        joint_names=("bend",), joint_child=np.array([1]), joint_types=("revolute",),
-        limits=np.array([[-1.2, 1.2]]), visuals=visuals, animations=animations,
+    bend = Joint("bend", JointType.REVOLUTE, (0.0, 1.0, 0.0), limits=(-1.2, 1.2))
+    links = [Link("low"), Link("high", "low", transform(None, HINGE), bend)]
+    return replace(
+        ArticulatedModel.from_links("bar", links), visuals=visuals, animations=animations,
         morph_weights=np.zeros(int(morph)),
         keypoint_names=("foot", "tip"), keypoint_part=np.array([0, 1]),
         keypoint=np.array([[0.0, 0.0, 0.05], [0.5, 0.0, 0.05]]))

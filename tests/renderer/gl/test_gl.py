@@ -13,7 +13,7 @@ from gcbench.renderer.scene.room import RoomSurface
 from gcbench.renderer.scene.scene import Light, Scene
 from gcbench.renderer.types.camera import Camera, intrinsics_from_fov, look_at
 from gcbench.robots.geometry import inverse, rotation_from_rpy, transform
-from gcbench.robots.model.articulated_model import FIXED, ArticulatedModel, Material, Visual
+from gcbench.robots.model import ArticulatedModel, Link, Material, Visual
 from gcbench.robots.motion.trajectory import JointTrajectory
 
 pytestmark = pytest.mark.gl
@@ -59,12 +59,9 @@ def box(part: int, low: tuple[float, ...], high: tuple[float, ...]) -> Visual:
 
 def model(*visuals: Visual) -> ArticulatedModel:
     n = max(v.part for v in visuals) + 1
-    return ArticulatedModel(
-        name="things", part_names=tuple("abcdefgh"[:n]), parent=np.arange(n) - 1,
-        parent_from_part_at_zero=np.tile(np.eye(4), (n, 1, 1)), motion=np.full(n, FIXED),
-        screw=np.zeros((n, 6)), joint=np.full(n, -1), multiplier=np.ones(n), offset=np.zeros(n),
-        joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
-        limits=np.zeros((0, 2)), visuals=visuals)
+    names = "abcdefgh"[:n]
+    links = [Link(name, parent) for name, parent in zip(names, (None, *names), strict=False)]
+    return replace(ArticulatedModel.from_links("things", links), visuals=visuals)
 
 
 def poses(things: ArticulatedModel, frames: int = 1) -> np.ndarray:

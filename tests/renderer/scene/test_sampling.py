@@ -24,7 +24,7 @@ from gcbench.renderer.scene.sampling import (
     draw_textures,
 )
 from gcbench.renderer.types.camera import Camera
-from gcbench.robots.model.articulated_model import FIXED, ArticulatedModel, Material, Visual
+from gcbench.robots.model import ArticulatedModel, Link, Material, Visual
 
 WIDTH, HEIGHT = 320, 200
 CUBE = np.array([[x, y, z] for x in (-0.2, 0.3) for y in (-0.1, 0.4) for z in (0.0, 1.2)])
@@ -40,14 +40,10 @@ def two_parts() -> ArticulatedModel:
     """Three visuals with two materials on two parts."""
     steel, blue = Material("steel", (0.6, 0.6, 0.6, 1.0)), Material("blue", (0.1, 0.2, 0.9, 0.5))
     faces, normals = np.array([[0, 1, 2]], np.int32), np.tile([0, 0, 1.0], (8, 1))
-    return ArticulatedModel(
-        name="two", part_names=("base", "arm"), parent=np.array([-1, 0]),
-        parent_from_part_at_zero=np.tile(np.eye(4), (2, 1, 1)), motion=np.full(2, FIXED),
-        screw=np.zeros((2, 6)), joint=np.full(2, -1), multiplier=np.ones(2), offset=np.zeros(2),
-        joint_names=(), joint_child=np.zeros(0, np.int64), joint_types=(),
-        limits=np.zeros((0, 2)), visuals=tuple(
-            Visual(part, CUBE, faces, normals, None, material)
-            for part, material in ((0, steel), (1, blue), (1, steel))))
+    model = ArticulatedModel.from_links("two", [Link("base"), Link("arm", "base")])
+    return replace(model, visuals=tuple(
+        Visual(part, CUBE, faces, normals, None, material)
+        for part, material in ((0, steel), (1, blue), (1, steel))))
 
 
 def camera(seed: int, config: CameraConfig | None = None, floor: float = 0.0) -> Camera:

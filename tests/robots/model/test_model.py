@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from gcbench.errors import ModelError
 from gcbench.robots.geometry import inverse, revolute_motion
-from gcbench.robots.model.articulated_model import (
-    FIXED,
+from gcbench.robots.model import (
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
+    Mimic,
     forward_kinematics,
     joint_screws,
 )
-from gcbench.robots.model.kinematic_tree import parts_in_order, resolve_mimics
 from gcbench.robots.urdf.reader import load_urdf
 
 CHAIN = """<robot name="chain">
@@ -53,7 +55,7 @@ def test_parents_stand_before_children_and_joints_keep_their_order(tmp_path: Pat
     np.testing.assert_array_equal(m.limits, [[-2, 2], [0, 0.5], [-np.inf, np.inf]])
     np.testing.assert_allclose(m.screw[1], [0, 0.6, 0.8, 0, 0, 0])
     np.testing.assert_allclose(m.screw[3, :3], [1, 0, 0])  # the default axis
-    assert m.motion[4] == FIXED
+    assert m.part_joint_types[4] is JointType.FIXED
 
 
 def test_moving_one_joint_is_a_motion_about_its_screw(tmp_path: Path) -> None:
@@ -132,35 +134,54 @@ def test_a_multiplier_of_zero_freezes_the_part_at_its_offset(tmp_path: Path) -> 
     for q in (0.0, 1.0):
         poses = forward_kinematics(m, [q])
         np.testing.assert_allclose(np.arctan2(poses[2:, 1, 0], poses[2:, 0, 0]), [0.25, 0.6])
-    assert (m.motion[2:] == FIXED).all() and (m.joint[2:] == -1).all()
+    assert set(m.part_joint_types[2:]) == {"fixed"} and (m.joint[2:] == -1).all()
     assert sum("frozen" in note for note in m.notes) == 2
 
 
-def test_mimics_in_a_cycle_or_of_nobody_are_refused() -> None:
-    with pytest.raises(ModelError, match="cycle"):
-        resolve_mimics({"a": ("b", 1, 0), "b": ("a", 1, 0)}, ["a", "b"])
-    with pytest.raises(ModelError, match="cycle"):
-        resolve_mimics({"a": ("a", 1, 0)}, ["a"])
-    with pytest.raises(ModelError, match=r"'z'.*there are a, b"):
-        resolve_mimics({"a": ("z", 1, 0)}, ["a", "b"])
+def arm(mimics: dict[str, Mimic | None]) -> ArticulatedModel:
+    """Hinges on one base, by name."""
+    return ArticulatedModel.from_links("arm", [Link("base"), *(
+        Link(f"link {name}", "base", joint=Joint(name, JointType.REVOLUTE, mimic=mimic))
+        for name, mimic in mimics.items())])
 
 
-@pytest.mark.parametrize(("joints", "reason"), [
-    ([("j", "a", "b")], "2 root links"),
-    ([("j", "a", "b"), ("k", "c", "b")], "two joints"),
-    ([("j", "a", "b"), ("k", "b", "c"), ("l", "c", "a")], "cycle"),
-    ([("j", "a", "a"), ("k", "b", "c")], "cycle"),
-    ([("j", "a", "b"), ("k", "a", "x")], "no link 'x'"),
+@pytest.mark.parametrize(("mimics", "reason"), [
+    ({"a": Mimic("b"), "b": Mimic("a")}, "cycle: a -> b -> a"),
+    ({"a": Mimic("a")}, "cycle: a -> a"),
+    ({"a": Mimic("z"), "b": None}, r"'z'.*there are a, b"),
 ])
-def test_what_is_no_tree_is_refused(joints: list[tuple[str, str, str]], reason: str) -> None:
+def test_mimics_in_a_cycle_or_of_no_joint_are_refused(
+    mimics: dict[str, Mimic | None], reason: str
+) -> None:
     with pytest.raises(ModelError, match=reason):
-        parts_in_order(["a", "b", "c"], joints)
+        arm(mimics)
+
+
+@pytest.mark.parametrize(("links", "reason"), [
+    ([Link("a"), Link("b", "a"), Link("c")], r"2 root links \(a, c\)"),
+    ([Link("a", "b"), Link("b", "a")], "no root link"),
+    ([Link("a"), Link("b", "c"), Link("c", "b")], "cycle of joints through the links b, c"),
+    ([Link("a"), Link("b", "x", joint=Joint("j"))], "joint 'j': there is no link 'x'"),
+    ([Link("a"), Link("a", "a")], "two links"),
+    ([Link("a"), *(Link(n, "a", joint=Joint("j", JointType.PRISMATIC)) for n in "bc")],
+     "two joints named 'j'"),
+    ([Link("a"), Link("b", "a", joint=Joint("", JointType.PRISMATIC))], "without a name"),
+    ([Link("a"), Link("b", "a", joint=Joint("j", JointType.REVOLUTE, (0, 0, 2)))], "unit vector"),
+])
+def test_links_that_make_no_model_are_refused(links: list[Link], reason: str) -> None:
+    with pytest.raises(ModelError, match=reason):
+        ArticulatedModel.from_links("broken", links)
+
+
+def test_kept_order_needs_parents_first() -> None:
+    with pytest.raises(ModelError, match="before its parent"):
+        ArticulatedModel.from_links("x", [Link("b", "a"), Link("a")], keep_order=True)
 
 
 def test_a_deep_chain_needs_no_deep_stack() -> None:
-    parts = [f"p{i}" for i in range(4000)]
-    joints = [(f"j{i}", parts[i], parts[i + 1]) for i in range(3999)]
-    assert parts_in_order(parts[::-1], joints[::-1]) == parts
+    names = [f"p{i}" for i in range(4000)]
+    links = [Link(name, parent) for name, parent in zip(names, (None, *names), strict=False)]
+    assert ArticulatedModel.from_links("chain", links[::-1]).part_names == tuple(names)
 
 
 def test_a_model_without_joints_stands_still(tmp_path: Path) -> None:

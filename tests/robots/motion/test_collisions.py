@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gcbench.robots.geometry import transform
-from gcbench.robots.model.articulated_model import (
-    FIXED,
-    REVOLUTE,
+from gcbench.robots.model import (
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
     Material,
     Visual,
     forward_kinematics,
@@ -31,18 +32,13 @@ def box(part: int, low: tuple[float, ...], high: tuple[float, ...]) -> Visual:
 def tree(parents: list[int], places: list[tuple[float, float, float]], fixed: tuple[int, ...] = (),
          visuals: tuple[Visual, ...] = (), limit: float = np.pi) -> ArticulatedModel:
     """Parts that turn about the y axis through their origins, but the root and the fixed ones."""
-    n = len(parents)
-    moving = [p for p in range(n) if parents[p] >= 0 and p not in fixed]
-    joint = np.full(n, -1)
-    joint[moving] = np.arange(len(moving))
-    return ArticulatedModel(
-        name="tree", part_names=tuple("abcdefgh"[:n]), parent=np.array(parents),
-        parent_from_part_at_zero=transform(None, np.array(places, float)),
-        motion=np.where(joint >= 0, REVOLUTE, FIXED),
-        screw=np.tile(np.array([0, 1.0, 0, 0, 0, 0]), (n, 1)), joint=joint, multiplier=np.ones(n),
-        offset=np.zeros(n), joint_names=tuple(f"j{p}" for p in moving),
-        joint_child=np.array(moving), joint_types=("revolute",) * len(moving),
-        limits=np.tile(np.array([-limit, limit]), (len(moving), 1)), visuals=visuals)
+    names = "abcdefgh"
+    links = [Link(names[p], names[parent] if parent >= 0 else None, transform(None, place),
+                  Joint() if parent < 0 or p in fixed else
+                  Joint(f"j{p}", JointType.REVOLUTE, (0.0, 1.0, 0.0), limits=(-limit, limit)))
+             for p, (parent, place) in enumerate(zip(parents, places, strict=True))]
+    model = ArticulatedModel.from_links("tree", links, keep_order=True)
+    return replace(model, visuals=visuals)
 
 
 @pytest.fixture

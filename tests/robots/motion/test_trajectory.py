@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.robots.model.articulated_model import (
-    FIXED,
-    PRISMATIC,
-    REVOLUTE,
+from gcbench.robots.model import (
     ArticulatedModel,
+    Joint,
+    JointType,
+    Link,
     Material,
     Visual,
 )
@@ -40,18 +40,14 @@ NAMES = tuple(JOINTS)
 
 def chain(names: tuple[str, ...] = NAMES) -> ArticulatedModel:
     """A root and one part per joint, in a row; a triangle on each part."""
-    kinds = [JOINTS[name][0] for name in names]
-    n, j = len(names) + 1, len(names)
     triangle = np.eye(3)
-    return ArticulatedModel(
-        name="chain", part_names=("root", *names), parent=np.arange(-1, n - 1),
-        parent_from_part_at_zero=np.tile(np.eye(4), (n, 1, 1)),
-        motion=np.array([FIXED] + [PRISMATIC if k == "prismatic" else REVOLUTE for k in kinds]),
-        screw=np.tile(np.array([0, 0, 1.0, 0, 0, 0]), (n, 1)), joint=np.arange(-1, j),
-        multiplier=np.ones(n), offset=np.zeros(n), joint_names=names, joint_child=np.arange(1, n),
-        joint_types=tuple(kinds), limits=np.array([JOINTS[name][1:] for name in names], float),
+    links = [Link("root"), *(
+        Link(name, parent, joint=Joint(name, JointType(JOINTS[name][0]), limits=JOINTS[name][1:]))
+        for name, parent in zip(names, ("root", *names), strict=False))]
+    return replace(
+        ArticulatedModel.from_links("chain", links),
         visuals=tuple(Visual(p, triangle, np.array([[0, 1, 2]], np.int32), triangle, None,
-                             Material()) for p in range(n)))
+                             Material()) for p in range(len(links))))
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 5, 15, 40])
@@ -162,7 +158,7 @@ def test_joints_are_ordered_from_the_base_outward() -> None:
     assert default_scored_joints(model, 2) == ("wide", "offset")
     bare = replace(model, visuals=tuple(v for v in model.visuals if v.part != 3))
     assert default_scored_joints(bare, 2) == ("wide", "free")
-    mimicked = replace(bare, joint=np.array([-1, 0, 2, 2]), motion=model.motion)
+    mimicked = replace(bare, joint=np.array([-1, 0, 2, 2]))
     assert "offset" in default_scored_joints(mimicked, 3)  # it moves what mimics it
 
 

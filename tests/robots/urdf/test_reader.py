@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.robots.files.paths import MissingAssetError
-from gcbench.robots.model.articulated_model import FIXED, ArticulatedModel, forward_kinematics
+from gcbench.robots.model import ArticulatedModel, JointType, forward_kinematics
 from gcbench.robots.model.texture import linear_from_srgb
 from gcbench.robots.urdf.reader import load_urdf
 from PIL import Image
@@ -129,7 +129,7 @@ def test_a_missing_mesh_stops_the_load_with_the_places_tried(tmp_path: Path) -> 
 @pytest.mark.parametrize("kind", ["floating", "planar", "spherical"])
 def test_joints_of_many_degrees_are_frozen_and_noted(tmp_path: Path, kind: str) -> None:
     m = load(tmp_path / "m.urdf", robot(link("a") + link("b") + joint("j", "a", "b", kind)))
-    assert m.joint_names == () and m.motion[1] == FIXED
+    assert m.joint_names == () and m.part_joint_types[1] is JointType.FIXED
     assert any(f"'j' is {kind}" in note for note in m.notes)
 
 

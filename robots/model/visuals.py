@@ -1,0 +1,110 @@
+"""The surfaces that parts carry: triangles, materials, skins and morph targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Array
+
+Tiling = Literal["repeat", "mirror", "clamp"]
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Textures of a surface beside its colour (glTF 2.0, section 3.9): [h w 3|4], row 0 on top."""
+
+    metallic_roughness: NDArray[np.uint8] | None = None
+    """Green multiplies the roughness, blue the metallic factor."""
+    normal: NDArray[np.uint8] | None = None
+    """Normal in the frame of the texture (u, v upward, outward), -1..1 as 0..255."""
+    occlusion: NDArray[np.uint8] | None = None
+    """Red multiplies the light that is reflected."""
+    emission: NDArray[np.uint8] | None = None
+    """sRGB; multiplies the material's emission."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a surface looks like (metallic-roughness, as glTF 2.0)."""
+
+    name: str = ""
+    base_color: tuple[float, float, float, float] = (0.5, 0.5, 0.5, 1.0)
+    """Linear RGBA in 0..1 (not sRGB); multiplies the texture."""
+    metallic: float = 0.0
+    roughness: float = 0.6
+    texture: NDArray[np.uint8] | None = None
+    """[h w 3|4] sRGB, row 0 is the top of the image (v = 1)."""
+    maps: Maps = Maps()
+    tiling: tuple[Tiling, Tiling] = ("repeat", "repeat")
+    """What the textures do beyond u and v of 0..1."""
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Linear RGB that the surface shines by itself."""
+    unlit: bool = False
+    """Whether it shows its base colour, whatever the light."""
+    alpha_cutoff: float | None = None
+    """There is no surface, neither colour nor depth, where alpha (the base colour's, texture's and
+    vertex colour's product) is less."""
+    blend: bool = False
+    """Whether alpha of texture and vertex colours lets what is behind shine through; that of the
+    base colour always does."""
+
+    @property
+    def transparent(self) -> bool:
+        return self.blend or self.base_color[3] < 1.0
+
+
+@dataclass(frozen=True)
+class Skin:
+    """How vertices follow several parts: linear blend skinning (glTF 2.0, section 3.7.3.1)."""
+
+    bone_part: NDArray[np.int64]
+    """[B] index of the part that is each bone."""
+    part_from_mesh: Array
+    """[B 4 4] affine: a vertex as stored to the bone's part frame (inverse bind, scale baked)."""
+    bone: NDArray[np.int64]
+    """[V K] index into the bones."""
+    weight: Array
+    """[V K], rows sum to 1."""
+
+
+@dataclass(frozen=True)
+class Morph:
+    """Displacements of vertices, each scaled by a weight of the model (glTF morph targets)."""
+
+    channel: NDArray[np.int64]
+    """[M] index into the model's morph weights."""
+    displacement: Array
+    """[M V 3] m, in the frame of the stored vertices; added before the skin."""
+    normal_displacement: Array | None
+    """[M V 3]"""
+
+
+@dataclass(frozen=True)
+class Visual:
+    """The triangles of one part that share a material."""
+
+    part: int
+    """Index into the model's parts (0-based): the one that masks show for these triangles. Of a
+    skin, a visual has the triangles that follow one part most."""
+    vertices: Array
+    """[V 3] m, in the part's frame; with a skin, in the mesh's own."""
+    faces: NDArray[np.int32]
+    """[F 3] counter-clockwise from outside."""
+    normals: Array
+    """[V 3] unit."""
+    uv: Array | None
+    """[V 2], (0, 0) at the bottom left as in OpenGL and OBJ; None where the mesh has none."""
+    material: Material
+    skin: Skin | None = None
+    morph: Morph | None = None
+    color: Array | None = None
+    """[V 4] linear RGBA that multiplies the material's base colour."""
+
+    @property
+    def deforms(self) -> bool:
+        """Whether its vertices move otherwise than its part."""
+        return self.skin is not None or self.morph is not None
