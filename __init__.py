@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .renderer.show import show
     from .renderer.types import Camera, Estimate, Frame, Method, Observation, Sequence
     from .renderer.verify import verify_dataset
-    from .robots.catalog import fetch_robot, list_robots
+    from .robots.catalog import fetch_robot, list_robots, load_robot
     from .robots.model import ArticulatedModel
     from .robots.motion import JointTrajectory
 
@@ -53,12 +53,12 @@ __all__ = [
     "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "Method", "MethodError",
     "ModelError", "Observation", "RenderConfig", "RenderError", "Sequence", "doctor", "evaluate",
-    "export_dataset", "fetch_robot", "list_robots", "open_dataset", "render_dataset", "report",
-    "show", "verify_dataset",
+    "export_dataset", "fetch_robot", "list_robots", "load_robot", "open_dataset", "render_dataset",
+    "report", "show", "verify_dataset",
 ]
 
 _HOMES = {
-    "robots.catalog": "fetch_robot list_robots",
+    "robots.catalog": "fetch_robot list_robots load_robot",
     "robots.model": "ArticulatedModel",
     "robots.motion": "JointTrajectory",
     "renderer.types": "Camera Estimate Frame Method Observation Sequence",

@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import GcbenchError
-from ..robots.catalog import entries as catalog
+from ..robots.catalog import CATALOG, is_local
 from ..robots.files import cache_folder
 
 PACKAGES = ("numpy", "opencv-python-headless", "scikit-robot-pyrender", "PyOpenGL", "trimesh",
@@ -50,9 +50,9 @@ def examine() -> Diagnosis:
     lines += [f"  {line}" for line in _packages()]
     lines += ["", f"robots (meshes in {cache_folder()})"]
     lines += [
-        f"  ok    {e.name}" if catalog.is_fetched(e)
+        f"  ok    {e.name}" if is_local(e)
         else f"  later {e.name}: fetched on first use, or gcbench robots fetch {e.name}"
-        for e in catalog.CATALOG
+        for e in CATALOG
     ]
     browser = next((b for b in ("chromium", "chromium-browser", "google-chrome") if which(b)), None)
     lines += ["", "browser (for the tests of pages only)",

@@ -17,7 +17,7 @@ from gcbench.__main__ import COMMANDS, main
 from gcbench.renderer.doctor import EXTRAS, PACKAGES
 from gcbench.renderer.runtime import command_line
 from gcbench.robots.appliances.generator import GENERATED
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import CATALOG, GeneratedRobot
 
 Lines = pytest.CaptureFixture[str]
 
@@ -241,21 +241,22 @@ def test_robots_are_listed(capsys: Lines, tmp_path: Path, monkeypatch: pytest.Mo
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split() == ["name", "robot", "joints", "scored", "licence", "fetched", "source"]
     assert [row.split()[0] for row in rows] == [
-        *(entry.name for entry in catalog.CATALOG), *GENERATED, "partnet:7310"]
-    for row, entry in zip(rows, catalog.CATALOG, strict=False):
+        *(entry.name for entry in CATALOG), *GENERATED, "partnet:7310"]
+    for row, entry in zip(rows, CATALOG, strict=False):
         assert entry.maker in row
         assert entry.licence in row
-        made = isinstance(entry, catalog.Generated)
+        made = isinstance(entry, GeneratedRobot)
         assert ("generated" if made else entry.files.requirement) in row
         assert re.search(rf" {entry.joints} .* {'yes' if made else 'no'} ", row)
 
 
 def test_fetch_says_where_the_files_are(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalog, "fetch", lambda entry: Path("cache") / entry.name)  # type: ignore[misc]
+    monkeypatch.setattr(
+        "gcbench.robots.catalog.listing.robot_folder", lambda entry: Path("cache") / entry.name)
     assert main(["robots", "fetch", "--all"]) == 0
     assert main(["robots", "fetch", "owi535"]) == 0
     assert capsys.readouterr().out == "".join(
-        f"{e.name}: cache/{e.name}\n" for e in catalog.CATALOG if e.name != "owi535"
+        f"{e.name}: cache/{e.name}\n" for e in CATALOG if e.name != "owi535"
     ) + "owi535: generated, nothing to fetch\n"
 
 

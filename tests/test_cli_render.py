@@ -12,7 +12,7 @@ from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
 from gcbench.renderer.scene.config import FACTORS, STUDIO, RenderConfig
 from gcbench.renderer.types.sequence import Sequence
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import find_robot, robot_folder
 
 from .test_cli import Lines, gcbench_command, one_line
 
@@ -155,7 +155,7 @@ def test_a_config_that_cannot_be_meant(
 def rendered(out: Path, *options: str, n: int = 2) -> list[Sequence]:
     """Small sequences of a real robot."""
     try:
-        catalog.fetch(catalog.find("ur5"))
+        robot_folder(find_robot("ur5"))
     except GcbenchError as error:
         pytest.skip(str(error))
     done = gcbench_command(

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from ...errors import GcbenchError
 from ...renderer.dataset import Dataset, open_dataset
 from ...renderer.runtime import Bar
+from ...renderer.scene import model_of
 from ...renderer.types import Sequence as Video
-from ...robots.catalog import names as objects
+from ...robots.catalog import is_category
 from ..protocol import AXES_KNOWN, metrics, shape_of, truth_of
 from ..results import read_stored
 from .leaderboard import Line, sequence_errors
 
 if TYPE_CHECKING:
     from ...renderer.show import Painter
-    from ...robots.model import ArticulatedModel
 
 WIDTH = 420
 """px of a picture."""
@@ -91,8 +91,8 @@ def draw(
 def _image(line: Line, name: str, painters: _Painters) -> NDArray[np.uint8]:
     dataset, painter = painters.of(Path(line.run.run.data))
     sequence = dataset[name]
-    if objects.is_category(dataset.config.robot):
-        painter.model = model_of(dataset, sequence)
+    if is_category(dataset.config.robot):
+        painter.model = model_of(dataset.config, sequence.meta)
     return painter.paint(sequence, final_estimate(line, sequence, name))
 
 
@@ -146,16 +146,9 @@ class _Painters:
         from ...renderer.show import Painter
 
         dataset = open_dataset(folder)
-        model = model_of(dataset, dataset[0])
+        model = model_of(dataset.config, dataset[0].meta)
         painter = Painter(model, dataset.config.width, dataset.config.height)
         return dataset, self._stack.enter_context(painter)
-
-
-def model_of(dataset: Dataset, sequence: Video) -> ArticulatedModel:
-    """What a sequence shows. Raises GcbenchError if it is not on this machine."""
-    from ...renderer.show import model_at_hand
-
-    return model_at_hand(dataset.config, sequence.meta)
 
 
 def _address(image: NDArray[np.uint8]) -> str:

@@ -121,12 +121,9 @@ def _attempt(
 
 def load_model(dataset: Dataset, sequence: str) -> ArticulatedModel:
     """The articulated model that a sequence of a dataset shows."""
-    from ...renderer.scene import packages_of, robot_of
-    from ...robots.catalog import load
+    from ...renderer.scene import model_of
 
-    config = dataset.config
-    robot = robot_of(config, dataset[sequence].meta)
-    return load(robot, packages_of(config), config.allow_missing)
+    return model_of(dataset.config, dataset[sequence].meta, download=True)
 
 
 def _model(

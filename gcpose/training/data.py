@@ -19,7 +19,7 @@ from ...renderer.scene import (
     TexturesConfig,
 )
 from ...robots.appliances import CATEGORIES
-from ...robots.catalog import entries as catalog
+from ...robots.catalog import load_robot
 
 _FRAMES = 9
 _SEQUENCES = 4
@@ -55,7 +55,7 @@ def recipe(models: int, seed: int, robots: tuple[str, ...] = ()) -> Iterator[Sho
             robot = CATEGORIES[number // _APPLIANCES % len(CATEGORIES)]
         else:
             robot = f"random:{own}"
-        joints = () if robot in CATEGORIES else _some(catalog.load(robot).joint_names, rng)
+        joints = () if robot in CATEGORIES else _some(load_robot(robot).joint_names, rng)
         config = _config(robot, joints, own, rng)
         yield Shoot(f"{Path(robot.partition(':')[0]).stem}-{own}", config, _SEQUENCES)
 

@@ -31,8 +31,7 @@ from ...robots.model import ArticulatedModel
 from ..dataset import Dataset, codec
 from ..gl import Rasterizer
 from ..runtime import Archive, dump_json
-from ..scene import robot_of
-from ..show import model_at_hand
+from ..scene import model_of, robot_of
 from ..types import Camera, Meta, Sequence
 from .bop_models import size_of, write_ply
 from .journal import Record
@@ -176,7 +175,7 @@ class Bop:
         robot = robot_of(self._config, meta)
         if self._now is not None and self._now.robot == robot:
             return self._now
-        model = model_at_hand(self._config, meta)
+        model = model_of(self._config, meta)
         if any(v.deforms for v in model.visuals):
             raise GcbenchError(f"{robot} deforms, and BOP has rigid objects only")
         first = self._firsts.get(robot, self._next)

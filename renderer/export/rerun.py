@@ -27,8 +27,7 @@ from ...robots.geometry import Array, inverse
 from ...robots.model import ArticulatedModel, mean_color
 from ..dataset import Dataset
 from ..runtime import Archive, dump_json
-from ..scene import robot_of
-from ..show import model_at_hand
+from ..scene import model_of, robot_of
 from ..types import Meta, Sequence
 from .journal import Record
 
@@ -93,7 +92,7 @@ class Rerun:
             robot = robot_of(self._config, meta)
             if robot != self._robot:
                 self._robot, self._model = robot, None
-                self._model = model_at_hand(self._config, meta)
+                self._model = model_of(self._config, meta)
 
     def _log_once(self, recording: rr.RecordingStream, sequence: Sequence) -> None:
         """What holds for all frames."""

@@ -17,7 +17,7 @@ from .config import (
     resolved,
 )
 from .config_files import config_tree, differences, parse_config, read_config
-from .models import dataset_asset, model_source, packages_of, robot_of
+from .models import dataset_asset, model_of, model_source, packages_of, robot_of
 from .motion import Motion, MotionSampler, animation_times
 from .posed_model import PosedModel, posed_by_parts, rest, rest_in_part
 from .room import RoomSurface
@@ -50,6 +50,7 @@ __all__ = [
     "differences",
     "draw_camera",
     "draw_scene",
+    "model_of",
     "model_source",
     "packages_of",
     "parse_config",

@@ -203,14 +203,19 @@ def resolved(config: RenderConfig) -> RenderConfig:
 
     Raises GcbenchError for a value that cannot be meant.
     """
-    from ...robots.catalog import entries as catalog
-    from ...robots.catalog import names as objects
+    from ...robots.catalog import (
+        find_robot,
+        is_category,
+        is_file,
+        is_object,
+        parse_object_name,
+    )
 
-    if objects.is_object(config.robot):
-        if not objects.is_category(config.robot):
-            objects.split(config.robot)
+    if is_object(config.robot):
+        if not is_category(config.robot):
+            parse_object_name(config.robot)
         config = _before_its_front(config)
-    elif not catalog.is_path(config.robot) and catalog.find(config.robot).textured:
+    elif not is_file(config.robot) and find_robot(config.robot).textured:
         ranges = config.randomization
         if ranges.textures.probability == 0.0:
             textures = replace(ranges.textures, probability=1.0)

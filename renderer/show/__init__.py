@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from .command import show
 from .html import render_page
-from .overlay import Painter, model_at_hand
+from .overlay import Painter
 
-__all__ = ["Painter", "model_at_hand", "render_page", "show"]
+__all__ = ["Painter", "render_page", "show"]

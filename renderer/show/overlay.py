@@ -7,45 +7,22 @@ the model's surface at the estimated joint positions, by the pass that draws the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...robots.catalog import entries as catalog
-from ...robots.catalog import names as objects
 from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel, forward_kinematics
 from ..gl import Rasterizer
-from ..scene import RenderConfig, posed_by_parts, robot_of
-from ..types import Camera, Meta, Sequence
+from ..scene import posed_by_parts
+from ..types import Camera, Sequence
 from .colors import Image
 
 RED = (224, 28, 36)
 TOLERANCE = 1e-6
 """m, and the sines of angles: how well a model must reproduce the poses of a sequence."""
-
-
-def model_at_hand(config: RenderConfig, meta: Meta | None = None) -> ArticulatedModel:
-    """The model of a dataset's config, with its surfaces, or, where each sequence has another one,
-    that of the sequence with this meta data. Nothing is downloaded.
-
-    Raises GcbenchError with the reason why there is none.
-    """
-    robot = config.robot if meta is None else robot_of(config, meta)
-    pairs = (text.partition("=") for text in config.package)
-    packages = {name: Path(folder).expanduser() for name, _, folder in pairs}
-    if objects.is_object(robot):
-        objects.folder_of(robot, packages, download=False)
-    elif not catalog.is_path(robot) and not catalog.is_fetched(catalog.find(robot)):
-        raise GcbenchError(f"the meshes of {robot} are not on this machine "
-                           f"(gcbench robots fetch {robot})")
-    try:
-        return catalog.load(robot, packages, config.allow_missing)
-    except OSError as error:
-        raise GcbenchError(f"the model of {robot} cannot be read: {error}") from error
 
 
 def estimated_positions(sequence: Sequence, displacement: Mapping[str, float], t: int) -> Array:

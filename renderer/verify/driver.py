@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import GcbenchError
 from ...robots.model import ArticulatedModel
-from ..scene import RenderConfig
+from ..scene import RenderConfig, packages_of
 from ..types import Sequence
 from .checks import Check, Report, check, merge
 from .images import verify_images
@@ -97,9 +97,9 @@ def _verify_one(path: Path) -> Report:
 
 def _shared_reference(config: RenderConfig) -> tuple[Reference | RenderConfig, list[str]]:
     """What all sequences are compared with; the config itself where each has its own instance."""
-    from ...robots.catalog import names as objects
+    from ...robots.catalog import is_category
 
-    return (config, []) if objects.is_category(config.robot) else reference_of(config)
+    return (config, []) if is_category(config.robot) else reference_of(config)
 
 
 def reference_of(
@@ -109,26 +109,18 @@ def reference_of(
 
     Nothing is downloaded: to verify a dataset is to read it.
     """
-    from ...robots.catalog import entries as catalog
-    from ...robots.catalog import names as objects
+    from ...robots.catalog import is_object, load_robot, robot_urdf
     from ...robots.urdf import partnet
 
     robot = robot or config.robot
-    pairs = (text.partition("=") for text in config.package)
-    packages = {name: Path(folder).expanduser() for name, _, folder in pairs}
     try:
-        if objects.is_object(robot):
-            folder = objects.folder_of(robot, packages, download=False)
-            model = catalog.load(robot, packages, config.allow_missing)
-            urdf, names = folder / partnet.URDF, partnet.part_names(folder)
-            return Reference(surfaces_to_check(model), urdf, names), []
-        if not catalog.is_path(robot) and not catalog.is_fetched(catalog.find(robot)):
-            raise GcbenchError(f"{robot} is not in the cache")
-        urdf = catalog.urdf_file(robot)
-        model = catalog.load(robot, packages, config.allow_missing)
+        packages = packages_of(config)
+        model = load_robot(robot, packages, config.allow_missing, download=False)
+        urdf = robot_urdf(robot, packages, download=False)
+        names = partnet.part_names(urdf.parent) if urdf and is_object(robot) else {}
     except (GcbenchError, OSError) as error:
         return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
-    return Reference(surfaces_to_check(model), urdf), []
+    return Reference(surfaces_to_check(model), urdf, names), []
 
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:

@@ -2,6 +2,24 @@
 
 from __future__ import annotations
 
-from .generator import CATEGORIES, GENERATED, IDS
+from .generator import (
+    APPLIANCE_LICENCE,
+    APPLIANCE_SOURCE,
+    CATEGORIES,
+    GENERATED,
+    IDS,
+    LAST_ID,
+    appliance_folder,
+    write_appliance,
+)
 
-__all__ = ["CATEGORIES", "GENERATED", "IDS"]
+__all__ = [
+    "APPLIANCE_LICENCE",
+    "APPLIANCE_SOURCE",
+    "CATEGORIES",
+    "GENERATED",
+    "IDS",
+    "LAST_ID",
+    "appliance_folder",
+    "write_appliance",
+]

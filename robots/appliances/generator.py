@@ -24,16 +24,16 @@ GENERATED = (*CATEGORIES, "drawer")
 IDS: Mapping[str, range] = MappingProxyType({
     "test": range(100_000), "train": range(100_000, 1_000_000)})
 """By stream. They share none: what is learned on one is tested on other instances."""
-LARGEST = IDS["train"].stop - 1
-SOURCE = f"gcbench appliance generator, version {VERSION}"
-LICENCE = "MIT"
+LAST_ID = IDS["train"].stop - 1
+APPLIANCE_SOURCE = f"gcbench appliance generator, version {VERSION}"
+APPLIANCE_LICENCE = "MIT"
 
 
 def appliance_folder(category: str, number: int) -> Path:
     """The folder of an instance in the cache, generated if it is not there (in about 0.1 s).
 
     Raises GcbenchError if the cache cannot be written. The category is one of GENERATED, the
-    number 0 to LARGEST.
+    number 0 to LAST_ID.
     """
     target = cache_folder() / "appliances" / f"{category}-v{VERSION}" / f"{number:06d}"
     return whole_folder(

@@ -1,9 +1,37 @@
-"""Models by name: the robots that gcbench knows, and `microwave:17` or `partnet:7310`."""
+"""Models by name or path: robots of the catalogue, `microwave:17`, `partnet:7310`, files."""
 
 from __future__ import annotations
 
-from .entries import load
+from .entries import (
+    CATALOG,
+    CatalogEntry,
+    FetchedRobot,
+    GeneratedRobot,
+    find_robot,
+    is_local,
+    robot_folder,
+)
 from .listing import RobotInfo, fetch_robot, list_robots
-from .names import is_category
+from .loading import is_file, load_robot, robot_urdf, scored_by_default
+from .names import instance_numbers, is_category, is_object, parse_object_name
 
-__all__ = ["RobotInfo", "fetch_robot", "is_category", "list_robots", "load"]
+__all__ = [
+    "CATALOG",
+    "CatalogEntry",
+    "FetchedRobot",
+    "GeneratedRobot",
+    "RobotInfo",
+    "fetch_robot",
+    "find_robot",
+    "instance_numbers",
+    "is_category",
+    "is_file",
+    "is_local",
+    "is_object",
+    "list_robots",
+    "load_robot",
+    "parse_object_name",
+    "robot_folder",
+    "robot_urdf",
+    "scored_by_default",
+]

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import ModelError
-from . import entries, names
+from ..appliances import APPLIANCE_LICENCE, GENERATED
+from .entries import CATALOG, GeneratedRobot, find_robot, is_local, robot_folder
+from .names import is_object
 
 
 @dataclass(frozen=True)
@@ -36,18 +38,16 @@ def list_robots() -> list[RobotInfo]:
         >>> [robot.name for robot in list_robots()][:2]
         ['ur5', 'ur5-textured']
     """
-    from ..appliances import generator
-
     out: list[RobotInfo] = []
-    for entry in entries.CATALOG:
-        generated = isinstance(entry, entries.Generated)
+    for entry in CATALOG:
+        generated = isinstance(entry, GeneratedRobot)
         out.append(RobotInfo(
             entry.name, f"{entry.maker} {entry.title}", str(entry.joints), str(len(entry.scored)),
-            entry.licence, "yes" if entries.is_fetched(entry) else "no",
+            entry.licence, "yes" if is_local(entry) else "no",
             "generated" if generated else entry.files.requirement))
-    for name in generator.GENERATED:
+    for name in GENERATED:
         scored = "drawer" if name == "drawer" else "door"
-        out.append(RobotInfo(name, f"any {name}, or {name}:17", "1+", scored, generator.LICENCE,
+        out.append(RobotInfo(name, f"any {name}, or {name}:17", "1+", scored, APPLIANCE_LICENCE,
                              "yes", "generated"))
     out.append(RobotInfo("partnet:7310", "an object of your PartNet-Mobility folder", "", "",
                          "research", "no", "yours"))
@@ -66,7 +66,7 @@ def fetch_robot(name: str) -> Path | None:
     Raises:
         ModelError: There is no robot of that name, it is an object, or the download fails.
     """
-    if names.is_object(name):
+    if is_object(name):
         raise ModelError(f"{name}: an object has nothing to fetch; name robots")
-    entry = entries.find(name)
-    return None if isinstance(entry, entries.Generated) else entries.fetch(entry)
+    entry = find_robot(name)
+    return None if isinstance(entry, GeneratedRobot) else robot_folder(entry)

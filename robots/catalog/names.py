@@ -1,75 +1,48 @@
-"""Articulated objects by name: `microwave` (any), `microwave:17` (that one), `partnet:7310`."""
+"""Names of articulated objects: `microwave` (any), `microwave:17` (that one), `partnet:7310`."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import replace
-from pathlib import Path
 
-from ...errors import GcbenchError
-from ..appliances import GENERATED, IDS
-from ..appliances import generator as appliances
-from ..model import ArticulatedModel
+from ...errors import ConfigError, ModelError
+from ..appliances import GENERATED, IDS, LAST_ID
 
 PARTNET = "partnet"
-KINDS = (*GENERATED, PARTNET)
-HELP = f"{', '.join(GENERATED)} (or one of them, as {GENERATED[0]}:17), {PARTNET}:ID"
-_NAMES = re.compile(rf"({'|'.join(KINDS)})(:.*)?")
+OBJECT_FORMS = f"{', '.join(GENERATED)} (or one of them, as {GENERATED[0]}:17), {PARTNET}:ID"
+"""The names of objects, for messages."""
+_OBJECT = re.compile(rf"({'|'.join((*GENERATED, PARTNET))})(:.*)?")
 
 
 def is_object(name: str) -> bool:
-    """Whether a name means an object; it may still be one that does not exist."""
-    return _NAMES.fullmatch(name) is not None
+    """Whether a name has the form of an object's name; the object may still not exist."""
+    return _OBJECT.fullmatch(name) is not None
 
 
 def is_category(name: str) -> bool:
-    """Whether a name means any object of a category: each sequence shows another one."""
+    """Whether a name is that of a category: each sequence shows another instance of it."""
     return name in GENERATED
 
 
-def split(name: str) -> tuple[str, int]:
-    """Kind and number of one object. Raises GcbenchError if the name is not that of one."""
+def parse_object_name(name: str) -> tuple[str, int]:
+    """Split the name of one object into its kind and its number.
+
+    Raises:
+        ModelError: The name is not KIND:NUMBER, or the number is out of range.
+    """
     kind, _, number = name.partition(":")
-    most = appliances.LARGEST if kind in GENERATED else 10**9
+    most = LAST_ID if kind in GENERATED else 10**9
     if not re.fullmatch(r"\d{1,9}", number, re.ASCII) or int(number) > most:
-        raise GcbenchError(f"{name!r} names no object; write {kind}:NUMBER with a number of 0 to "
-                           f"{most}, as {kind}:{17 if kind in GENERATED else 7310}")
+        raise ModelError(f"{name!r} names no object; write {kind}:NUMBER with a number of 0 to "
+                         f"{most}, as {kind}:{17 if kind in GENERATED else 7310}")
     return kind, int(number)
 
 
-def instances(category: str, stream: str) -> range:
-    """Numbers of the category's objects that a stream ("test" or "train") may show."""
-    if category not in GENERATED:
-        raise GcbenchError(f"no category {category!r}; there are {', '.join(GENERATED)}")
-    return IDS[stream]
+def instance_numbers(category: str, stream: str) -> range:
+    """Return the numbers of a category's instances that a stream ("test" or "train") may show.
 
-
-def folder_of(
-    name: str, packages: Mapping[str, Path] | None = None, download: bool = True
-) -> Path:
-    """The folder of one object: generated, or the user's (`packages["partnet"]` goes first).
-
-    Raises GcbenchError if there is none of that name, or it would have to be downloaded and may
-    not be.
+    Raises:
+        ConfigError: There is no such category.
     """
-    kind, number = split(name)
-    if kind in GENERATED:
-        return appliances.appliance_folder(kind, number)
-    from ..urdf import partnet_folder
-
-    return partnet_folder(str(number), (packages or {}).get(PARTNET), download)
-
-
-def load_named(
-    name: str, packages: Mapping[str, Path] | None = None, allow_missing: bool = False
-) -> ArticulatedModel:
-    """The model of one object. Raises GcbenchError if there is none of that name."""
-    from ..urdf import partnet
-
-    kind, number = split(name)
-    model = partnet.load_object(folder_of(name, packages), allow_missing)
-    name = f"{kind}:{number}"
-    if kind in GENERATED:
-        return replace(model, name=name, source=appliances.SOURCE, licence=appliances.LICENCE)
-    return replace(model, name=name, source=f"{name}, PartNet-Mobility", licence=partnet.LICENCE)
+    if category not in GENERATED:
+        raise ConfigError(f"no category {category!r}; there are {', '.join(GENERATED)}")
+    return IDS[stream]

@@ -13,7 +13,7 @@ from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.scene.sampling import Streams, draw_scene
 from gcbench.renderer.scene.scene import Scene
 from gcbench.renderer.truth.rejection import Draw
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import robot_urdf
 
 
 @dataclass
@@ -256,7 +256,7 @@ def _obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
 def urdf(robot: str) -> Path:
     """The URDF file of a robot of the catalogue, or that path."""
-    path = catalog.urdf_file(robot)
+    path = robot_urdf(robot)
     if path is None:
         raise SystemExit(f"{robot} has no URDF, which the others need")
     return path

@@ -16,7 +16,7 @@ from gcbench.gcpose.training.data import recipe
 from gcbench.gcpose.training.errors import flow_errors
 from gcbench.gcpose.training.pairs import Pair, Pairs, drawn, weighted
 from gcbench.renderer.scene.config import resolved
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import load_robot
 
 from ...support.bench_data import make_dataset
 
@@ -141,7 +141,7 @@ def test_the_recipe_is_of_models_that_no_suite_holds() -> None:
         assert shoot.config.stream == "train"
         assert resolved(shoot.config).robot == shoot.config.robot  # or it refuses a range
         if shoot.config.robot.startswith("random:"):
-            names = catalog.load(shoot.config.robot).joint_names
+            names = load_robot(shoot.config.robot).joint_names
             assert shoot.config.scored_joints and set(shoot.config.scored_joints) <= set(names)
     assert [s.config.robot for s in shoots if ":" not in s.config.robot] == ["microwave"]
     assert shoots == list(recipe(9, seed=2))

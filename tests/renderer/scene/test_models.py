@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.benchmark.run.datasets import select
-from gcbench.benchmark.run.method_worker import load_model
 from gcbench.renderer.generate.driver import generate
 from gcbench.renderer.scene.config import (
     FRONT,
@@ -22,14 +21,13 @@ from gcbench.renderer.scene.config import (
     RenderConfig,
     resolved,
 )
-from gcbench.renderer.scene.models import draw_instance, model_source, robot_of
+from gcbench.renderer.scene.models import draw_instance, model_of, model_source, robot_of
 from gcbench.renderer.scene.motion import MotionSampler
 from gcbench.renderer.scene.sampling import Streams
-from gcbench.renderer.show.overlay import Painter, model_at_hand
+from gcbench.renderer.show.overlay import Painter
 from gcbench.renderer.verify.driver import verify_dataset
-from gcbench.robots.appliances import generator as appliances
-from gcbench.robots.catalog import entries as catalog
-from gcbench.robots.catalog import names as objects
+from gcbench.robots.appliances import APPLIANCE_SOURCE
+from gcbench.robots.catalog import instance_numbers, load_robot
 from gcbench.robots.motion.collision import CollisionChecker
 from gcbench.robots.motion.trajectory import drawn_in, sample_trajectory
 
@@ -62,7 +60,7 @@ def test_an_instance_is_a_function_of_config_and_index() -> None:
     assert test == drawn(replace(SMALL, width=320, frames=9))
     assert len({*test}) > 45 and not {*test} & {*train}
     for names, stream in ((test, "test"), (train, "train")):
-        numbers = objects.instances("microwave", stream)
+        numbers = instance_numbers("microwave", stream)
         assert all(int(name.removeprefix("microwave:")) in numbers for name in names)
     assert test != drawn(replace(SMALL, seed=4))
     assert len({*drawn(replace(SMALL, vary=("lights",)))}) == 1
@@ -93,7 +91,7 @@ def test_the_camera_stands_before_the_front() -> None:
 
 @pytest.mark.parametrize("name", ["dishwasher:4", "oven:8", "microwave:15"])
 def test_doors_start_anywhere_and_go_both_ways(name: str) -> None:
-    model = catalog.load(name)
+    model = load_robot(name)
     j = model.joint_names.index("door")
     low, high = model.limits[j]
     q = np.array([sample_trajectory(model, ("door",), 16, rng=np.random.default_rng(k))
@@ -105,7 +103,7 @@ def test_doors_start_anywhere_and_go_both_ways(name: str) -> None:
 
 
 def test_racks_are_drawn_in_where_the_door_would_hit_them() -> None:
-    model = catalog.load("dishwasher:4")
+    model = load_robot("dishwasher:4")
     motions = MotionSampler(model, ("door",), replace(SMALL, frames=8), None)
     slides = [model.joint_names.index(name) for name in ("rack", "rack_2")]
     out = 0
@@ -135,7 +133,7 @@ def test_workers_and_restarts_make_the_same_bytes(dataset: Path, tmp_path: Path)
     assert one == two
     (asset,) = one["assets"]
     assert (asset["name"], asset["source"]) == (
-        "microwave", appliances.SOURCE)
+        "microwave", APPLIANCE_SOURCE)
 
 
 @pytest.mark.gl
@@ -149,8 +147,8 @@ def test_each_sequence_says_what_it_shows(dataset: Path) -> None:
     assert all(meta.scored_joints == ("door",) for meta in metas)
     chosen = select("microwave", dataset, None, False)
     assert [chosen.cluster(name) for name in chosen.sequences] == shown
-    for name, meta in zip(data.names, metas, strict=True):  # for methods that know the model
-        assert load_model(data, name).part_names == meta.part_names
+    for meta in metas:  # for methods that know the model
+        assert model_of(data.config, meta).part_names == meta.part_names
 
 
 @pytest.mark.gl
@@ -181,9 +179,9 @@ def test_verify_proves_each_sequence_by_its_own_instance(dataset: Path) -> None:
 @pytest.mark.gl
 def test_estimates_are_painted_on_the_instance(dataset: Path) -> None:
     data = open_dataset(dataset)
-    with Painter(model_at_hand(data.config, data[0].meta), 160, 120) as painter:
+    with Painter(model_of(data.config, data[0].meta), 160, 120) as painter:
         for sequence in data:
-            painter.model = model_at_hand(data.config, sequence.meta)
+            painter.model = model_of(data.config, sequence.meta)
             q = sequence.state.joint_positions
             moved = q[-1] - q[0]
             truth = dict(zip(sequence.meta.joint_names, moved.tolist(), strict=True))

@@ -13,12 +13,12 @@ from gcbench.benchmark.report.leaderboard import read_board
 from gcbench.benchmark.results.rows import find_runs, write_run
 from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.scene.config import STUDIO, RenderConfig
+from gcbench.renderer.scene.models import model_of
 from gcbench.renderer.show.overlay import (
     RED,
     Painter,
     blend,
     estimated_positions,
-    model_at_hand,
     shade,
 )
 from gcbench.renderer.types.sequence import Sequence
@@ -100,7 +100,7 @@ def test_a_wall_seen_squarely_is_lit_and_a_slanted_one_darker() -> None:
 
 @pytest.mark.gl
 def test_the_truth_as_an_estimate_covers_the_object(dataset: Dataset) -> None:
-    model = model_at_hand(dataset.config)
+    model = model_of(dataset.config)
     with Painter(model, 160, 120) as painter:
         for sequence in dataset:
             there = sequence.part[-1] > 0
@@ -114,7 +114,7 @@ def test_the_truth_as_an_estimate_covers_the_object(dataset: Dataset) -> None:
 
 @pytest.mark.gl
 def test_another_model_is_refused(dataset: Dataset) -> None:
-    model = model_at_hand(dataset.config)
+    model = model_of(dataset.config)
     other = dataclasses.replace(model, screw=-model.screw)
     with Painter(other, 160, 120) as painter, pytest.raises(GcbenchError, match="another model"):
         painter.paint(dataset[0], {})
@@ -156,6 +156,6 @@ def test_the_sign_of_a_free_estimate_is_as_it_is_scored(dataset: Dataset, tmp_pa
 
 
 def test_a_robot_that_is_not_fetched_is_not_downloaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcbench.robots.catalog.entries.is_fetched", lambda entry: False)
+    monkeypatch.setattr("gcbench.robots.catalog.loading.is_local", lambda entry: False)
     with pytest.raises(GcbenchError, match="gcbench robots fetch ur5"):
-        model_at_hand(RenderConfig(robot="ur5"))
+        model_of(RenderConfig(robot="ur5"))

@@ -16,6 +16,7 @@ from gcbench.renderer.dataset.provenance import describe, write_provenance
 from gcbench.renderer.dataset.reader import open_dataset
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
+from gcbench.renderer.scene import models
 from gcbench.renderer.scene.config import MotionConfig, RandomizationConfig, RenderConfig
 from gcbench.renderer.scene.motion import animation_times, chosen_animation
 from gcbench.renderer.scene.posed_model import posed_by_parts, rest_in_part
@@ -23,7 +24,6 @@ from gcbench.renderer.show.command import show
 from gcbench.renderer.truth.deforming import weights
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.renderer.verify.driver import verify_dataset, verify_sequence
-from gcbench.robots.catalog import entries as catalog
 from gcbench.robots.geometry import apply, inverse
 from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
 
@@ -39,7 +39,7 @@ def renderer(model: ArticulatedModel, monkeypatch: pytest.MonkeyPatch, **changes
              ) -> Iterator[SequenceRenderer]:
     """A renderer of that model."""
     with monkeypatch.context() as patch:
-        patch.setattr(catalog, "load", lambda *_: model)
+        patch.setattr(models, "load_robot", lambda *_: model)
         opened = SequenceRenderer(replace(CONFIG, **changes))
     try:
         yield opened

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import find_robot, is_local, robot_folder
 
 pytest.importorskip("embreex", reason="the second opinion casts rays with Embree")
 
@@ -92,10 +92,10 @@ def crane(tmp_path):
 
 @pytest.fixture
 def ur5():
-    entry = catalog.find("ur5")
-    if not catalog.is_fetched(entry):
+    entry = find_robot("ur5")
+    if not is_local(entry):
         pytest.skip("the UR5 has not been fetched")
-    return catalog.fetch(entry) / entry.urdf
+    return robot_folder(entry) / entry.urdf
 
 
 def gcbench(*arguments) -> str:

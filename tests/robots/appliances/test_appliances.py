@@ -22,8 +22,7 @@ from gcbench.robots.appliances.partnet_export import Thing
 from gcbench.robots.appliances.sampling import Dice
 from gcbench.robots.appliances.shapes import cavity, disc, frame, slab, tube
 from gcbench.robots.appliances.textures import Picture, keypad, png, words
-from gcbench.robots.catalog import entries as catalog
-from gcbench.robots.catalog import names as objects
+from gcbench.robots.catalog import load_robot
 from gcbench.robots.files.download import whole_folder
 from gcbench.robots.geometry import apply
 from gcbench.robots.model.articulated_model import (
@@ -149,7 +148,7 @@ def test_nothing_covers_what_is_printed_on_the_front(category: str, count: int) 
 @pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.slow)])
 def test_a_door_opens_from_limit_to_limit_and_touches_nothing(category: str, count: int) -> None:
     for number in range(count):
-        model = catalog.load(f"{category}:{number}")
+        model = load_robot(f"{category}:{number}")
         poses, j = sweep(model)
         checker = CollisionChecker(model)
         assert checker.first_contact(poses, checker.ground_height(poses)) is None, number
@@ -202,7 +201,7 @@ def centre_inside(triangles: np.ndarray) -> np.ndarray:
 def test_each_drawer_slides_out_to_the_front_and_touches_nothing(count: int) -> None:
     numbers = set[int]()
     for number in range(count):
-        model = catalog.load(f"drawer:{number}")
+        model = load_robot(f"drawer:{number}")
         joints = len(model.joint_names)
         numbers.add(joints)
         assert set(model.joint_types) == {"prismatic"} and scored_joints(model) == ("drawer",)
@@ -222,8 +221,8 @@ def test_each_drawer_slides_out_to_the_front_and_touches_nothing(count: int) -> 
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_sizes_and_parts_are_those_of_the_products(category: str) -> None:
     for number in range(6):
-        model = catalog.load(f"{category}:{number}")
-        assert (model.name, model.source) == (f"{category}:{number}", appliances.SOURCE)
+        model = load_robot(f"{category}:{number}")
+        assert (model.name, model.source) == (f"{category}:{number}", appliances.APPLIANCE_SOURCE)
         poses, _ = sweep(model)
         points = np.concatenate([apply(poses[0, v.part], v.vertices) for v in model.visuals])
         size = np.ptp(points, axis=0)
@@ -263,7 +262,7 @@ def test_yourdfpy_loads_an_instance_unchanged(category: str, tmp_path: Path) -> 
     yourdfpy: Any = pytest.importorskip("yourdfpy")
     folder = written(category, 9, tmp_path / "9")
     other = yourdfpy.URDF.load(str(folder / "mobility.urdf"))
-    model = objects.load_named(f"{category}:9")
+    model = load_robot(f"{category}:9")
     assert len(other.scene.geometry) >= len(list((folder / "textured_objs").glob("*.obj")))
     triangles = sum(len(g.faces) for g in other.scene.geometry.values())
     assert triangles == sum(len(v.faces) for v in model.visuals)
@@ -345,4 +344,4 @@ def test_what_fails_halfway_leaves_nothing(tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_a_name_that_means_nothing_is_refused(name: str, message: str) -> None:
     with pytest.raises(GcbenchError, match=message):
-        catalog.load(name)
+        load_robot(name)

@@ -5,6 +5,7 @@ Without network the tests of the real robots are skipped, with the reason; never
 
 from __future__ import annotations
 
+import doctest
 import os
 import re
 import sys
@@ -15,9 +16,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gcbench import GcbenchError
-from gcbench.robots.catalog import entries as catalog
-from gcbench.robots.catalog.entries import CATALOG, CatalogEntry, Generated
+from gcbench.errors import GcbenchError, ModelError
+from gcbench.robots.catalog import (
+    CATALOG,
+    FetchedRobot,
+    GeneratedRobot,
+    entries,
+    find_robot,
+    is_file,
+    is_local,
+    load_robot,
+    loading,
+    robot_folder,
+    robot_urdf,
+    scored_by_default,
+)
 from gcbench.robots.geometry import inverse, rotation_about, transform
 from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
 from gcbench.robots.motion.collision import CollisionChecker
@@ -46,13 +59,13 @@ ROTATION = 2e-11
 IIWA_OFFSET = 0.43624e-3  # m; along x at A2 and back at A4, in the wheel's file only
 
 
-FETCHED = tuple(entry for entry in CATALOG if isinstance(entry, CatalogEntry))
+FETCHED = tuple(entry for entry in CATALOG if isinstance(entry, FetchedRobot))
 
 
 @cache
 def attempt(name: str) -> Path | GcbenchError:
     try:
-        return catalog.fetch(catalog.find(name))
+        return robot_folder(find_robot(name))
     except GcbenchError as error:
         return error  # remembered, so that being offline is found out once
 
@@ -68,7 +81,7 @@ def fetched(name: str) -> Path:
 
 def loaded(name: str) -> ArticulatedModel:
     fetched(name)
-    return catalog.load(name)
+    return load_robot(name)
 
 
 def dh_flange(name: str, q: np.ndarray) -> np.ndarray:
@@ -117,19 +130,19 @@ def test_limits_are_those_of_the_data_sheet(name: str) -> None:
 
 
 @pytest.mark.parametrize("entry", FETCHED, ids=lambda entry: entry.name)
-def test_the_model_is_what_the_catalogue_says(entry: CatalogEntry) -> None:
+def test_the_model_is_what_the_catalogue_says(entry: FetchedRobot) -> None:
     model = loaded(entry.name)
     assert (model.name, model.licence, model.source) == (entry.name, entry.licence, entry.source)
     assert re.fullmatch("[0-9a-f]{64}", model.sha256)
     assert set(model.joint_types) <= {"revolute"} and len(model.joint_names) == entry.joints
-    assert entry.scored == default_scored_joints(model)
+    assert entry.scored == scored_by_default(entry.name, model) == default_scored_joints(model)
     assert not model.notes  # nothing missing, nothing frozen
     points = np.concatenate([v.vertices for v in model.visuals])
     assert np.isfinite(points).all() and 0.1 < np.ptp(points, axis=0).max() < 3.0  # metres
 
 
 @pytest.mark.parametrize("entry", FETCHED, ids=lambda entry: entry.name)
-def test_the_licence_is_on_disk_beside_the_files(entry: CatalogEntry) -> None:
+def test_the_licence_is_on_disk_beside_the_files(entry: FetchedRobot) -> None:
     folder = fetched(entry.name)
     assert entry.licence_files
     texts = [(folder / path).read_text(encoding="utf-8") for path in entry.licence_files]
@@ -138,7 +151,7 @@ def test_the_licence_is_on_disk_beside_the_files(entry: CatalogEntry) -> None:
 
 
 @pytest.mark.parametrize("entry", FETCHED, ids=lambda entry: entry.name)
-def test_the_fetched_folder_holds_the_robot_and_nothing_that_runs(entry: CatalogEntry) -> None:
+def test_the_fetched_folder_holds_the_robot_and_nothing_that_runs(entry: FetchedRobot) -> None:
     files = [path for path in fetched(entry.name).rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 15e6
     assert {path.suffix for path in files} <= {".urdf", ".dae", ".stl", ".xml", ".md", ""}
@@ -160,7 +173,7 @@ def test_a_robot_does_not_touch_itself_at_rest_and_does_when_folded(name: str) -
 
 
 def test_a_textured_robot_is_the_same_files() -> None:
-    plain, textured = catalog.find("ur5"), catalog.find("ur5-textured")
+    plain, textured = find_robot("ur5"), find_robot("ur5-textured")
     assert plain.files == textured.files and (plain.textured, textured.textured) == (False, True)
 
 
@@ -174,9 +187,9 @@ def test_names_are_unique_and_pins_are_whole() -> None:
 
 def test_an_unknown_name_lists_what_exists() -> None:
     with pytest.raises(GcbenchError, match="ur5, ur5-textured, iiwa14, irb2400"):
-        catalog.find("ur6")
+        find_robot("ur6")
     with pytest.raises(GcbenchError, match="ur5"):
-        catalog.load("ur6")
+        load_robot("ur6")
 
 
 def test_a_path_is_loaded_without_the_catalogue(tmp_path: Path) -> None:
@@ -184,27 +197,62 @@ def test_a_path_is_loaded_without_the_catalogue(tmp_path: Path) -> None:
     path.write_text('<robot name="one"><link name="a"><visual><geometry><box size="1 1 1"/>'
                     "</geometry></visual></link></robot>")
     for form in (path, str(path)):
-        assert catalog.is_path(form) and catalog.load(form).part_names == ("a",)
-    assert not catalog.is_path("ur5")
+        assert is_file(form) and load_robot(form).part_names == ("a",)
+    assert not is_file("ur5")
     with pytest.raises(GcbenchError):
-        catalog.load(str(tmp_path / "absent.urdf"))
+        load_robot(str(tmp_path / "absent.urdf"))
 
 
 def test_whether_a_robot_is_there_is_known_without_fetching_it(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path))
-    assert not any(catalog.is_fetched(entry) for entry in FETCHED)
+    assert not any(is_local(entry) for entry in FETCHED)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_generated_model_needs_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path))
-    entry = Generated(name="made", maker="gcbench", title="model", joints=0, scored=(),
+    entry = GeneratedRobot(name="made", maker="gcbench", title="model", joints=0, scored=(),
                       licence="MIT", builder="made:build")
     (tmp_path / "one.urdf").write_text('<robot name="one"><link name="a"/></robot>')
-    model = catalog.load(tmp_path / "one.urdf")
+    model = load_robot(tmp_path / "one.urdf")
     monkeypatch.setitem(sys.modules, "gcbench.robots.made", SimpleNamespace(build=lambda: model))
-    monkeypatch.setattr(catalog, "CATALOG", (*CATALOG, entry))
-    assert catalog.is_fetched(entry) and catalog.urdf_file("made") is None
-    model = catalog.load("made")
+    monkeypatch.setattr(entries, "CATALOG", (*CATALOG, entry))
+    assert is_local(entry) and robot_urdf("made") is None
+    model = load_robot("made")
     assert (model.name, model.licence, model.source) == ("made", "MIT", entry.source)
+
+
+def test_the_examples_of_the_docstrings_hold() -> None:
+    done = doctest.testmod(loading)
+    assert done.attempted and not done.failed
+
+
+@pytest.mark.parametrize(("name", "message"), [
+    ("arm.urdf.xacro", "is a xacro file: run `xacro FILE > robot.urdf`"),
+    ("arm.xml", "MJCF"), ("arm.usd", "USD"), ("world.sdf", "SDF"),
+    (Path("arm.step"), r"is no robot file; \.urdf, \.glb and \.gltf files are read"),
+])
+def test_a_format_that_is_not_read_is_named(name: str | Path, message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        load_robot(name)
+
+
+def test_nothing_is_downloaded_where_that_is_forbidden(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path))
+    for read in (load_robot, robot_urdf):
+        with pytest.raises(ModelError, match="gcbench robots fetch ur5"):
+            read("ur5", download=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_packages_may_be_text(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="one"><link name="a"><visual><geometry>'
+        '<mesh filename="package://arm/box.obj"/></geometry></visual></link></robot>')
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    model = load_robot(tmp_path / "arm.urdf", packages={"arm": str(folder)})
+    assert len(model.visuals[0].faces) == 1

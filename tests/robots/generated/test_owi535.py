@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene.config import RenderConfig
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import find_robot, load_robot
 from gcbench.robots.geometry import apply, inverse
 from gcbench.robots.model.articulated_model import (
     ArticulatedModel,
@@ -30,7 +30,7 @@ shoulder, 1 elbow, 2 wrist) and offset. Frames are left-handed."""
 
 @pytest.fixture(scope="module")
 def model() -> ArticulatedModel:
-    return catalog.load("owi535")
+    return load_robot("owi535")
 
 
 def configurations(model: ArticulatedModel, n: int = 500) -> np.ndarray:
@@ -57,7 +57,7 @@ def test_joints_are_as_published(model: ArticulatedModel) -> None:
     np.testing.assert_allclose(axes, [[0, 0, 1], *[[0, -1, 0]] * 3], atol=1e-15)
     np.testing.assert_allclose(
         np.degrees(model.limits[:4]), [(-130, 130), (-90, 60), (-60, 90), (-45, 45)])
-    assert catalog.find("owi535").scored == ("rotation", "base", "elbow", "wrist")
+    assert find_robot("owi535").scored == ("rotation", "base", "elbow", "wrist")
 
 
 def test_keypoints_are_craves(model: ArticulatedModel) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import find_robot, is_local, load_robot
 from gcbench.robots.generated.random_chains import random_object
 from gcbench.robots.geometry.normals import face_normals
 from gcbench.robots.model import forward_kinematics
@@ -59,8 +59,8 @@ def test_both_families_occur() -> None:
 
 
 def test_the_catalogue_knows_them_by_number() -> None:
-    model = catalog.load("random:12")
+    model = load_robot("random:12")
     assert (model.name, model.licence) == ("random:12", "MIT")
-    assert catalog.is_fetched(catalog.find("random:12"))
+    assert is_local(find_robot("random:12"))
     with pytest.raises(GcbenchError, match="random:NUMBER"):
-        catalog.find("random:x")
+        find_robot("random:x")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench.robots.catalog import entries as catalog
+from gcbench.robots.catalog import load_robot
 from gcbench.robots.gltf.meshes import dominant, triangles_of
 from gcbench.robots.gltf.reader import load_gltf
 from gcbench.robots.model.articulated_model import ArticulatedModel, ModelState, forward_kinematics
@@ -74,7 +74,7 @@ def test_a_bar_bends_as_its_closed_form(tmp_path: Path, name: str) -> None:
     _, tip, _ = bent_bar(maker)
     half = np.sin(np.pi / 4)
     maker.animate([(tip, "rotation", [0, 2], [[0, 0, 0, 1], [0, 0, half, half]], "LINEAR")])
-    model = catalog.load(maker.save(tmp_path, name))
+    model = load_robot(maker.save(tmp_path, name))
     assert model.part_names == ("scene", "base", "tip")
     (animation,) = model.animations
     assert (animation.name, animation.duration) == ("animation_0", 2.0)

@@ -13,8 +13,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.errors import ModelError
 from gcbench.robots.appliances.generator import write_appliance
-from gcbench.robots.catalog import entries as catalog
-from gcbench.robots.catalog import names as objects
+from gcbench.robots.catalog import load_robot, robot_urdf
 from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
 from gcbench.robots.urdf import partnet
 from gcbench.robots.urdf.partnet import part_names, scored_joints
@@ -98,7 +97,7 @@ def awkward(tmp_path: Path) -> Path:
 
 
 def load(folder: Path, **options: bool) -> ArticulatedModel:
-    return objects.load_named("partnet:7310", {"partnet": folder.parent}, **options)
+    return load_robot("partnet:7310", {"partnet": folder.parent}, **options)
 
 
 def test_an_object_of_the_users_folder_loads(awkward: Path) -> None:
@@ -129,7 +128,7 @@ def test_the_root_stands_upright_with_its_front_to_minus_x(awkward: Path) -> Non
 
 
 def test_a_path_to_the_file_works_as_any_urdf(awkward: Path) -> None:
-    model = catalog.load(awkward / "mobility.urdf")
+    model = load_robot(awkward / "mobility.urdf")
     assert "link_0" in model.part_names and "joint_0" in model.joint_names
     assert any(v.material.texture is not None for v in model.visuals)
     here, named = (forward_kinematics(m, np.full(4, 0.1)) for m in (model, load(awkward)))
@@ -186,13 +185,13 @@ def test_the_folder_is_where_sapien_looks(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(GcbenchError, match=r"partnet:7310 is not in partnet-mobility-dataset; "
                                            r"set PARTNET_MOBILITY_DATASET .* SAPIEN_ACCESS_TOKEN"):
-        catalog.load("partnet:7310")
+        load_robot("partnet:7310")
     shutil.copytree(awkward.parent, tmp_path / "partnet-mobility-dataset")
-    assert catalog.load("partnet:7310").name == "partnet:7310"
+    assert load_robot("partnet:7310").name == "partnet:7310"
     monkeypatch.setenv(partnet.FOLDER, str(tmp_path / "elsewhere"))
     with pytest.raises(GcbenchError, match=r"not in .*elsewhere"):
-        catalog.load("partnet:7310")
-    assert catalog.load("partnet:7310", {"partnet": awkward.parent}).name == "partnet:7310"
+        load_robot("partnet:7310")
+    assert load_robot("partnet:7310", {"partnet": awkward.parent}).name == "partnet:7310"
 
 
 def test_what_is_not_there_is_downloaded_by_sapien_and_tells_no_token(
@@ -219,12 +218,12 @@ def test_what_is_not_there_is_downloaded_by_sapien_and_tells_no_token(
     monkeypatch.setenv(partnet.TOKEN, "s3cret")
     monkeypatch.setenv(partnet.FOLDER, str(tmp_path / "new"))
     with pytest.raises(GcbenchError, match="is not in"):  # to verify is to read
-        objects.folder_of("partnet:7310", download=False)
-    assert catalog.load("partnet:7310").name == "partnet:7310"
-    catalog.load("partnet:7310")
+        robot_urdf("partnet:7310", download=False)
+    assert load_robot("partnet:7310").name == "partnet:7310"
+    load_robot("partnet:7310")
     assert calls == [("7310", "s3cret", str(tmp_path / "new"))]
     with pytest.raises(GcbenchError, match="sapien cannot download it") as caught:
-        catalog.load("partnet:1")
+        load_robot("partnet:1")
     said = capsys.readouterr()
     assert "s3cret" not in str(caught.value) + said.out + said.err
 
@@ -236,16 +235,16 @@ def test_without_sapien_it_says_what_to_install(
     monkeypatch.setenv(partnet.TOKEN, "s3cret")
     monkeypatch.setenv(partnet.FOLDER, str(tmp_path))
     with pytest.raises(GcbenchError, match=r"pip install 'gcbench\[sapien\]'"):
-        catalog.load("partnet:1")
+        load_robot("partnet:1")
 
 
 def test_a_generated_folder_is_read_by_the_same_loader(tmp_path: Path) -> None:
     folder = tmp_path / "99"
     folder.mkdir()
     write_appliance("dishwasher", 99, folder)
-    model = objects.load_named("partnet:99", {"partnet": tmp_path})
+    model = load_robot("partnet:99", {"partnet": tmp_path})
     assert scored_joints(model) == ("door",)
     assert {"body", "door", "rack", "rack_2"} <= set(model.part_names)
     (folder / "semantics.txt").unlink()
-    plain = objects.load_named("partnet:99", {"partnet": tmp_path})
+    plain = load_robot("partnet:99", {"partnet": tmp_path})
     assert scored_joints(plain) == () and "link_0" in plain.part_names

@@ -1,0 +1,162 @@
+"""From a robot's name or path to its model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+from ...errors import ModelError
+from ..appliances import APPLIANCE_LICENCE, APPLIANCE_SOURCE, GENERATED, appliance_folder
+from ..model import ArticulatedModel
+from ..motion import default_scored_joints
+from .entries import GeneratedRobot, find_robot, is_local, robot_folder
+from .names import PARTNET, is_object, parse_object_name
+
+_URDF, _GLTF = (".urdf",), (".glb", ".gltf")
+_UNSUPPORTED = {
+    ".xacro": "is a xacro file: run `xacro FILE > robot.urdf` and load the result",
+    **dict.fromkeys((".xml", ".mjcf"), "is not supported (MuJoCo's MJCF): convert it to URDF"),
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"),
+                    "is not supported (USD): export it as URDF or glTF"),
+    **dict.fromkeys((".sdf", ".world"), "is not supported (Gazebo's SDF): convert it to URDF"),
+}
+
+
+def load_robot(
+    name: str | Path, packages: Mapping[str, str | Path] | None = None,
+    allow_missing: bool = False, download: bool = True,
+) -> ArticulatedModel:
+    """Load an articulated model by its name or from a file.
+
+    Args:
+        name: A robot of the catalogue ("ur5"), a generated object ("microwave:17"), an object of
+            PartNet-Mobility ("partnet:7310"), a random object ("random:5"), or the path of a
+            .urdf, .glb or .gltf file.
+        packages: Folders of ROS packages by name, for references `package://NAME/...` of a URDF.
+            The entry "partnet" is the folder that holds PartNet-Mobility objects.
+        allow_missing: Load a file although meshes are missing, and list them in the model's
+            `notes`.
+        download: Whether files of a named robot may be downloaded on first use.
+
+    Returns:
+        The model. Lengths are in m, angles in rad.
+
+    Raises:
+        ModelError: There is no such robot (the message lists those that exist), the file is not
+            of a supported format, is broken or lacks meshes, or is not on this machine and must
+            not be downloaded.
+
+    Example:
+        >>> from gcbench.robots.catalog import load_robot
+        >>> robot = load_robot("owi535")
+        >>> robot.joint_names
+        ('rotation', 'base', 'elbow', 'wrist', 'gripper')
+    """
+    folders = {key: Path(folder) for key, folder in (packages or {}).items()}
+    if is_file(name):
+        return _load_file(Path(name), folders, allow_missing)
+    name = str(name)
+    if is_object(name):
+        return _load_object(name, folders, allow_missing, download)
+    entry = find_robot(name)
+    if isinstance(entry, GeneratedRobot):
+        module, _, function = entry.builder.partition(":")
+        build = getattr(import_module(f"..{module}", __package__), function)
+        model: ArticulatedModel = build() if entry.number is None else build(entry.number)
+    else:
+        from ..urdf import load_urdf
+
+        urdf = _catalog_urdf(name, download)
+        model = load_urdf(urdf, asset_root=robot_folder(entry))
+    return replace(model, name=entry.name, source=entry.source, licence=entry.licence)
+
+
+def is_file(name: str | Path) -> bool:
+    """Whether a robot is given by the path of a file, not by a name."""
+    suffixes = (*_URDF, *_GLTF, *_UNSUPPORTED)
+    return isinstance(name, Path) or name.lower().endswith(suffixes)
+
+
+def robot_urdf(
+    name: str | Path, packages: Mapping[str, str | Path] | None = None, download: bool = True
+) -> Path | None:
+    """Return the URDF that describes a robot, None for models without one.
+
+    The files of a generated appliance are written into the cache first. Arguments and errors are
+    those of `load_robot`.
+    """
+    if is_file(name):
+        path = Path(name)
+        return path if path.suffix.lower() in _URDF else None
+    name = str(name)
+    if is_object(name):
+        from ..urdf import partnet
+
+        folders = {key: Path(folder) for key, folder in (packages or {}).items()}
+        return _object_folder(name, folders, download) / partnet.URDF
+    return None if isinstance(find_robot(name), GeneratedRobot) else _catalog_urdf(name, download)
+
+
+def scored_by_default(name: str | Path, model: ArticulatedModel) -> tuple[str, ...]:
+    """Return the joints that move and are scored by default.
+
+    These are the catalogue's, the doors (else a drawer) of an object, or the bottom three joints
+    of any other model.
+    """
+    names: tuple[str, ...] = ()
+    if not is_file(name):
+        from ..urdf import partnet
+
+        names = partnet.scored_joints(model) if is_object(str(name)) else \
+            find_robot(str(name)).scored
+    return names or default_scored_joints(model)
+
+
+def _catalog_urdf(name: str, download: bool) -> Path:
+    """The URDF of a fetched robot of the catalogue."""
+    entry = find_robot(name)
+    assert not isinstance(entry, GeneratedRobot)
+    if not (download or is_local(entry)):
+        raise ModelError(f"the meshes of {name} are not on this machine "
+                         f"(gcbench robots fetch {name})")
+    return robot_folder(entry) / entry.urdf
+
+
+def _load_file(path: Path, packages: Mapping[str, Path], allow_missing: bool) -> ArticulatedModel:
+    suffix = path.suffix.lower()
+    if suffix in _UNSUPPORTED:
+        raise ModelError(f"{path}: {_UNSUPPORTED[suffix]}")
+    if suffix in _GLTF:
+        from ..gltf import load_gltf
+
+        return load_gltf(path, allow_missing)
+    if suffix not in _URDF:
+        raise ModelError(f"{path}: is no robot file; .urdf, .glb and .gltf files are read")
+    from ..urdf import load_urdf
+
+    return load_urdf(path, packages, allow_missing)
+
+
+def _load_object(
+    name: str, packages: Mapping[str, Path], allow_missing: bool, download: bool
+) -> ArticulatedModel:
+    from ..urdf import partnet
+
+    kind, number = parse_object_name(name)
+    model = partnet.load_object(_object_folder(name, packages, download), allow_missing)
+    name = f"{kind}:{number}"
+    if kind in GENERATED:
+        return replace(model, name=name, source=APPLIANCE_SOURCE, licence=APPLIANCE_LICENCE)
+    return replace(model, name=name, source=f"{name}, PartNet-Mobility", licence=partnet.LICENCE)
+
+
+def _object_folder(name: str, packages: Mapping[str, Path], download: bool) -> Path:
+    """The folder of one object: generated, or the user's (`packages["partnet"]` goes first)."""
+    kind, number = parse_object_name(name)
+    if kind in GENERATED:
+        return appliance_folder(kind, number)
+    from ..urdf import partnet_folder
+
+    return partnet_folder(str(number), packages.get(PARTNET), download)
