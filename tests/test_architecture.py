@@ -9,6 +9,8 @@ import os
 import subprocess
 import sys
 import sysconfig
+import tarfile
+import zipfile
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -319,18 +321,14 @@ def test_nothing_runs_or_unpickles_what_it_reads(path: Path) -> None:
 # -- what ships -------------------------------------------------------------------------------
 
 
-def declared() -> dict[str, object]:
-    return tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["tool"]["setuptools"]
-
-
-def test_every_folder_of_code_is_declared() -> None:
-    listed = set(declared()["packages"])  # type: ignore[call-overload]
-    there = {"gcbench"} | {
-        ".".join(["gcbench", *f.parent.relative_to(CHECKOUT).parts])
+def shipped() -> set[str]:
+    """The files of the package, relative to the checkout."""
+    return {"__init__.py", "__main__.py", "errors.py", "py.typed"} | {
+        f.relative_to(CHECKOUT).as_posix()
         for room in ROOMS
-        for f in CHECKOUT.glob(f"{room}/**/*.py")
+        for f in CHECKOUT.glob(f"{room}/**/*")
+        if f.is_file() and f.suffix != ".pyc"
     }
-    assert listed == there
 
 
 def test_the_root_holds_no_other_python_file() -> None:
@@ -354,59 +352,34 @@ def test_what_is_tested_is_what_is_installed() -> None:
 
     (installed,) = importlib.metadata.distributions(name="gcbench", path=[str(PACKAGE.parent)])
     files = {f.as_posix() for f in installed.files or ()}
-    shipped = {f for f in files if f.startswith("gcbench/") and not f.endswith(".pyc")}
-    expected = {"__init__.py", "__main__.py", "errors.py", "py.typed"} | {
-        f.relative_to(CHECKOUT).as_posix()
-        for room in ROOMS
-        for f in CHECKOUT.glob(f"{room}/**/*")
-        if f.is_file() and f.suffix != ".pyc"
-    }
-    assert shipped == {f"gcbench/{name}" for name in expected}
-    for name in expected:
+    there = {f for f in files if f.startswith("gcbench/") and not f.endswith(".pyc")}
+    assert there == {f"gcbench/{name}" for name in shipped()}
+    for name in shipped():
         assert (PACKAGE / name).read_bytes() == (CHECKOUT / name).read_bytes(), name
 
 
-def test_a_wheel_has_nothing_of_the_one_before(tmp_path: Path) -> None:
-    """A module that was removed, or another branch's, must not live on in build/."""
-    pytest.importorskip("setuptools", reason="setuptools builds the wheel")
-    import shutil
-    import zipfile
+def build(kind: str, out: Path) -> set[str]:
+    """The names in a new wheel or sdist of the checkout."""
+    hatchling = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(out)]
+    done = subprocess.run(hatchling, cwd=CHECKOUT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (built,) = out.iterdir()
+    if kind == "wheel":
+        return set(zipfile.ZipFile(built).namelist())
+    with tarfile.open(built) as archive:
+        return {name.partition("/")[2] for name in archive.getnames()}
 
-    source = tmp_path / "gcbench"
-    shutil.copytree(
-        CHECKOUT,
-        source,
-        ignore=shutil.ignore_patterns(
-            ".*", "data", "demo", "docs", "tests", "build", "dist", "*.egg-info", "__pycache__"
-        ),
-    )
-    (source / "README.md").touch()
-    left = source / "build/lib/gcbench/removed.py"
-    left.parent.mkdir(parents=True)
-    left.touch()
-    subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pip",
-            "wheel",
-            "--quiet",
-            "--no-deps",
-            "--no-build-isolation",
-            "--disable-pip-version-check",
-            "--wheel-dir",
-            str(tmp_path),
-            str(source),
-        ],
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    (wheel,) = tmp_path.glob("*.whl")
-    names = zipfile.ZipFile(wheel).namelist()
-    assert "gcbench/removed.py" not in names
-    assert "gcbench/renderer/show/show.html" in names
-    assert {name.split("/")[0] for name in names} == {
-        "gcbench",
-        f"gcbench-{gcbench.__version__}.dist-info",
-    }
+
+def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling", reason="hatchling builds the wheel")
+    names = build("wheel", tmp_path)
+    info = f"gcbench-{gcbench.__version__}.dist-info/"
+    assert {n for n in names if not n.startswith(info)} == {f"gcbench/{n}" for n in shipped()}
+
+
+def test_the_sdist_is_complete(tmp_path: Path) -> None:
+    """It can be tested and built again."""
+    pytest.importorskip("hatchling", reason="hatchling builds the sdist")
+    names = build("sdist", tmp_path)
+    tests = {f.relative_to(CHECKOUT).as_posix() for f in CHECKOUT.glob("tests/**/*.py")}
+    assert shipped() | tests | {"Makefile", ".ci/environment", "pyproject.toml", "LICENSE"} <= names
