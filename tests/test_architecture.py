@@ -170,7 +170,9 @@ def subpackages() -> list[Path]:
     return sorted(f for f in FILES if f.name == "__init__.py" and len(name_of(f).split("/")) == 3)
 
 
-LOADED_BY_NAME = {"gcpose.networks", "gcpose.training", "renderer.dataset.torch"}
+LOADED_BY_NAME = {
+    "gcpose.networks", "gcpose.training", "gcpose.images.raft_flow", "renderer.dataset.torch"
+}
 """What needs an extra: its modules are imported where they are used."""
 
 
@@ -280,6 +282,19 @@ def test_light_things_load_no_heavy_module(code: str) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True
     )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_base_install_needs_no_extra() -> None:
+    """Every public name is there without what the extras bring."""
+    code = """
+import sys
+for name in ("torch", "safetensors", "sapien", "pycocotools", "rerun", "webdataset"):
+    sys.modules[name] = None
+import gcbench as gb
+assert all(getattr(gb, name) is not None for name in gb.__all__)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 

@@ -41,8 +41,9 @@ def test_it_installs_and_imports(version: str, wheel: Path, tmp_path: Path) -> N
     run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(wheel)])
     assert run([python, "-W", "error", "-c", CODE]) == "ur5\n"
     assert "usage: gcbench" in run([str(tmp_path / "env/bin/gcbench"), "--help"])
-    render = ["render", "--robot", "owi535", "--n", "1", "--frames", "2", "--width", "64", "--height", "48", "--out"]
-    run([str(tmp_path / "env/bin/gcbench"), *render, str(tmp_path / "data")])
+    size = ["--n", "1", "--frames", "2", "--width", "64", "--height", "48"]
+    render = [str(tmp_path / "env/bin/gcbench"), "render", "--robot", "owi535", *size]
+    run([*render, "--out", str(tmp_path / "data")])
 
 
 def run(command: list[str]) -> str:

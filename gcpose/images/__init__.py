@@ -7,13 +7,12 @@ from .depth import Depth, depth_named
 from .flow import dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
 from .flow_types import Flow
 from .patches import match
-from .raft_flow import RaftFlow, raft_flow
 from .regions import Candidates, order_from_base, smooth
 from .still_camera import CONTRAST, Footage, footage
 from .surfaces import Surfaces, measure, rays
 
 __all__ = [
-    "CONTRAST", "Candidates", "Depth", "Flow", "Footage", "RaftFlow", "Surfaces", "depth_named",
+    "CONTRAST", "Candidates", "Depth", "Flow", "Footage", "Surfaces", "depth_named",
     "dis_flow", "fine_dis_flow", "flow_named", "footage", "for_cuts_of", "match", "measure",
-    "order_from_base", "raft_flow", "rays", "smooth", "smoothed", "training_of",
+    "order_from_base", "rays", "smooth", "smoothed", "training_of",
 ]

@@ -117,7 +117,7 @@ class Epipolar(FlowOnly):
         Raises GcbenchError for others, files that are missing, or where PyTorch is.
         """
         super().__init__(flow)
-        from ..images import raft_flow
+        from ..images.raft_flow import raft_flow
         from .fine_tune import tuned
 
         if not flow:
