@@ -148,7 +148,7 @@ def one_line(capsys: Lines) -> str:
         ("render --camera.fov 30 inf", "--camera.fov 30 inf"),
         ("render --materials.probability 2", "--materials.probability 2: give 0 to 1"),
         ("render --robot ur6", "ur5, ur5-textured, iiwa14, irb2400"),
-        ("render --config nowhere.toml", "nowhere.toml: No such file"),
+        ("render --config nowhere.toml", "nowhere.toml: cannot be read (No such file"),
         ("verify", "PATH"),
         ("verify nowhere", "nowhere"),
         ("verify nowhere --workers 0", "1 or more"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
-from gcbench.renderer.scene.config import FACTORS, STUDIO, RenderConfig
+from gcbench.renderer.scene.config import FACTORS, FRONT, STUDIO, RenderConfig, resolved
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.catalog import find_robot, robot_folder
 
@@ -41,7 +41,7 @@ Asked = list[tuple[RenderConfig, int, Path, Any]]
 
 def test_defaults(asked: Asked) -> None:
     assert main(["render"]) == 0
-    assert asked == [(RenderConfig(), 10, Path("data/ur5"), None)]
+    assert asked == [(resolved(RenderConfig()), 10, Path("data/ur5"), None)]
 
 
 def test_options_reach_the_config(asked: Asked) -> None:
@@ -116,8 +116,8 @@ def test_a_studio_is_what_a_file_changes(tmp_path: Path, asked: Asked) -> None:
     assert ranges.lights.ambient == (0.5, 0.5)
     assert ranges.lights.number == STUDIO.lights.number
     assert ranges.camera.roll == (1.0, 2.0)
-    assert ranges.camera.azimuth == STUDIO.camera.azimuth
-    assert asked[1][0].randomization == STUDIO
+    assert ranges.camera.azimuth == (45.0, 45.0)
+    assert asked[1][0] == resolved(RenderConfig(randomization=STUDIO))
 
 
 def test_a_textured_robot_carries_textures(asked: Asked) -> None:
@@ -125,19 +125,36 @@ def test_a_textured_robot_carries_textures(asked: Asked) -> None:
     assert asked[0][0].randomization.textures.probability == 1.0
 
 
+@pytest.mark.parametrize("base", [(), ("--randomize", "none")])
+def test_an_option_that_equals_its_default_is_given(
+    base: tuple[str, ...], tmp_path: Path, asked: Asked
+) -> None:
+    """The camera of an object stands before its front unless the user says otherwise."""
+    path = tmp_path / "config.toml"
+    path.write_text("[randomization.camera]\nazimuth = [-180, 180]\n")
+    for options in (["--camera.azimuth", "-180", "180"], ["--config", str(path)], []):
+        assert main(["render", "--robot", "microwave", *base, *options]) == 0
+    given, from_file, default = (c.randomization.camera.azimuth for c, *_ in asked)
+    assert given == from_file == (-180.0, 180.0)
+    assert default == ((215.0, 215.0) if base else FRONT)
+    for options, expected in (["--textures.probability", "0"], 0.0), ([], 1.0):
+        assert main(["render", "--robot", "ur5-textured", *base, *options]) == 0
+        assert asked[-1][0].randomization.textures.probability == expected
+
+
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
-        ("a.toml", "frame = 3", "'frame'"),
-        ("a.toml", "[randomization.camra]\nfov = [1, 2]", "'camra'"),
-        ("a.toml", "frames = '3'", "frames is '3'"),
+        ("a.toml", "frame = 3", "$.frame: unknown field"),
+        ("a.toml", "[randomization.camra]\nfov = [1, 2]", "$.randomization.camra"),
+        ("a.toml", "frames = '3'", "$.frames: expected int, got '3'"),
         ("a.toml", "randomization = 3", "randomization"),
         ("a.toml", "frames = ", "not TOML"),
         ("a.toml", "\udcff", "a.toml"),
         ("a.json", "{", "not JSON"),
         ("a.json", "[1]", "a.json"),
         ("a.json", '{"frames": NaN}', "a.json"),
-        ("a.json", '{"frames": 0}', "--frames 0"),
+        ("a.json", '{"frames": 0}', "$.frames: 0: give 1"),
     ],
 )
 def test_a_config_that_cannot_be_meant(

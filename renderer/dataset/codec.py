@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
+from ..types import MAX_PIXELS
 
 DEPTH_UNIT = 0.0001
 """m per unit of the depth PNG, unless a sequence says otherwise."""
-MAX_PIXELS = 2**26
-"""Of one image; a larger one is refused before it is decoded."""
 
 _GREY, _RGB = 0, 2  # PNG colour types
 _FLOW_SCALE, _FLOW_ZERO = 64, 32768

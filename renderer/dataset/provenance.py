@@ -7,14 +7,13 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from ... import __version__
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...robots.files import write_atomically
-from ..runtime import MAX_JSON, dump_json, parse_json
+from ..runtime import dump_json, read_record
 from ..scene import RenderConfig, config_tree
-from ..scene import read_config as read_config
 from ..types import FORMAT, Meta
 
 FILE = "dataset.json"
@@ -69,33 +68,32 @@ def environment() -> dict[str, Any]:
     return {"dependencies": dependencies, "platform": here}
 
 
+@dataclass(frozen=True)
+class _File:
+    """The fields of `dataset.json`."""
+
+    config: dict[str, Any]
+    generator: dict[str, str]
+    assets: tuple[dict[str, Any], ...]
+    counts: dict[str, Any] | None = None
+    dependencies: dict[str, Any] | None = None
+    platform: dict[str, Any] | None = None
+    other_environments: tuple[dict[str, Any], ...] = ()
+
+
 def read_provenance(dataset: Path) -> Provenance:
-    """The dataset's own description. Raises GcbenchError if there is none that can be read."""
+    """Return the dataset's own description.
+
+    Raises:
+        DatasetError: if the folder is not a dataset, or its `dataset.json` is damaged.
+    """
     path = dataset / FILE
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_JSON)
-    except FileNotFoundError as error:
-        raise GcbenchError(f"{dataset}: not a dataset (no {FILE})") from error
-    except OSError as error:
-        raise GcbenchError(f"{path}: {error.strerror}") from error
-    tree = parse_json(data, str(path))
-    if tree.get("format") != FORMAT:
-        raise GcbenchError(f"{path}: format {tree.get('format')!r}, this version reads {FORMAT!r}")
-    for key, kind in (("config", dict), ("generator", dict), ("assets", list), ("counts", dict)):
-        if not isinstance(tree.get(key), kind) and not (key == "counts" and tree.get(key) is None):
-            raise GcbenchError(f"{path}: {key} is missing or not what it must be")
-    others = tree.get("other_environments", [])
-    environments = [{key: tree.get(key) for key in ("dependencies", "platform")}]
-    if not isinstance(others, list):
-        raise GcbenchError(f"{path}: other_environments is not a list")
-    return Provenance(
-        config=tree["config"],
-        generator=tree["generator"],
-        environments=(*environments, *cast("list[Any]", others)),
-        assets=tuple(tree["assets"]),
-        counts=tree["counts"],
-    )
+    if not path.exists():
+        raise DatasetError(f"{dataset}: not a dataset (no {FILE})")
+    file = read_record(path, _File, FORMAT)
+    first = {"dependencies": file.dependencies, "platform": file.platform}
+    environments = (first, *file.other_environments)
+    return Provenance(file.config, file.generator, environments, file.assets, file.counts)
 
 
 def write_provenance(dataset: Path, provenance: Provenance) -> None:

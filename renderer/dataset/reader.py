@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...errors import GcbenchError
+from ...errors import DatasetError, GcbenchError
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence
-from .provenance import Provenance, read_provenance
+from .provenance import FILE, Provenance, read_provenance
 from .storage import FOLDER, open_sequence
 
 __all__ = ["Dataset", "open_dataset", "open_sequence", "sequence_paths"]
@@ -56,7 +56,7 @@ def open_dataset(path: str | Path) -> Dataset:
     """The dataset in a folder. Raises GcbenchError if it is none."""
     folder = Path(path)
     info = read_provenance(folder)
-    config = parse_config(info.config, str(folder / "dataset.json") + ": config")
+    config = parse_config(info.config, f"{folder / FILE}: config", error=DatasetError)
     return Dataset(folder, config, info, tuple(sorted(sequence_paths(folder), key=int)))
 
 

@@ -4,62 +4,71 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, cast
 
-from ...errors import GcbenchError
-from ..runtime import MAX_JSON, dump_json, parse_json
-from .config import RenderConfig
+from ...errors import ConfigError, GcbenchError
+from ...robots.files import read_file
+from ..runtime import MAX_JSON, dump_json, parse_json, parse_toml, to_record
+from .config import RenderConfig, find_out_of_bounds
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib  # pyright: ignore[reportMissingImports]
-
-T = TypeVar("T")
+Config = TypeVar("Config")
 
 
 def config_tree(config: RenderConfig) -> dict[str, Any]:
-    """The config as JSON gives it back: dicts, lists, numbers and strings."""
+    """Return the config as JSON gives it back: dicts, lists, numbers and strings."""
     return json.loads(dump_json(dataclasses.asdict(config)))
 
 
 def parse_config(
-    tree: Mapping[str, Any], where: str, base: RenderConfig | None = None
+    tree: Mapping[str, Any],
+    where: str,
+    base: RenderConfig | None = None,
+    error: type[GcbenchError] = ConfigError,
 ) -> RenderConfig:
-    """The config in a tree; a field that is not there has its value in `base` (the defaults).
+    """Return the config in a tree.
 
-    Raises GcbenchError, beginning with `where`, for an unknown field or a value of another type.
+    Args:
+        tree: Fields and their values; a field that is absent has its value in `base`.
+        where: Beginning of an error message.
+        base: Default: `RenderConfig()`.
+        error: Kind of the error for an unknown field, another type or a number out of bounds.
     """
-    return _overlay(base or RenderConfig(), tree, where)
+    found = to_record(tree, RenderConfig, where, only_known=True, error=error)
+    config = _overlay(base or RenderConfig(), found, tree)
+    for field, problem in find_out_of_bounds(config):
+        raise error(f"{where}: $.{field}: {problem}")
+    return config
 
 
 def read_config(path: Path, base: RenderConfig | None = None) -> RenderConfig:
-    """The config in a TOML or JSON file, or the one in a `dataset.json`.
+    """Return the config in a TOML or JSON file, or in a `dataset.json`; see `parse_config`.
 
-    Raises GcbenchError if the file cannot be read or has a field or value that is none.
+    Raises:
+        ConfigError: if the file cannot be read, or has a field or value that a config lacks.
     """
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_JSON)
-        tree = _parse_toml(data) if path.suffix == ".toml" else parse_json(data, str(path))
-    except OSError as error:
-        raise GcbenchError(f"{path}: {error.strerror}") from error
-    except ValueError as error:
-        raise GcbenchError(f"{path}: not TOML ({error})") from error
+    data = read_file(path, MAX_JSON, ConfigError)
+    if path.suffix == ".toml":
+        tree = parse_toml(data, str(path))
+    else:
+        tree = parse_json(data, str(path), error=ConfigError)
     if "format" in tree and isinstance(tree.get("config"), dict):
         tree = tree["config"]
     return parse_config(tree, str(path), base)
 
 
-def _parse_toml(data: bytes) -> dict[str, Any]:
-    return tomllib.loads(data.decode())
+def _overlay(base: Config, found: Config, tree: Mapping[str, Any]) -> Config:
+    """The dataclass `base` with the fields of `found` that `tree` names."""
+    changes: dict[str, Any] = {}
+    for name, value in tree.items():
+        old, new = getattr(base, name), getattr(found, name)
+        changes[name] = _overlay(old, new, value) if dataclasses.is_dataclass(old) else new
+    return dataclasses.replace(cast("Any", base), **changes)
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """ "field: old -> new" of each leaf of two trees that differs."""
+    """Return "field: old -> new" for each leaf in which two trees differ."""
     a, b = _leaves(old), _leaves(new)
     return [
         f"{key}: {_show(a, key)} -> {_show(b, key)}"
@@ -80,40 +89,3 @@ def _leaves(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             leaves[f"{prefix}{key}"] = value
     return leaves
-
-
-def _overlay(base: T, tree: Mapping[str, Any], where: str) -> T:
-    """The dataclass `base` with the fields that `tree` has."""
-    hints = get_type_hints(type(base))
-    changes: dict[str, Any] = {}
-    for name, value in tree.items():
-        if name not in hints:
-            known = ", ".join(hints)
-            raise GcbenchError(f"{where}: unknown field {name!r}; there are {known}")
-        old = getattr(base, name)
-        if not dataclasses.is_dataclass(old):
-            changes[name] = _parse(hints[name], value, f"{where}: {name}")
-        elif isinstance(value, dict):
-            changes[name] = _overlay(old, cast("dict[str, Any]", value), f"{where}: {name}")
-        else:
-            raise GcbenchError(f"{where}: {name} is {value!r}, expected fields")
-    return dataclasses.replace(cast("Any", base), **changes)
-
-
-def _parse(kind: Any, value: Any, where: str) -> Any:
-    """`value` as a tuple, Literal, number or string, as the annotation `kind` says."""
-    arguments = get_args(kind)
-    if get_origin(kind) is Literal and any(
-        value == a and type(value) is type(a) for a in arguments
-    ):
-        return value
-    if get_origin(kind) is tuple and isinstance(value, list):
-        items = cast("list[Any]", value)
-        kinds = [arguments[0]] * len(items) if arguments[-1] is Ellipsis else list(arguments)
-        if len(kinds) == len(items):
-            return tuple(_parse(k, v, where) for k, v in zip(kinds, items, strict=True))
-    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    if kind in (int, bool, str) and type(value) is kind:
-        return value
-    raise GcbenchError(f"{where} is {value!r}, which is not a value for it")

@@ -11,9 +11,9 @@ import numpy as np
 from ...errors import GcbenchError
 from .images import Image, draw_texture
 
-SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp")
-MAX_BYTES = 64 << 20
-MAX_PIXELS = 100_000_000
+_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp")
+_MAX_BYTES = 64 << 20
+_MAX_PIXELS = 100_000_000
 
 
 class ImageFolder:
@@ -27,12 +27,12 @@ class ImageFolder:
         if not self.path.is_dir():
             raise GcbenchError(f"no image folder {path}: give an existing folder of images")
         found = {p for pattern in ("*", "*/*") for p in self.path.glob(pattern)
-                 if p.suffix.lower() in SUFFIXES and p.is_file()
+                 if p.suffix.lower() in _SUFFIXES and p.is_file()
                  and not any(part.startswith(".") for part in p.relative_to(self.path).parts)}
         # As text with "/", so that the order is the same on every system.
         self.files = tuple(sorted(found, key=lambda p: p.relative_to(self.path).as_posix()))
         if not self.files:
-            raise GcbenchError(f"no images in {path}: put {', '.join(SUFFIXES)} files there")
+            raise GcbenchError(f"no images in {path}: put {', '.join(_SUFFIXES)} files there")
 
     def draw(self, rng: np.random.Generator, size: tuple[int, int],
              tileable: bool = False) -> Image:
@@ -71,16 +71,16 @@ def draw_image(kinds: Sequence[str], images: ImageFolder | None, size: tuple[int
 def _read(path: Path) -> Image:
     """sRGB [h w 3]; by way of bytes, since cv2.imread fails on some systems' file names."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise GcbenchError(f"{path} is larger than {MAX_BYTES >> 20} MiB: shrink or remove it")
+        if path.stat().st_size > _MAX_BYTES:
+            raise GcbenchError(f"{path} is larger than {_MAX_BYTES >> 20} MiB: shrink or remove it")
         data = np.frombuffer(path.read_bytes(), np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     except (OSError, MemoryError, cv2.error) as error:
         raise GcbenchError(f"cannot read image {path}: replace or remove it") from error
     if image is None:
         raise GcbenchError(f"{path} is not an image that OpenCV reads: replace or remove it")
-    if image.shape[0] * image.shape[1] > MAX_PIXELS:
-        raise GcbenchError(f"{path} has more than {MAX_PIXELS // 10**6} megapixels: shrink it")
+    if image.shape[0] * image.shape[1] > _MAX_PIXELS:
+        raise GcbenchError(f"{path} has more than {_MAX_PIXELS // 10**6} megapixels: shrink it")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 

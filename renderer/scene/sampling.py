@@ -64,7 +64,7 @@ def draw_camera(
     """
     low, high = points.min(0), points.max(0)
     center, size = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 1e-6)
-    azimuth = np.radians(rng.uniform(*config.azimuth))
+    azimuth = np.radians(rng.uniform(*config.azimuth_or_default()))
     elevation = np.radians(rng.uniform(*config.elevation))
     fov, fill = np.radians(rng.uniform(*config.fov)), rng.uniform(*config.fill)
     roll = np.radians(rng.uniform(*config.roll))
@@ -159,7 +159,7 @@ def draw_textures(
         chance, scale = rng.random(), rng.uniform(*config.scale)
         kind = str(rng.choice(config.kinds))
         child = np.random.default_rng(rng.integers(2**63))
-        if chance >= config.probability:
+        if chance >= (config.probability or 0.0):
             continue
         shape = (config.size, config.size)
         image = draw_picture((kind,), images, shape, child, tileable=True)

@@ -7,6 +7,7 @@ from .observation import Estimate, Inputs, Knowledge, Method, Observation
 from .sequence import (
     BACKGROUND,
     FORMAT,
+    MAX_PIXELS,
     OCCLUDED,
     OUT_OF_IMAGE,
     VISIBLE,
@@ -19,6 +20,7 @@ from .sequence import (
 __all__ = [
     "BACKGROUND",
     "FORMAT",
+    "MAX_PIXELS",
     "OCCLUDED",
     "OUT_OF_IMAGE",
     "VISIBLE",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Annotated, Any, Literal, Protocol, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +15,14 @@ from ...robots.geometry import Array
 FORMAT = "gcbench/1"
 BACKGROUND, VISIBLE, OCCLUDED, OUT_OF_IMAGE = 0, 1, 2, 3
 """Values of a visibility image."""
-
+MAX_PIXELS = 2**26
+"""Pixels of an image; a larger one is refused."""
+_Count = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
+_FrameCount = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
+_ImageSide = Annotated[int, msgspec.Meta(ge=1, le=MAX_PIXELS)]
+_Index = Annotated[int, msgspec.Meta(ge=0)]
+_JointType = Annotated[str, msgspec.Meta(pattern="^(revolute|continuous|prismatic)$")]
+_Layer = Annotated[str, msgspec.Meta(pattern="^(normal|coordinates|keypoints|tracks)$")]
 
 Item = TypeVar("Item", bound=np.generic, covariant=True)
 
@@ -106,35 +114,35 @@ class Meta:
     asset: Mapping[str, Any]
     """name, source, licence, sha256, notes"""
     joint_names: tuple[str, ...]
-    joint_types: tuple[str, ...]
+    joint_types: tuple[_JointType, ...]
     """[J] "revolute", "continuous" or "prismatic"."""
     joint_limits: tuple[tuple[float, float] | None, ...]
     """[J] rad or m, None where a joint has none."""
     part_names: tuple[str, ...]
     scored_joints: tuple[str, ...]
-    width: int
-    height: int
-    frames: int
-    seed: int
-    index: int
+    width: _ImageSide
+    height: _ImageSide
+    frames: _FrameCount
+    seed: _Index
+    index: _Index
     randomization: Mapping[str, Any]
     """What was drawn (docs/dataset.md)."""
     renderer: Mapping[str, str]
     """GL renderer and version strings."""
     observability: Mapping[str, Any]
-    depth_unit: float = 0.0001
+    depth_unit: Annotated[float, msgspec.Meta(ge=1e-9, le=1e3)] = 0.0001
     """m per unit of the depth PNG"""
-    camera_model: str = "pinhole"
+    camera_model: Literal["pinhole"] = "pinhole"
     units: Mapping[str, str] | None = None
     deforming_parts: tuple[str, ...] = ()
     """Names of the parts with surfaces that move otherwise than the part."""
-    layers: tuple[str, ...] = ()
+    layers: tuple[_Layer, ...] = ()
     """Optional truth that is stored: of "normal", "coordinates", "keypoints", "tracks"."""
     keypoint_names: tuple[str, ...] = ()
     """[K]"""
-    keypoint_tolerance: float = 0.0
+    keypoint_tolerance: Annotated[float, msgspec.Meta(ge=0)] = 0.0
     """m behind the visible surface at which a keypoint still counts as visible."""
-    tracks: int = 0
+    tracks: _Count = 0
     """N"""
     format: str = FORMAT
 

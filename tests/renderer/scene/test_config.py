@@ -1,0 +1,143 @@
+"""A configuration states its bounds, and survives JSON and TOML."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
+
+import pytest
+from gcbench.errors import ConfigError
+from gcbench.renderer.scene.config import (
+    FACTORS,
+    LAYERS,
+    STUDIO,
+    Bounds,
+    CameraConfig,
+    RandomizationConfig,
+    RenderConfig,
+    find_out_of_bounds,
+    resolved,
+)
+from gcbench.renderer.scene.config_files import config_tree, parse_config, read_config
+from hypothesis import given
+from hypothesis import strategies as st
+
+
+def fields(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted name, annotation) of every field that holds no other config."""
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        if dataclasses.is_dataclass(hint):
+            yield from fields(hint, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", hint
+
+
+def is_numeric(hint: Any) -> bool:
+    return hint in (int, float) or any(is_numeric(inner) for inner in get_args(hint))
+
+
+def bounds_of(hint: Any) -> list[Bounds]:
+    return [b for b in get_args(hint)[1:] if isinstance(b, Bounds)]
+
+
+def test_every_number_has_bounds() -> None:
+    numeric = {name: hint for name, hint in fields(RenderConfig) if is_numeric(hint)}
+    assert {"frames", "randomization.camera.azimuth", "randomization.lights.number"} <= {*numeric}
+    assert [name for name, hint in numeric.items() if len(bounds_of(hint)) != 1] == []
+
+
+def set_field(config: Any, name: str, value: Any) -> Any:
+    first, _, rest = name.partition(".")
+    inner = set_field(getattr(config, first), rest, value) if rest else value
+    return replace(config, **{first: inner})
+
+
+@pytest.mark.parametrize("name", [n for n, hint in fields(RenderConfig) if bounds_of(hint)])
+def test_a_number_out_of_bounds_is_refused_by_name(name: str) -> None:
+    hint = dict(fields(RenderConfig))[name]
+    (bounds,) = bounds_of(hint)
+    many = get_origin(hint.__origin__) is not None and hint.__origin__ != (float | None)
+    for wrong in (bounds.low - 1, float("nan")):
+        value = (wrong,) * (3 if name.endswith("color") else 2) if many else wrong
+        config = set_field(RenderConfig(), name, value)
+        assert [field for field, _ in find_out_of_bounds(config)] == [name]
+        option = name.removeprefix("randomization.").replace("_", "-")
+        with pytest.raises(ConfigError, match=f"^--{option} .*: give "):
+            resolved(config)
+
+
+def test_ranges_ascend() -> None:
+    camera = CameraConfig(fov=(50.0, 40.0))
+    with pytest.raises(ConfigError, match=r"--camera\.fov 50 40: give the smaller number first"):
+        resolved(RenderConfig(randomization=RandomizationConfig(camera=camera)))
+
+
+def values(hint: Any) -> st.SearchStrategy[Any]:
+    """Values of an annotation within its bounds."""
+    if bounds := bounds_of(hint):
+        (b,), inner = bounds, get_args(hint)[0]
+        inner = next(k for k in (*get_args(inner), inner) if k is not type(None)) \
+            if type(None) in get_args(inner) else inner
+        kind = int if int in (inner, *get_args(inner)) else float
+        high = min(b.high, 1e15)
+        number = st.integers(int(b.low), int(high)) if kind is int else st.floats(b.low, high)
+        if get_origin(inner) is tuple:
+            count = len(get_args(inner))
+            drawn = st.lists(number, min_size=count, max_size=count)
+            return drawn.map(sorted if b.ordered else list).map(tuple)
+        return number
+    if hint is bool:
+        return st.booleans()
+    if hint is str:
+        return st.text(st.characters(exclude_characters="\x7f", min_codepoint=32), max_size=8)
+    if get_origin(hint) is tuple:
+        return st.lists(values(get_args(hint)[0]), max_size=3).map(tuple)
+    return st.sampled_from(get_args(hint))
+
+
+@st.composite
+def configs(draw: st.DrawFn) -> RenderConfig:
+    config = draw(st.sampled_from([RenderConfig(), RenderConfig(randomization=STUDIO)]))
+    known = {"layers": LAYERS, "vary": FACTORS}
+    for name, hint in draw(st.lists(st.sampled_from([*fields(RenderConfig)]), max_size=6)):
+        if name in known:
+            value = tuple(draw(st.lists(st.sampled_from(known[name]), unique=True)))
+        elif name == "robot":
+            value = draw(st.sampled_from(["ur5", "ur5-textured", "microwave", "x.urdf"]))
+        else:
+            value = draw(values(hint))
+        config = set_field(config, name, value)
+    return config
+
+
+def toml(tree: dict[str, Any], table: str = "") -> str:
+    """TOML of a config's tree; JSON writes its strings, numbers and lists alike."""
+    lines = [f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in tree.items()
+             if not isinstance(v, dict)]
+    tables = [f"[{table}{k}]\n{toml(v, f'{table}{k}.')}" for k, v in tree.items()
+              if isinstance(v, dict)]
+    return "\n".join([*lines, *tables]) + "\n"
+
+
+@given(configs())
+def test_a_config_survives_json_and_toml(tmp_path_factory: Any, config: RenderConfig) -> None:
+    config = resolved(config)
+    assert resolved(config) == config
+    tree = config_tree(config)
+    assert parse_config(tree, "") == config
+    folder = Path(tmp_path_factory.getbasetemp())
+    for suffix, text in ((".toml", toml(tree)), (".json", json.dumps(tree))):
+        (folder / f"config{suffix}").write_text(text, encoding="utf-8")
+        assert read_config(folder / f"config{suffix}") == config
+
+
+def test_what_was_not_given_stays_open_until_the_robot_is_known() -> None:
+    unresolved = parse_config({"frames": 3}, "")
+    assert unresolved.randomization.camera.azimuth is None
+    assert unresolved.randomization.textures.probability is None
+    for robot in ("ur5", "microwave"):
+        assert resolved(replace(unresolved, robot=robot)).randomization.camera.azimuth
