@@ -7,8 +7,11 @@ from collections.abc import Generator
 from functools import cache
 from typing import Any
 
+import hypothesis
 import pytest
 
+hypothesis.settings.register_profile("no-deadline", deadline=None)  # machines differ in speed
+hypothesis.settings.load_profile("no-deadline")
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
 
 
