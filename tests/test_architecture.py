@@ -145,7 +145,7 @@ def test_there_is_something_to_check() -> None:
     assert {room_of(f) for f in FILES} == {"", *ROOMS}
     scene = PACKAGE / "renderer/scene/scene.py"
     assert ("robots", "model.ArticulatedModel") in set(ours(scene))
-    assert ("", "errors.GcbenchError") in set(ours(PACKAGE / "renderer/scene/config.py"))
+    assert ("", "errors.ConfigError") in set(ours(PACKAGE / "renderer/scene/config.py"))
 
 
 @pytest.mark.parametrize("room", ROOMS)
