@@ -5,6 +5,7 @@ MAKEFLAGS += --no-builtin-rules
 .PHONY: help demo test test-all lint speed appliances env clean package libraries
 
 PYTHON ?= python3
+N ?= 100
 export PYTHON
 VENV := .venv
 PY := $(CURDIR)/$(VENV)/bin/python
@@ -41,13 +42,13 @@ speed: $(VENV)/.speed-$(NEEDS) package  ## frames per second, beside other ways 
 	@.ci/system-libraries $(PY)
 	$(PY) tests/speed/render_speed.py $(ARGS)
 
-appliances: package  ## a hundred of each appliance, verified and on a contact sheet (minutes)
+appliances: package  ## render and verify a hundred of each appliance, with contact sheets (minutes)
 	@.ci/system-libraries $(PY)
 	for kind in microwave dishwasher oven drawer; do \
-		$(VENV)/bin/gcbench render --robot $$kind --n 100 --frames 4 --width 320 --height 240 \
+		$(PY) -m gcbench render --robot $$kind --n $(N) --frames 4 --width 320 --height 240 \
 			--out demo/$$kind && \
-		$(VENV)/bin/gcbench verify demo/$$kind && \
-		$(VENV)/bin/gcbench show demo/$$kind --contact-sheet demo/$$kind.png || exit 1; \
+		$(PY) -m gcbench verify demo/$$kind && \
+		$(PY) -m gcbench show demo/$$kind --contact-sheet demo/$$kind.png || exit 1; \
 	done
 
 env: $(VENV)/.test-$(NEEDS) $(VENV)/.lint-$(NEEDS) package  ## the environment .venv, with gcbench installed

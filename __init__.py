@@ -59,7 +59,7 @@ __all__ = [
 
 _HOMES = {
     "robots.catalog": "fetch_robot list_robots load_robot",
-    "robots.model": "ArticulatedModel",
+    "robots.model": "ArticulatedModel JointType Link",
     "robots.motion": "JointTrajectory",
     "renderer.types": "Camera Estimate Frame Method Observation Sequence",
     "renderer.scene": "RenderConfig",

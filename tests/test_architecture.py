@@ -60,7 +60,7 @@ LAYERS = {
         "gl dataset",
         "truth verify show",
         "generate export",
-        "doctor",
+        "doctor observation torch_dataset",
     ),
     "gcpose": (
         "numerics networks", "chain images", "rgbd", "rgb", "paper training", "settings", "method"
