@@ -342,7 +342,7 @@ def shipped() -> set[str]:
         f.relative_to(CHECKOUT).as_posix()
         for room in ROOMS
         for f in CHECKOUT.glob(f"{room}/**/*")
-        if f.is_file() and f.suffix != ".pyc"
+        if f.is_file() and "__pycache__" not in f.parts
     }
 
 
