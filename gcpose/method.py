@@ -23,7 +23,7 @@ from .images import (
 )
 from .numerics import together
 from .rgb import estimate_rgb
-from .rgbd import RgbdSettings, Tracker, adjust, deviation, lively, lost, search
+from .rgbd import RgbdSettings, Tracker, Views, adjust, deviation, lively, lost, search
 from .settings import Settings
 
 _DEFAULT = Settings()
@@ -79,19 +79,17 @@ class GCPose:
             surfaces = smoothed(observation.depth, rgb, observation.intrinsics, noise, self.flow)
         else:
             surfaces = measure(observation.depth, observation.intrinsics)
-        where = lively(surfaces, rgb)
+        where = lively(surfaces, rgb, settings.labels)
         if np.count_nonzero(where[0]) < settings.min_moving_pixels:
             return unmoved(observation, known, settings.sigma_static)
-        candidates = settings.candidates_noisy if noise else settings.candidates
-        tracker = Tracker(surfaces, rgb, where, known, candidates)
+        tracker = Tracker(surfaces, rgb, where, known, settings)
         best = search(tracker, self.flow)
         state, sums = adjust(
-            replace(surfaces, flow=None),
-            best.clouds,
+            Views(replace(surfaces, flow=None), best.clouds, tracker.hinges(best)),
             best.state,
             known.freedom,
             settings.final_scales_noisy if noise else settings.final_scales,
-            tracker.hinges(best),
+            settings,
         )
         sigma = deviation(sums, *state.angle.shape)
         if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from .articulation import (
-    ARM,
     Articulation,
     Cloud,
     Hypothesis,
@@ -12,7 +11,7 @@ from .articulation import (
     distinct,
     middles,
 )
-from .beam_search import Beam, axes, beamed, directions, spread, unlike
+from .beam_search import Beam, Grid, axes, beamed, directions, spread, unlike
 from .chain_fit import Goal, fit_chains, follow_held, misfit
 from .hinges import extent, hinges, thinned
 from .kernels import add_normal
@@ -26,13 +25,48 @@ from .kinematics import (
     screws_of,
 )
 from .priors import Known, about, axis_from, knowledge, spaces
+from .settings import ChainSettings
 from .weak_prior import Hinges, Normal, closeness, from_axis, smoothness
 
 __all__ = [
-    "ARM", "Articulation", "Beam", "Cloud", "Goal", "Hinges", "Hypothesis", "Known", "Normal",
-    "about", "add_normal", "adjoint", "axes", "axis_bases", "axis_basis", "axis_from", "beamed",
-    "carriers", "closeness", "directions", "displace_axis", "displaced", "distinct",
-    "exponential", "extent", "fit_chains", "follow_held", "from_axis", "hinges", "knowledge",
-    "middles", "misfit", "relative", "screws_of", "smoothness", "spaces", "spread", "thinned",
+    "Articulation",
+    "Beam",
+    "ChainSettings",
+    "Cloud",
+    "Goal",
+    "Grid",
+    "Hinges",
+    "Hypothesis",
+    "Known",
+    "Normal",
+    "about",
+    "add_normal",
+    "adjoint",
+    "axes",
+    "axis_bases",
+    "axis_basis",
+    "axis_from",
+    "beamed",
+    "carriers",
+    "closeness",
+    "directions",
+    "displace_axis",
+    "displaced",
+    "distinct",
+    "exponential",
+    "extent",
+    "fit_chains",
+    "follow_held",
+    "from_axis",
+    "hinges",
+    "knowledge",
+    "middles",
+    "misfit",
+    "relative",
+    "screws_of",
+    "smoothness",
+    "spaces",
+    "spread",
+    "thinned",
     "unlike",
 ]

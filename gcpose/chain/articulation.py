@@ -19,8 +19,6 @@ from .kinematics import (
     part_motions,
 )
 
-ARM = 0.2  # m, on which a slide counts as a turn
-
 
 @dataclass(frozen=True)
 class Articulation:
@@ -99,11 +97,11 @@ def displaced(state: Articulation, basis: tuple[Array, ...], step: Array) -> Arr
     return twist
 
 
-def distinct(found: list[Hypothesis], most: int) -> list[Hypothesis]:
-    """The best few whose labels differ."""
+def distinct(found: list[Hypothesis], most: int, difference: float) -> list[Hypothesis]:
+    """The `most` best whose labels differ in a share of the points of frame 0."""
     out: list[Hypothesis] = []
     for h in sorted(found, key=lambda h: h.cost):
-        if all(np.mean(h.clouds[0].label != other.clouds[0].label) > 0.02 for other in out):
+        if all(np.mean(h.clouds[0].label != other.clouds[0].label) > difference for other in out):
             out.append(h)
         if len(out) == most:
             break

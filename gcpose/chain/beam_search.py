@@ -7,6 +7,7 @@ small a turn.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,9 +18,8 @@ from ...robots.geometry import Array
 from ..numerics import Image
 from .kinematics import part_motions
 from .priors import Known
+from .settings import ChainSettings
 
-_VALUES = 7  # of a step
-_TURNS = 8  # directions across another
 _ALONE = np.array([-1])  # what carries a joint, where no other is looked at
 
 
@@ -36,6 +36,22 @@ class Judge(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Grid:
+    """The first steps of a chain that are searched."""
+
+    roots: Array
+    """[R 3] places of the axes of joints on the base, where they are not known"""
+    places: Array
+    """[P 3] places of the other axes"""
+    turn: float
+    """Largest turn, rad."""
+    slide: float
+    """Largest slide."""
+    width: int
+    """Chains that are extended by the next joint."""
+
+
 class Beam(NamedTuple):
     """M chains of j joints."""
 
@@ -49,29 +65,23 @@ class Beam(NamedTuple):
     """[M j]"""
 
 
-def beamed(
-    known: Known, judge: Judge, roots: Array, places: Array, turn: float, slide: float, most: int
-) -> Beam:
-    """The best chains whose joints make steps up to `turn` rad or `slide`, the best first.
-
-    Hinges are at `places` [P 3], those of joints that nothing carries at `roots` [R 3], if their
-    axes are not known; `most` chains are carried on to the next joint.
-    """
+def beamed(known: Known, judge: Judge, grid: Grid, settings: ChainSettings) -> Beam:
+    """The best chains of a grid of steps, the best first."""
     still = np.eye(4)[None]
     beam = Beam(still[None], judge.costs(still), np.zeros((1, 0, 6)), np.zeros((1, 0)))
     for j, prismatic in enumerate(known.prismatic):
         grown: list[Beam] = []
-        step = np.linspace(-1, 1, _VALUES) * (slide if prismatic else turn)
+        step = np.linspace(-1, 1, settings.beam_values) * (grid.slide if prismatic else grid.turn)
         for before, group in families(beam, known):
-            near = places if known.parent[j] >= 0 else roots
-            lines = axes(known, j, directions(known, j, before), near)
+            near = grid.places if known.parent[j] >= 0 else grid.roots
+            lines = axes(known, j, directions(known, j, before, settings), near)
             if len(lines) == 1:
-                step = np.linspace(step[0], step[-1], 2 * _VALUES - 1)
+                step = np.linspace(step[0], step[-1], 2 * settings.beam_values - 1)
             twist, by = lines.repeat(len(step), axis=0), np.tile(step, len(lines))
             turns = part_motions(twist[:, None], by[:, None, None], _ALONE)[:, 0, 1]
             carrier = group.motion[:, known.parent[j] + 1]
             mean = judge.means(carrier, turns, group.cost).reshape(-1)
-            best = np.argsort(mean, kind="stable")[:most]
+            best = np.argsort(mean, kind="stable")[: grid.width]
             old, new = np.divmod(best, len(turns))
             line, value = np.divmod(new, len(step))
             motion = carrier[old] @ turns[new]
@@ -85,7 +95,9 @@ def beamed(
             np.concatenate([b.motion for b in grown]), np.concatenate([b.cost for b in grown]),
             np.concatenate([b.twist for b in grown]), np.concatenate([b.angle for b in grown]),
         )
-        go_on = most if known.direction is not None else most // 5
+        go_on = grid.width
+        if known.direction is None:
+            go_on //= settings.beam_divisor
         beam = chosen(beam, np.argsort(beam.cost.mean(axis=1), kind="stable")[:go_on])
     return beam
 
@@ -113,16 +125,18 @@ def families(beam: Beam, known: Known) -> list[tuple[Array | None, Beam]]:
             for k, m in zip(kinds, members, strict=True)]
 
 
-def directions(known: Known, joint: int, before: Array | None) -> Array:
+def directions(
+    known: Known, joint: int, before: Array | None, settings: ChainSettings
+) -> Array:
     """[D 3] where an axis may point: as known; or upright, then parallel to the one before it or
     across, as machines are built and images are taken."""
     if known.direction is not None:
         return known.direction[joint][None]
     if before is None:
-        tilt = np.radians([10.0, 22.0, 35.0, 48.0])
+        tilt = np.array(settings.beam_tilts)
         return np.stack([0 * tilt, -np.cos(tilt), -np.sin(tilt)], axis=1)
     across = np.linalg.svd(before[None])[2][1:]
-    turn = np.arange(_TURNS) * np.pi / _TURNS
+    turn = np.arange(settings.beam_directions) * np.pi / settings.beam_directions
     round_about = np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1]
     return np.concatenate([before[None], round_about])
 

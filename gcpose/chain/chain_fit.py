@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse
 from .kinematics import adjoint, axis_basis, carriers, displace_axis, logarithm, part_motions
-
-_DAMPING = 1e-4
-_STEP = 0.2  # largest change of an unknown in an iteration, rad or m
-_HELD, _FREED = 8, 20  # iterations with axes held, then free
+from .settings import ChainSettings
 
 
 @dataclass(frozen=True)
@@ -36,26 +33,27 @@ class Goal:
         return carriers(self.parent)[self.place + 1]
 
 
-def follow_held(goal: Goal, twist: Array) -> Array:
+def follow_held(goal: Goal, twist: Array, settings: ChainSettings) -> Array:
     """Displacements [S T I] of chains [S I 6] whose axes are held, nearest to the goal."""
     joints = twist.shape[1]
     angle = np.zeros((len(twist), len(goal.motion), joints))
-    for _ in range(_HELD):
+    for _ in range(settings.fit_held_iterations):
         motion, error = errors(goal, twist, angle)
         row = by_displacement(goal, twist, motion)
         weighted = goal.information @ row
         matrix = np.einsum("stgki,stgkj->stij", row, weighted, optimize=True)
         size = np.trace(matrix, axis1=2, axis2=3)[..., None, None] / joints
-        matrix += (1e-3 * size + 1e-6) * np.eye(joints)
+        matrix += (settings.fit_held_damping * size + 1e-6) * np.eye(joints)
         vector = np.einsum("stgki,stgk->sti", weighted, error, optimize=True)
-        angle += np.clip(np.linalg.solve(matrix, vector[..., None])[..., 0], -_STEP, _STEP)
+        step = np.linalg.solve(matrix, vector[..., None])[..., 0]
+        angle += np.clip(step, -settings.fit_max_step, settings.fit_max_step)
         angle[:, 0] = 0.0
     return angle
 
 
 def fit_chains(
     goal: Goal, twist: Array, angle: Array, prismatic: NDArray[np.bool_], near: Array,
-    freedom: int,
+    freedom: int, settings: ChainSettings,
 ) -> tuple[Array, Array, Array]:
     """Gauss-Newton on displacements [S T I] and axes [S I 6]; and the misfit [S].
 
@@ -63,7 +61,7 @@ def fit_chains(
     """
     chains, frames, joints = angle.shape
     held, moves = (frames - 1) * joints, goal.moves
-    for _ in range(_FREED):
+    for _ in range(settings.fit_iterations):
         motion, error = errors(goal, twist, angle)
         ad = adjoint(motion)
         bases = [axis_basis(twist[:, j], bool(prismatic[j]), near[j], freedom)
@@ -77,16 +75,17 @@ def fit_chains(
             row[..., at : at + b.shape[2]] = turned[:, :, None] * moves[:, j, None, None]
             at += b.shape[2]
         square = np.einsum("stgi,tgij,stgj->stg", error, goal.information, error)
-        typical = np.maximum(1e-12, 4.0 * np.median(square[:, 1:], axis=1, keepdims=True))
+        median = np.median(square[:, 1:], axis=1, keepdims=True)
+        typical = np.maximum(1e-12, settings.fit_robust_scale * median)
         trust = 1.0 / (1.0 + square / typical)
         weighted = (goal.information * trust[..., None, None]) @ row
         flat = weighted.reshape(chains, -1, row.shape[-1]).swapaxes(1, 2)
         matrix = flat @ row.reshape(chains, -1, row.shape[-1])
         diagonal = np.arange(matrix.shape[1])
-        matrix[:, diagonal, diagonal] *= 1 + _DAMPING
+        matrix[:, diagonal, diagonal] *= 1 + settings.fit_damping
         matrix[:, diagonal, diagonal] += 1e-9
         step = np.linalg.solve(matrix, flat @ error.reshape(chains, -1, 1))[..., 0]
-        step = np.clip(step, -_STEP, _STEP)
+        step = np.clip(step, -settings.fit_max_step, settings.fit_max_step)
         angle = angle.copy()
         angle[:, 1:] += step[:, :held].reshape(chains, frames - 1, joints)
         twist, at = twist.copy(), held

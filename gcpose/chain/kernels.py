@@ -186,10 +186,13 @@ def fill_displaced(twist: Array, motion: Array, prismatic: bool, out: Array) -> 
 @compiled
 def fill_hinges(
     point: Array, label: NDArray[np.int64], base: Array, parent: NDArray[np.int64],
-    moves: NDArray[np.bool_], most: int, out: Array,
+    moves: NDArray[np.bool_], most: int, divisor: int, out: Array,
 ) -> None:
-    """Mean of the points [N 3] of what joint j moves that are nearest to those of what carries it,
-    at most so many of each: out [J 3]; the carrier's, or the base [3], where there are none."""
+    """Fill in hinges [J 3]: means of the points that joint j moves and that are nearest to its
+    parent's points; where there are none, the parent's hinge or the base [3].
+
+    points [N 3]; at most `most` of each are compared, and one in `divisor` of them is averaged.
+    """
     inner, outer = np.zeros(len(point), np.int64), np.zeros(len(point), np.int64)
     for j in range(len(parent)):
         p, before, behind = parent[j], 0, 0
@@ -215,7 +218,7 @@ def fill_hinges(
                 at = inner[int(k * (before - 1) / max(1, b - 1))]
                 dx, dy, dz = point[at, 0] - x, point[at, 1] - y, point[at, 2] - z
                 apart[i] = min(apart[i], dx * dx + dy * dy + dz * dz)
-        nearest = np.argsort(apart)[: 1 + a // 12]
+        nearest = np.argsort(apart)[: 1 + a // divisor]
         out[j] = 0.0
         for i in nearest:
             out[j] += point[some[i]] / len(nearest)

@@ -69,11 +69,12 @@ def about(origin: Array, twist: Array) -> Array:
 
 
 def axis_from(
-    added: Array, known: Known, joint: int, hinge: Array, least: float
+    added: Array, known: Known, joint: int, hinge: Array, least: float, most: float
 ) -> tuple[Array, float]:
     """Twist [6] of unit speed and displacement of a joint that adds `added` [6].
 
-    Where it hardly moves (less than `least`), its axis is taken through `hinge` [3].
+    Where it hardly moves (less than `least`), its axis is taken through `hinge` [3]; elsewhere it
+    passes within `most` times the hinge's depth.
     """
     w, v = added[:3], added[3:]
     if known.prismatic[joint]:
@@ -98,6 +99,6 @@ def axis_from(
     speed = angle if abs(angle) > least else np.copysign(least, angle)
     offset = at_hinge / speed
     far = np.linalg.norm(offset)
-    if far > 0.5 * hinge[2]:
-        offset *= 0.5 * hinge[2] / far
+    if far > most * hinge[2]:
+        offset *= most * hinge[2] / far
     return np.concatenate([l, offset - across]), angle

@@ -9,9 +9,7 @@ import numpy as np
 
 from ...robots.geometry import Array
 from .articulation import Articulation
-
-_ACCELERATION = np.radians(0.6)  # change of a joint's step from frame to frame, rad or m
-_STEP = np.radians(5.0)  # of a joint from frame to frame, rad or m
+from .settings import ChainSettings
 
 
 @dataclass(frozen=True)
@@ -32,18 +30,18 @@ class Hinges:
     """Standard deviation of the distance, m."""
 
 
-def smoothness(angle: Array, last: int) -> Normal:
+def smoothness(angle: Array, last: int, settings: ChainSettings) -> Normal:
     """Prior on the displacements of frames 1..last: joints do not jump, and do not jerk."""
-    matrix = smooth_matrix(last, angle.shape[1])
+    matrix = smooth_matrix(last, angle.shape[1], settings.acceleration_sigma, settings.step_sigma)
     return Normal(matrix, -matrix @ angle[1 : last + 1].reshape(-1))
 
 
 @cache
-def smooth_matrix(last: int, joints: int) -> Array:
+def smooth_matrix(last: int, joints: int, acceleration: float, step: float) -> Array:
     """[last*J last*J] of that prior; it does not depend on the displacements."""
     first = np.eye(last) - np.eye(last, k=-1)
     second = (first @ first)[1:]  # angle[t+1] - 2 angle[t] + angle[t-1], angle[0] = 0
-    along = second.T @ second / _ACCELERATION**2 + first.T @ first / _STEP**2
+    along = second.T @ second / acceleration**2 + first.T @ first / step**2
     return np.kron(along, np.eye(joints))
 
 

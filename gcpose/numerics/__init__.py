@@ -12,10 +12,11 @@ from .settings import (
     Scales,
     SettingsRecord,
     Share,
+    Whole,
 )
 from .threads import together
 
 __all__ = [
     "DEGREE", "Count", "Image", "NonNegative", "Positive", "Scales", "SettingsRecord", "Share",
-    "compiled", "together",
+    "Whole", "compiled", "together",
 ]

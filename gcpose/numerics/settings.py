@@ -19,6 +19,7 @@ from ...errors import ConfigError
 DEGREE = math.pi / 180
 """rad"""
 Count = Annotated[int, Meta(ge=1)]
+Whole = Annotated[int, Meta(ge=0)]
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -32,14 +33,14 @@ class SettingsRecord:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all settings as a tree of JSON values."""
-        return msgspec.to_builtins(self)
+        return msgspec.json.decode(msgspec.json.encode(self))
 
     def override(self: S, changes: Mapping[str, str]) -> S:
         """Return a copy with some settings replaced.
 
         Args:
-            changes: Text by dotted name, such as `{"rgb.max_points": "200"}`; the numbers of a
-                tuple are separated by commas.
+            changes: Text by dotted name, such as `{"rgb.max_points": "200"}`. Commas separate
+                the numbers of a tuple, semicolons the tuples of a tuple.
 
         Raises:
             ConfigError: If a setting does not exist, or a value has the wrong type or is out of
@@ -58,37 +59,61 @@ class SettingsRecord:
 
 def _replaced(settings: S, name: str, text: str) -> S:
     tree = settings.as_dict()
+    leaves = dict(_leaves(settings))
+    if name not in leaves:
+        parts = name.split(".")
+        heads = [".".join(parts[:n]) + "." for n in range(len(parts), 0, -1)]
+        near = next(([n for n in leaves if n.startswith(h)] for h in heads
+                     if any(n.startswith(h) for n in leaves)), leaves)
+        raise ConfigError(f"no setting {name!r}; there are {', '.join(near)}")
     *path, last = name.split(".")
-    at, record, known = tree, settings, ""
+    at: Any = tree
     for key in path:
-        inner = getattr(record, key, None) if key in at else None
-        if not is_dataclass(inner):
-            break
-        at, record, known = at[key], cast("Any", inner), f"{known}{key}."
-    if known + last != name or last not in at or isinstance(at[last], dict):
-        there = ", ".join(known + leaf for leaf, _ in _leaves(record))
-        raise ConfigError(f"no setting {name!r}; there are {there}")
-    at[last] = text.split(",") if isinstance(at[last], list | tuple) else text
+        at = at[int(key) if isinstance(at, list) else key]
+    at[last] = _parse(text, leaves[name])
     try:
         out = msgspec.convert(tree, type(settings), strict=False)
     except msgspec.ValidationError as error:
         reason = str(error).partition(" - at")[0].replace("`", "").replace(", got str", "")
         raise ConfigError(f"setting {name}={text}: {reason[0].lower()}{reason[1:]}") from error
-    value: Any = dict(_leaves(out))[name]
-    if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
+    if not all(map(math.isfinite, _numbers(dict(_leaves(out))[name]))):
         raise ConfigError(f"setting {name}={text}: expected a finite number")
     return out
 
 
 def _leaves(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values of all numbers of a record."""
-    for field in fields(record):
-        value = getattr(record, field.name)
+    """Yield the dotted names and values of all numbers and tuples of a record."""
+    for f in fields(record):
+        value = getattr(record, f.name)
+        inner = dict(enumerate(cast("tuple[Any, ...]", value))) if isinstance(value, tuple) else {}
         if is_dataclass(value):
-            yield from _leaves(value, f"{prefix}{field.name}.")
+            yield from _leaves(value, f"{prefix}{f.name}.")
+        elif any(is_dataclass(v) for v in inner.values()):
+            for k, v in inner.items():
+                yield from _leaves(v, f"{prefix}{f.name}.{k}.")
         else:
-            yield prefix + field.name, value
+            yield prefix + f.name, value
+
+
+def _parse(text: str, old: Any) -> Any:
+    if not isinstance(old, tuple):
+        return text
+    if any(isinstance(v, tuple) for v in cast("tuple[Any, ...]", old)):
+        return [_parse(part, (0,)) for part in text.split(";")]
+    return text.split(",")
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, tuple):
+        for v in cast("tuple[Any, ...]", value):
+            yield from _numbers(v)
+    else:
+        yield value
 
 
 def _text(value: Any) -> str:
-    return ",".join(map(_text, value)) if isinstance(value, tuple) else f"{value:.9g}"
+    if isinstance(value, tuple):
+        values = cast("tuple[Any, ...]", value)
+        deep = any(isinstance(v, tuple) for v in values)
+        return (";" if deep else ",").join(map(_text, values))
+    return str(value).lower() if isinstance(value, bool) else f"{value:.9g}"

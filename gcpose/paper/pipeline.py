@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...errors import GcbenchError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
-from ..chain import Articulation, axes, hinges, knowledge
+from ..chain import Articulation, ChainSettings, axes, hinges, knowledge
 from ..images import (
     Flow,
     Footage,
@@ -197,7 +197,7 @@ class WithDepth(Epipolar):
                                 if p is not None])
         first = points[0]
         at = hinges(first.ray / first.expected[:, None], label[: len(first.frame)], base,
-                    s.known.parent)
+                    s.known.parent, ChainSettings())
         twist = np.concatenate([axes(s.known, j, l[None], at[j : j + 1])
                                 for j, l in enumerate(s.known.direction)])
         state = Articulation(twist, angle, s.known.prismatic, s.known.parent)

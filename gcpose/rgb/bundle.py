@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse
-from ..chain import Articulation, Hinges, axis_basis, closeness, displaced, relative, smoothness
+from ..chain import (
+    Articulation,
+    ChainSettings,
+    Hinges,
+    axis_basis,
+    closeness,
+    displaced,
+    relative,
+    smoothness,
+)
 from .kernels import accumulate
 from .points import Rays
 
@@ -62,7 +71,7 @@ def adjust_rays(
         matrix, vector, coupling, h, g = _assemble(
             state, replace(rays, inverse_depth=depth), intrinsics, basis, scale
         )
-        prior = smoothness(state.angle, frames - 1)
+        prior = smoothness(state.angle, frames - 1, ChainSettings())
         matrix[:held, :held] += belief * prior.matrix
         vector[:held] += belief * prior.vector
         near = closeness(state, basis, hinges)

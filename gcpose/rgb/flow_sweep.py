@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Beam, Known, beamed, spread, thinned
+from ..chain import Beam, ChainSettings, Grid, Known, beamed, spread, thinned
 from ..images import Footage
 from ..numerics import Image, compiled
 from .costs import FLOW_RATE, FLOW_SIGMA
@@ -32,10 +32,9 @@ def swept_rays(seen: Footage, known: Known, points: Spots, to: int) -> Beam:
     places = spread(thinned(points.ray, 400), _PLACES)
     roots = places if known.base is None else known.base[None]
     reach = min(to, _REACH)
-    return beamed(
-        known, by_flow(seen, points, to), at_depths(roots, _ROOT_DEPTHS),
-        at_depths(places, _DEPTHS), reach * _TURN, reach * _SLIDE, _BEAM,
-    )  # fmt: skip
+    grid = Grid(at_depths(roots, _ROOT_DEPTHS), at_depths(places, _DEPTHS), reach * _TURN,
+                reach * _SLIDE, _BEAM)
+    return beamed(known, by_flow(seen, points, to), grid, ChainSettings())
 
 
 def at_depths(rays: Array, depths: tuple[float, ...]) -> Array:

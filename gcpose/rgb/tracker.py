@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...robots.geometry import Array, inverse
-from ..chain import Articulation, Hinges, Known, from_axis, hinges
+from ..chain import Articulation, ChainSettings, Hinges, Known, from_axis, hinges
 from ..images import Footage, order_from_base
 from .bundle import adjust_rays
 from .costs import flow_costs, patch_costs
@@ -134,7 +134,8 @@ class RayTracker:
         motion = guess.state.motions(len(guess.state.angle))
         m = inverse(motion[rays.frame.min(), rays.label[first]])
         point = np.einsum("nab,nb->na", m[:, :3, :3], point) + m[:, :3, 3]
-        return Hinges(hinges(point, rays.label[first], guess.base, self.known.parent), _SLACK)
+        return Hinges(hinges(point, rays.label[first], guess.base, self.known.parent,
+                             ChainSettings()), _SLACK)
 
     def fitted(
         self, guess: Guess, rays: Rays, scales: tuple[float, ...], belief: float = 1.0,

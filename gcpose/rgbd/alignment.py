@@ -20,6 +20,7 @@ from ...robots.geometry import Array
 from ..images import Surfaces
 from ..numerics import Image
 from .kernels import add_flow, add_surface, camera_of, columns, fill_views
+from .settings import BundleSettings
 
 Equations = tuple[Array, Array]
 
@@ -55,7 +56,7 @@ def sparse(these: Elements, stride: int) -> Elements:
 
 
 def surface_equations(
-    surfaces: Surfaces, frame: int, motion: Array, these: Elements
+    surfaces: Surfaces, frame: int, motion: Array, these: Elements, settings: BundleSettings
 ) -> Equations:
     """Point-to-plane distance of the measured surface; projective association.
 
@@ -64,12 +65,13 @@ def surface_equations(
     """
     out = empty(motion.shape)
     add_surface(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
-                frame, motion.astype(np.float32), these.column, these.start, *out)
+                frame, motion.astype(np.float32), these.column, these.start,
+                np.float32(settings.min_normal_cosine), *out)
     return out
 
 
 def accumulated_equations(
-    surfaces: Surfaces, motion: Array, these: Elements
+    surfaces: Surfaces, motion: Array, these: Elements, settings: BundleSettings
 ) -> tuple[Array, Array, Array]:
     """Distance of the measured surfaces from points that are where all frames together put them.
 
@@ -83,7 +85,8 @@ def accumulated_equations(
     row, residual = np.zeros((frames, 6, n), np.float32), np.zeros((frames, n), np.float32)
     weight = np.zeros((frames, n), np.float32)
     fill_views(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
-               motion.astype(np.float32), these.column, these.start, row, residual, weight)
+               motion.astype(np.float32), these.column, these.start,
+               np.float32(settings.min_normal_cosine), row, residual, weight)
     many = np.maximum(weight.sum(axis=0), np.float32(1e-12))
     residual -= (weight * residual).sum(axis=0) / many
     matrix, vector = empty(motion.shape)
@@ -100,18 +103,20 @@ def accumulated_equations(
 
 
 def flow_equations(
-    surfaces: Surfaces, motion: Array, these: Elements, sigma: float, share: float
+    surfaces: Surfaces, motion: Array, these: Elements, settings: BundleSettings
 ) -> Equations:
     """Flow from frame t to t + 1 against the motion between (Sec. 3.4, L_w), for t = 0..T-2.
 
-    Twists are of the steps. sigma in px; `share` of the pixels errs independently.
+    Twists are of the steps. One in `settings.flow_stride` of the surfels is compared.
     """
     assert surfaces.flow is not None
+    these = sparse(these, settings.flow_stride)
     out = empty(motion[1:].shape)
     add_flow(surfaces.depth, surfaces.normal, surfaces.flow,
              camera_of(surfaces.intrinsics, surfaces.depth), motion.astype(np.float32),
-             these.column, these.start, np.float32(15 * surfaces.noise), np.float32(sigma),
-             np.float32(share), *out)
+             these.column, these.start, np.float32(settings.flow_depth_noise * surfaces.noise),
+             np.float32(settings.flow_sigma),
+             np.float32(settings.flow_share * settings.flow_stride), *out)
     return out
 
 

@@ -33,16 +33,19 @@ from .alignment import (
     accumulated_equations,
     elements,
     flow_equations,
-    sparse,
     surface_equations,
 )
+from .settings import BundleSettings, RgbdSettings
 
-_STEP = 0.15  # largest change of an unknown in an iteration, rad or m
-_DAMPING = 1e-6  # of the diagonal; more, and flat valleys take hundreds of steps
-_FEWEST = 6  # points of a part that count
-_FLOW_SCALE = 1.0  # px, of flow's errors
-_FLOW_SHARE = 0.05  # of its pixels that err independently
-_FLOW_STRIDE = 2  # of the points whose flow is looked at: neighbours' errors are alike
+
+@dataclass(frozen=True)
+class Views:
+    """What a bundle adjustment explains."""
+
+    surfaces: Surfaces
+    clouds: tuple[Cloud, ...]
+    """Points of key frames with their parts."""
+    hinges: Hinges
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ def assemble(
     state: Articulation,
     basis: tuple[Array, ...],
     scale: float,
+    settings: BundleSettings,
 ) -> Sums:
     """Elements of key frames against all frames; `scale` is in footprints of a pixel.
 
@@ -98,37 +102,31 @@ def assemble(
         if frame:
             g = relative(derivative, here_from_there, derivative[frame : frame + 1])
         if surfaces.noise:
-            six, right, coupling = accumulated_equations(surfaces, here_from_there, these)
+            six, right, coupling = accumulated_equations(surfaces, here_from_there, these,
+                                                         settings)
             sums.add((six, right), g)
             for part, c in zip(g.swapaxes(0, 1), coupling, strict=True):
                 along = part.swapaxes(1, 2).reshape(-1, size)
                 sums.matrix[:] -= along.T @ c @ along
         else:
-            sums.add(surface_equations(surfaces, frame, here_from_there, these), g)
+            sums.add(surface_equations(surfaces, frame, here_from_there, these, settings), g)
         if surfaces.flow is not None:
-            some = sparse(these, _FLOW_STRIDE)
-            sums.add(flow_equations(surfaces, here_from_there, some, _FLOW_SCALE,
-                                    _FLOW_SHARE * _FLOW_STRIDE), by_step)
+            sums.add(flow_equations(surfaces, here_from_there, these, settings), by_step)
     return sums
 
 
-def elements_of(surfaces: Surfaces, cloud: Cloud, parts: int) -> Elements:
-    """A cloud's, with what a pixel's footprint and noise leave uncertain; parts of a few points
-    do not count."""
-    many = np.bincount(cloud.label, minlength=parts) >= _FEWEST
+def elements_of(surfaces: Surfaces, cloud: Cloud, parts: int, least: int) -> Elements:
+    """A cloud's, with what a pixel's footprint and noise leave uncertain; parts with fewer than
+    `least` points do not count."""
+    many = np.bincount(cloud.label, minlength=parts) >= least
     sigma = surfaces.footprint(cloud.point[:, 2]) + surfaces.noise
     label = np.where(many[cloud.label], cloud.label, 0)
     return elements(cloud.point, cloud.normal, sigma, label, parts)
 
 
 def adjust(
-    surfaces: Surfaces,
-    clouds: tuple[Cloud, ...],
-    state: Articulation,
-    freedom: int,
-    scales: tuple[float, ...],
-    hinges: Hinges,
-    newest: bool = False,
+    views: Views, state: Articulation, freedom: int, scales: tuple[float, ...],
+    settings: RgbdSettings, newest: bool = False,
 ) -> tuple[Articulation, Sums]:
     """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
 
@@ -137,18 +135,20 @@ def adjust(
     """
     joints, last = len(state.twist), len(state.angle) - 1
     held = last * joints
-    seen = [(c.frame, elements_of(surfaces, c, joints + 1)) for c in clouds]
+    tuned, surfaces = settings.bundle, views.surfaces
+    seen = [(c.frame, elements_of(surfaces, c, joints + 1, tuned.min_part_points))
+            for c in views.clouds]
     sums = Sums.nothing(0)
     for scale in scales:
-        basis = axis_bases(state, clouds, 0 if newest else freedom)
-        sums = assemble(surfaces, seen, state, basis, scale)
-        sums.believe(smoothness(state.angle, last), slice(0, held))
-        sums.believe(closeness(state, basis, hinges), slice(held, None))
-        damping = _DAMPING * np.diag(sums.matrix) + 1.0
+        basis = axis_bases(state, views.clouds, 0 if newest else freedom)
+        sums = assemble(surfaces, seen, state, basis, scale, tuned)
+        sums.believe(smoothness(state.angle, last, settings.chain), slice(0, held))
+        sums.believe(closeness(state, basis, views.hinges), slice(held, None))
+        damping = tuned.damping * np.diag(sums.matrix) + tuned.damping_floor
         if newest:
             damping[: held - joints] += 1e15
         step = np.linalg.solve(sums.matrix + np.diag(damping), sums.vector)
-        step = np.asarray(np.clip(step, -_STEP, _STEP), np.float64)
+        step = np.asarray(np.clip(step, -tuned.max_step, tuned.max_step), np.float64)
         angle = state.angle.copy()
         angle[1:] += step[:held].reshape(last, joints)
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))

@@ -14,7 +14,6 @@ import numpy as np
 
 from ...robots.geometry import Array, inverse
 from ..chain import (
-    ARM,
     Articulation,
     Cloud,
     Goal,
@@ -33,16 +32,8 @@ from ..chain import (
 from ..images import Surfaces
 from ..numerics import together
 from .alignment import elements, surface_equations
+from .settings import RgbdSettings
 from .tracker import Tracker
-
-_LOOSENED = (8.0, 6.0, 4.0, 4.0, 2.0, 2.0, 1.0, 1.0)  # footprints, of an alignment each
-_DAMPING = 1e-4
-_STEP = 0.2  # largest change of an unknown in an iteration, rad or m
-_STARTS, _PLACES = 600, 24
-_FITTED = 180  # of the starts, whose axes are freed
-_FITS, _WORSE = 1e-3, 2.0  # rad and m, of the motion, weighted; or times the best, with noise
-_ALIKE = np.radians(2.0)  # of chains that are one, by displacements at the end
-_KEPT = 0.3  # of the directions are as they are
 
 
 def goals(tracker: Tracker, guess: Hypothesis) -> list[Goal]:
@@ -70,8 +61,9 @@ def loosened(tracker: Tracker, guess: Hypothesis) -> tuple[Array, Array]:
     the information [T J+1 6 6] of the twists on their left."""
     motion, clouds = guess.state.motions(len(guess.state.angle)), guess.clouds
     information = np.zeros((*motion.shape[:2], 6, 6))
-    for scale in _LOOSENED:
-        motion, information = align_parts(tracker.surfaces, clouds, motion, scale)
+    for scale in tracker.settings.motion.scales:
+        motion, information = align_parts(tracker.surfaces, clouds, motion, scale,
+                                          tracker.settings)
         clouds = tuple(tracker.label_motion(motion, c.frame, scale)[0] for c in clouds)
     return motion, information
 
@@ -83,7 +75,8 @@ def balanced(information: Array) -> Array:
 
 
 def align_parts(
-    surfaces: Surfaces, clouds: tuple[Cloud, ...], motion: Array, scale: float
+    surfaces: Surfaces, clouds: tuple[Cloud, ...], motion: Array, scale: float,
+    settings: RgbdSettings,
 ) -> tuple[Array, Array]:
     """One iteration of Gauss-Newton on each part's motions [T J+1 4 4]; and their information."""
     frames, parts = motion.shape[:2]
@@ -95,7 +88,8 @@ def align_parts(
         sigma = scale * (surfaces.footprint(cloud.point[:, 2]) + surfaces.noise)
         these = elements(cloud.point, cloud.normal, sigma, cloud.label, parts)
         six, right = (x.swapaxes(0, 1)
-                      for x in surface_equations(surfaces, cloud.frame, here_from_there, these))
+                      for x in surface_equations(surfaces, cloud.frame, here_from_there, these,
+                                             settings.bundle))
         there = -adjoint(here_from_there).swapaxes(0, 1)  # a twist of the frame it is from
         both, f = six @ there, cloud.frame
         matrix[:, every, :, every, :] += six.swapaxes(0, 1)
@@ -109,10 +103,12 @@ def align_parts(
     size = frames * 6
     flat = matrix.reshape(parts, size, size)
     diagonal = np.arange(size)
-    flat[:, diagonal, diagonal] += _DAMPING * flat[:, diagonal, diagonal] + 1.0
+    tuned = settings.motion
+    flat[:, diagonal, diagonal] += (tuned.damping * flat[:, diagonal, diagonal]
+                                    + tuned.damping_floor)
     flat[:, :6, :6] += 1e15 * np.eye(6)  # frame 0 stays
     step = np.linalg.solve(flat, vector.reshape(parts, size, 1)).reshape(parts, frames, 6)
-    step = np.clip(step, -_STEP, _STEP).swapaxes(0, 1)
+    step = np.clip(step, -tuned.max_step, tuned.max_step).swapaxes(0, 1)
     return exponential(step) @ motion, information
 
 
@@ -127,24 +123,25 @@ def reaching(
     tracker: Tracker, guess: Hypothesis, goal: Goal, starts: Array
 ) -> list[Articulation]:
     """The chains that reach a goal, the nearest first, from axes [S I 6]."""
-    state = guess.state
-    held = np.concatenate(together(lambda s: follow_held(goal, s), np.array_split(starts, 2)))
-    best = np.argsort(misfit(goal, starts, held), kind="stable")[:_FITTED]
+    state, tuned, chain = guess.state, tracker.settings.motion, tracker.settings.chain
+    held = np.concatenate(
+        together(lambda s: follow_held(goal, s, chain), np.array_split(starts, 2)))
+    best = np.argsort(misfit(goal, starts, held), kind="stable")[: tuned.fitted]
     near, freedom = middles(guess.clouds[0], len(state.twist))[goal.path], tracker.known.freedom
     prismatic = state.prismatic[goal.path]
     halves = together(
-        lambda b: fit_chains(goal, starts[b], held[b], prismatic, near, freedom),
+        lambda b: fit_chains(goal, starts[b], held[b], prismatic, near, freedom, chain),
         (best[::2], best[1::2]),
     )
     twists, angles, cost = (np.concatenate(x) for x in zip(*halves, strict=True))
-    enough = max(_FITS, _WORSE * float(cost.min()))
-    arm = np.where(prismatic, ARM, 1.0)
+    enough = max(tuned.max_misfit, tuned.misfit_factor * float(cost.min()))
+    arm = np.where(prismatic, chain.slide_arm, 1.0)
     found: list[Articulation] = []
     for f in np.argsort(cost, kind="stable"):
         ends = [other.angle[-1, goal.path] for other in found]
         if cost[f] >= enough:
             break
-        if all((np.abs(angles[f, -1] - e) / arm).max() > _ALIKE for e in ends):
+        if all((np.abs(angles[f, -1] - e) / arm).max() > tuned.min_difference for e in ends):
             twist, angle = state.twist.copy(), state.angle.copy()
             twist[goal.path], angle[:, goal.path] = twists[f], angles[f]
             found.append(replace(state, twist=twist, angle=angle))
@@ -153,14 +150,16 @@ def reaching(
 
 def axes_at_random(tracker: Tracker, state: Articulation, rng: np.random.Generator) -> Array:
     """[S J 6] hinges anywhere on what moves; directions as known, as in a sweep or as they are."""
-    places = spread(thinned(tracker.grid(0).point[tracker.moving], 400), _PLACES)
-    out = np.zeros((_STARTS, len(state.twist), 6))
-    for s in range(_STARTS):
+    tuned = tracker.settings.motion
+    moving = tracker.grid(0).point[tracker.moving]
+    places = spread(thinned(moving, tuned.spread_points), tuned.places)
+    out = np.zeros((tuned.starts, len(state.twist), 6))
+    for s in range(tuned.starts):
         before = None
         for j, prismatic in enumerate(state.prismatic):
-            some = directions(tracker.known, j, before)
+            some = directions(tracker.known, j, before, tracker.settings.chain)
             before = some[rng.integers(len(some))]
-            if tracker.known.direction is None and rng.random() < _KEPT:
+            if tracker.known.direction is None and rng.random() < tuned.kept_directions:
                 before = state.twist[j, 3:] if prismatic else state.twist[j, :3]
             place = places[rng.integers(len(places))]
             out[s, j, 3:] = before if prismatic else np.cross(place, before)

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..images import Surfaces, rays
+from ..images import Candidates, Surfaces, rays
 from ..numerics import compiled
-
-_FLOW_SIGMA = 1.5  # px
+from .settings import StartSettings
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,11 @@ class Correspondence:
 
 
 def correspond(
-    surfaces: Surfaces, points: Array, pixel: NDArray[np.int64], flow: Array, to: int, origin: Array
+    surfaces: Surfaces, grid: Candidates, flow: Array, to: int, origin: Array,
+    settings: StartSettings,
 ) -> Correspondence:
     """Flow [N 2] from frame 0 to frame `to` at the pixels; twists are about `origin` [3]."""
+    points, pixel = grid.point, grid.pixel
     height, width = surfaces.depth.shape[1:]
     aim = np.rint(pixel + flow).astype(np.int64)
     inside = (aim >= 0).all(axis=1) & (aim[:, 0] < width) & (aim[:, 1] < height)
@@ -49,14 +50,16 @@ def correspond(
     target = rays(surfaces.intrinsics, aim) * z[:, None]
     distance = np.linalg.norm(target - points, axis=1)
     reach = np.linalg.norm(flow, axis=1) * surfaces.footprint(points[:, 2])
-    sigma = 1.5 * surfaces.footprint(points[:, 2]) + 0.03 * reach + surfaces.noise
-    hit = inside & (z > 0) & n.any(axis=1) & (distance < 3 * reach + 20 * sigma + 0.05)
+    sigma = (settings.surface_sigma * surfaces.footprint(points[:, 2])
+             + settings.surface_rate * reach + surfaces.noise)
+    gate = settings.gate_rate * reach + settings.gate_sigma * sigma + settings.gate_distance
+    hit = inside & (z > 0) & n.any(axis=1) & (distance < gate)
     f, g = surfaces.intrinsics[0, 0], surfaces.intrinsics[1, 1]
     x, y, depth = points.T
     zero = np.zeros_like(x)
     du = np.stack([f / depth, zero, -f * x / depth**2], axis=1)
     dv = np.stack([zero, g / depth, -g * y / depth**2], axis=1)
-    flow_sigma = _FLOW_SIGMA + 0.1 * np.linalg.norm(flow, axis=1)
+    flow_sigma = settings.flow_sigma + settings.flow_rate * np.linalg.norm(flow, axis=1)
     rows = [(n, sigma), (du, flow_sigma), (dv, flow_sigma)]
     arm = points - origin
     row = np.stack(
@@ -95,6 +98,7 @@ def fit(
     space: tuple[Array, ...],
     prior: Array,
     moves: NDArray[np.bool_],
+    scales: tuple[float, ...],
 ) -> list[Array]:
     """z_i [6] of each joint by reweighted least squares; label [N]; space[i] [6 d_i].
 
@@ -108,7 +112,7 @@ def fit(
     for i, s in enumerate(space):
         held[start[i] : start[i + 1], start[i] : start[i + 1]] = s.T @ prior[i] @ s
     y = np.zeros(start[-1])
-    for scale in (20.0, 6.0, 3.0, 3.0):
+    for scale in scales:
         six, right = np.zeros((len(moves), 6, 6)), np.zeros((len(moves), 6))
         z = np.stack([s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)])
         reweighted(data.row, data.value, data.valid, label, moves @ z, scale, six, right)
@@ -122,11 +126,15 @@ def fit(
     return [s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)]
 
 
-def costs(data: Correspondence, added: list[Array], moves: NDArray[np.bool_]) -> Array:
+def costs(
+    data: Correspondence, added: list[Array], moves: NDArray[np.bool_], settings: StartSettings
+) -> Array:
     """[N J+1] cost of each part's motion for each point."""
     twist = moves @ np.stack(added)
     residual = data.value[:, None] - np.einsum("nrc,jc->njr", data.row, twist)
     square = residual**2
-    plane = np.where(data.valid[:, None, 0], np.minimum(square[..., 0], 16.0), 8.0)
-    flow = np.where(data.valid[:, None, 1], np.minimum(square[..., 1] + square[..., 2], 9.0), 4.0)
-    return plane + 0.5 * flow
+    plane = np.where(data.valid[:, None, 0], np.minimum(square[..., 0], settings.max_surface_cost),
+                     settings.missing_surface_cost)
+    flow = np.minimum(square[..., 1] + square[..., 2], settings.max_flow_cost)
+    flow = np.where(data.valid[:, None, 1], flow, settings.missing_flow_cost)
+    return plane + settings.flow_weight * flow

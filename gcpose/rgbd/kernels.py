@@ -22,17 +22,37 @@ Matrix = tuple[Number, ...]
 Camera = tuple[Number, Number, Number, Number, Number, Number]
 """Focal lengths, principal point, width and height, px."""
 
-NEAR = np.float32(1e-3)  # m, before the camera
-AGREE = np.float32(0.6)  # least cosine between the normals of two measurements of one surface
-# costs of a point that should be seen and is not, in variances
-SEEN_THROUGH, HIDDEN, HIDDEN_STILL, OUTSIDE, TURNED, ELSEWISE = (
-    np.float32(c) for c in (9.0, 3.0, 1.0, 2.0, 2.0, 1.0)
-)
-CLOSE = np.float32(20)  # standard deviations within which two surfaces may be one
-NOTHING = np.float32(1e6)  # m, to what is behind a pixel that shows nothing
-COARSE = np.float32(6.0)  # px, of what a grid leaves
-FAR = np.float32(10.0)  # m, to what is behind a pixel that shows nothing, there
+NEAR = np.float32(1e-3)  # m, least depth of a moved point
+NOTHING = np.float32(1e6)  # m, to what is behind a pixel without depth
 NIL = np.float32(0)
+
+
+class LabelCosts(NamedTuple):
+    """Costs of a point in a frame, variances (see `LabelSettings`)."""
+
+    seen_through: Number
+    hidden: Number
+    hidden_static: Number
+    outside: Number
+    turned_away: Number
+    other_surface: Number
+    surface_gap: Number
+    """Standard deviations"""
+    normal_cosine: Number
+
+
+class SweepCosts(NamedTuple):
+    """Costs of a point in a frame while first steps are searched (see `SweepSettings`)."""
+
+    seen_through: Number
+    hidden: Number
+    outside: Number
+    pixel_sigma: Number
+    """px"""
+    noise: Number
+    """m"""
+    empty_distance: Number
+    """m"""
 
 
 def camera_of(intrinsics: Array, depth: Image) -> Camera:
@@ -200,7 +220,7 @@ def root_weight(residual: Number, sigma: Number) -> Number:
 @compiled
 def add_surface(
     depth: Image, normal: Image, camera: Camera, frame: int, motion: Image, column: Image,
-    start: NDArray[np.int64], matrix: Array, vector: Array,
+    start: NDArray[np.int64], normal_cosine: Number, matrix: Array, vector: Array,
 ) -> None:
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     sight, rows = sight_of(column.shape[1]), rows_of(column.shape[1])
@@ -216,7 +236,7 @@ def add_surface(
                 a, b = (np.rint(sight.u[i]) - cx) / fx, (np.rint(sight.v[i]) - cy) / fy
                 nx, ny, nz = sight.normal_x[i], sight.normal_y[i], sight.normal_z[i]
                 mx, my, mz = turned(m, qx[i], qy[i], qz[i])
-                hit = sight.inside[i] & (d > 0) & (mx * nx + my * ny + mz * nz > AGREE)
+                hit = sight.inside[i] & (d > 0) & (mx * nx + my * ny + mz * nz > normal_cosine)
                 residual = nx * (a * d - x) + ny * (b * d - y) + nz * (d - z)
                 weight = root_weight(residual, sigma[i]) if hit else NIL
                 fill(rows, i, x, y, z, nx, ny, nz, residual, weight)
@@ -226,7 +246,7 @@ def add_surface(
 @compiled
 def fill_views(
     depth: Image, normal: Image, camera: Camera, motion: Image, column: Image,
-    start: NDArray[np.int64], row: Image, residual: Image, weight: Image,
+    start: NDArray[np.int64], normal_cosine: Number, row: Image, residual: Image, weight: Image,
 ) -> None:
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     sight = sight_of(column.shape[1])
@@ -243,7 +263,7 @@ def fill_views(
                 gy = (np.rint(sight.v[i]) - cy) / fy * d - y
                 mx, my, mz = turned(m, qx[i], qy[i], qz[i])
                 agree = (mx * sight.normal_x[i] + my * sight.normal_y[i] + mz * sight.normal_z[i]
-                         > AGREE)
+                         > normal_cosine)
                 gap = mx * gx + my * gy + mz * (d - z)
                 root = root_weight(gap, sigma[i]) if sight.inside[i] & (d > 0) & agree else NIL
                 r[i], w[i] = gap, root * root
@@ -288,7 +308,7 @@ def add_flow(
 @compiled
 def add_label_costs(
     depth: Image, normal: Image, camera: Camera, frame: int, motion: Image, first: int,
-    column: Image, out: Image,
+    column: Image, costs: LabelCosts, out: Image,
 ) -> None:
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     qx, qy, qz, scale = column[3], column[4], column[5], column[6]
@@ -299,7 +319,7 @@ def add_label_costs(
         for j in range(motion.shape[1]):
             m, total = matrix_of(motion[t, j]), out[j]
             look(sight, m, camera, column, depth[t].ravel(), normal[t].ravel())
-            hidden = HIDDEN if first + j else HIDDEN_STILL
+            hidden = costs.hidden if first + j else costs.hidden_static
             for i in range(len(scale)):
                 x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]
                 a, b = (np.rint(sight.u[i]) - cx) / fx, (np.rint(sight.v[i]) - cy) / fy
@@ -307,29 +327,29 @@ def add_label_costs(
                 mx, my, mz = turned(m, qx[i], qy[i], qz[i])
                 gap = d - z if d > 0 else NOTHING
                 plane = (nx * (a * d - x) + ny * (b * d - y) + nz * (d - z)) / scale[i]
-                beyond = SEEN_THROUGH if gap > 0 else hidden
-                agree = mx * nx + my * ny + mz * nz > AGREE
-                cost = min(plane * plane, beyond) if agree else ELSEWISE
-                cost = cost if abs(gap) < CLOSE * scale[i] else beyond
+                beyond = costs.seen_through if gap > 0 else hidden
+                agree = mx * nx + my * ny + mz * nz > costs.normal_cosine
+                cost = min(plane * plane, beyond) if agree else costs.other_surface
+                cost = cost if abs(gap) < costs.surface_gap * scale[i] else beyond
                 away = mx * x + my * y + mz * z < 0  # its own object hides it
-                cost = min(cost, TURNED) if away else cost
-                total[i] += cost if sight.inside[i] else OUTSIDE
+                cost = min(cost, costs.turned_away) if away else cost
+                total[i] += cost if sight.inside[i] else costs.outside
 
 
 @compiled
 def judge(
-    depth: Image, camera: Camera, motion: Image, column: Image, noise: Number, out: Image
+    depth: Image, camera: Camera, motion: Image, column: Image, costs: SweepCosts, out: Image
 ) -> None:
     for k in range(len(motion)):
         m = matrix_of(motion[k])
         for i in range(column.shape[1]):
-            out[k, i] = coarse_cost(depth, camera, m, column, i, noise)
+            out[k, i] = coarse_cost(depth, camera, m, column, i, costs)
 
 
 @compiled
 def grow(
     depth: Image, camera: Camera, motion: Array, turn: Array, before: Image, column: Image,
-    noise: Number, out: Image,
+    costs: SweepCosts, out: Image,
 ) -> None:
     both = np.empty((4, 4), np.float32)
     many = column.shape[1]
@@ -343,13 +363,13 @@ def grow(
                     both[a, b] = s
             m, total = matrix_of(both), np.float32(0)
             for i in range(many):
-                total += min(coarse_cost(depth, camera, m, column, i, noise), before[k, i])
+                total += min(coarse_cost(depth, camera, m, column, i, costs), before[k, i])
             out[k, p] = total / many
 
 
 @compiled
 def coarse_cost(
-    depth: Image, camera: Camera, m: Matrix, column: Image, i: int, noise: Number
+    depth: Image, camera: Camera, m: Matrix, column: Image, i: int, costs: SweepCosts
 ) -> Number:
     fx, fy, cx, cy = camera[:4]
     x, y, z = moved(m, column[0, i], column[1, i], column[2, i])
@@ -357,8 +377,8 @@ def coarse_cost(
     x, y = x / z, y / z
     at, inside = pixel_of(np.rint(fx * x + cx), np.rint(fy * y + cy), camera)
     d = depth[at]
-    gap = d - z if d > 0 else FAR
+    gap = d - z if d > 0 else costs.empty_distance
     nx, ny, nz = turned(m, column[3, i], column[4, i], column[5, i])
-    plane = gap * (nx * x + ny * y + nz) / (COARSE * z / fx + noise)
-    cost = min(plane * plane, SEEN_THROUGH if gap > 0 else HIDDEN)
-    return cost if inside else OUTSIDE
+    plane = gap * (nx * x + ny * y + nz) / (costs.pixel_sigma * z / fx + costs.noise)
+    cost = min(plane * plane, costs.seen_through if gap > 0 else costs.hidden)
+    return cost if inside else costs.outside

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array, inverse
 from ..images import Candidates, Surfaces
 from ..numerics import together
-from .kernels import add_label_costs, camera_of, columns
-
-_SAME = 1.5e-4  # m, between two measurements of one still point
+from .kernels import LabelCosts, add_label_costs, camera_of, columns
+from .settings import LabelSettings, RgbdSettings
 
 
 def changed(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
@@ -30,7 +29,9 @@ def changed(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:
     return out
 
 
-def settled(surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int) -> NDArray[np.bool_]:
+def settled(
+    surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int, settings: LabelSettings
+) -> NDArray[np.bool_]:
     """[H W] whether a pixel of `frame` looks still: never seen through, and seen again unchanged.
 
     What hides it later may be near it for long; where it reappears, or has not been hidden yet,
@@ -42,27 +43,35 @@ def settled(surfaces: Surfaces, rgb: NDArray[np.uint8], frame: int) -> NDArray[n
     for t, depth in enumerate(surfaces.depth):
         if t == frame:
             continue
-        same = np.abs(depth - here) < _SAME + 5 * surfaces.noise
+        same = np.abs(depth - here) < settings.static_depth + settings.static_noise * surfaces.noise
         if surfaces.noise:
-            same &= alike(rgb[t], rgb[frame])
-        again += np.where(same, 3 if abs(t - frame) == 1 else 1, 0)
-        through |= (depth > here + surfaces.tolerance(here) + 20 * surfaces.noise) | (depth == 0)
-    return ~through & (again >= 3)
+            same &= alike(rgb[t], rgb[frame], settings)
+        again += np.where(same, settings.static_votes if abs(t - frame) == 1 else 1, 0)
+        gap = surfaces.tolerance(here) + settings.seen_through_noise * surfaces.noise
+        through |= (depth > here + gap) | (depth == 0)
+    return ~through & (again >= settings.static_votes)
 
 
-def alike(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def alike(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], settings: LabelSettings
+) -> NDArray[np.bool_]:
     """[H W] whether two images show the same around a pixel."""
-    red, green, blue = cv2.split(cv2.blur(cv2.absdiff(a, b), (3, 3)))
-    return cv2.max(red, cv2.max(green, blue)) <= 2
+    window = settings.static_window, settings.static_window
+    red, green, blue = cv2.split(cv2.blur(cv2.absdiff(a, b), window))
+    return cv2.max(red, cv2.max(green, blue)) <= settings.static_color
 
 
-def lively(surfaces: Surfaces, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def lively(
+    surfaces: Surfaces, rgb: NDArray[np.uint8], settings: LabelSettings
+) -> NDArray[np.bool_]:
     """[T H W] in and around the pixels of each frame that change."""
+
+    window = np.ones((settings.moving_window, settings.moving_window), np.uint8)
 
     def of(frame: int) -> NDArray[np.bool_]:
         moving = changed(surfaces, frame).astype(np.uint8)
-        wide = cv2.dilate(moving, np.ones((9, 9), np.uint8)) > 0
-        return wide & surfaces.normal[frame].any(axis=2) & ~settled(surfaces, rgb, frame)
+        wide = cv2.dilate(moving, window) > 0
+        return wide & surfaces.normal[frame].any(axis=2) & ~settled(surfaces, rgb, frame, settings)
 
     return np.stack(together(of, range(surfaces.frames)))
 
@@ -79,7 +88,8 @@ def candidates(
 
 
 def label_costs(
-    surfaces: Surfaces, grid: Candidates, motion: Array, width: float = 1.0, first: int = 0
+    surfaces: Surfaces, grid: Candidates, motion: Array, settings: RgbdSettings,
+    width: float = 1.0, first: int = 0,
 ) -> Array:
     """[N P] cost of each label for the candidates under motion [T P 4 4] of the parts `first` to
     `first` + P - 1, over T - 1 frames.
@@ -91,5 +101,14 @@ def label_costs(
     out = np.zeros((motion.shape[1], len(grid.point)), np.float32)
     add_label_costs(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
                     grid.frame, here_from_there.astype(np.float32), first,
-                    columns(grid.point, grid.normal, scale), out)
+                    columns(grid.point, grid.normal, scale), costs_of(settings), out)
     return out.T.astype(np.float64)
+
+
+def costs_of(settings: RgbdSettings) -> LabelCosts:
+    """The settings of label costs in single precision."""
+    s = settings.labels
+    numbers = (s.cost_seen_through, s.cost_hidden, s.cost_hidden_static, s.cost_outside,
+               s.cost_turned_away, s.cost_other_surface, s.surface_gap,
+               settings.bundle.min_normal_cosine)
+    return LabelCosts(*(np.float32(n) for n in numbers))

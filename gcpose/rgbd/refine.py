@@ -9,32 +9,26 @@ import numpy as np
 from ..chain import Hypothesis, displace_axis
 from .tracker import Tracker
 
-ROUNDS = 10  # of EM, at most
-MIDDLING = (4.0, 4.0, 2.0, 2.0)
-SHARPEST = 0.12  # footprints, of labels and costs where depth is exact
-_SHARP = 0.5, 0.25, 0.12, 0.12
-_REFINED = 1.0, 1.0, 1.0, 1.0
-_CREEPS, _STANDS = np.radians(0.1), np.radians(0.01)  # change of a displacement in a round
-_LOOSE = 6.0  # times as much with noise
-
 
 def descended(
     tracker: Tracker,
     guess: Hypothesis,
     rounds: int,
-    scales: tuple[float, ...] = (4.0, 2.0, 1.0),
+    scales: tuple[float, ...] = (),
     sharp: float = 1.0,
 ) -> Hypothesis:
     """EM until it stands; where labels and axes creep along together, by leaps."""
-    loose = _LOOSE if tracker.surfaces.noise else 1.0
+    tuned = tracker.settings.refine
+    scales = scales or tuned.scales
+    loose = tuned.noisy_factor if tracker.surfaces.noise else 1.0
     for _ in range(rounds):
         after = tracker.settle(guess, 1, scales, sharp=sharp)
         change = float(np.abs(after.state.angle - guess.state.angle).max())
-        if change > _CREEPS * loose:
-            leap = tracker.settle(leaped(guess, after, 4.0), 1, scales, sharp=sharp)
+        if change > tuned.creep * loose:
+            leap = tracker.settle(leaped(guess, after, tuned.leap), 1, scales, sharp=sharp)
             after = min(after, leap, key=lambda h: h.cost)
         guess = after
-        if change < _STANDS * loose:
+        if change < tuned.stop * loose:
             break
     return guess
 
@@ -55,7 +49,8 @@ def sharpened(tracker: Tracker, best: Hypothesis) -> Hypothesis:
     labels and costs tell parts apart that move almost alike."""
     if tracker.surfaces.noise:
         return best
-    return descended(tracker, best, 4 * ROUNDS, _SHARP, SHARPEST)
+    tuned = tracker.settings.refine
+    return descended(tracker, best, tuned.sharp_rounds, tuned.sharp_scales, tuned.sharp_width)
 
 
 def refined(tracker: Tracker, best: Hypothesis) -> Hypothesis:
@@ -63,4 +58,5 @@ def refined(tracker: Tracker, best: Hypothesis) -> Hypothesis:
     is no texture."""
     if tracker.surfaces.flow is None:
         return best
-    return descended(tracker.flowless(), best, ROUNDS, _REFINED)
+    tuned = tracker.settings.refine
+    return descended(tracker.flowless(), best, tuned.rounds, tuned.noisy_scales)

@@ -11,13 +11,9 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array
 from ..chain import Articulation, Cloud, Hinges, Hypothesis, Known, extent, hinges
 from ..images import Surfaces, order_from_base, smooth
-from .bundle import adjust
+from .bundle import Views, adjust
 from .labels import Candidates, candidates, changed, label_costs
-
-_KEY = 3  # frames from one key frame to the next
-_UNEXPLAINED = 2.0  # cost a frame
-_SEEN = 20  # sampled pixels of what stands still, for it to be taken for the base
-_SLACK = 0.08  # how far an axis may pass from its hinge, of the object's size
+from .settings import RgbdSettings
 
 
 class Tracker:
@@ -25,25 +21,33 @@ class Tracker:
 
     def __init__(
         self, surfaces: Surfaces, rgb: NDArray[np.uint8], lively: NDArray[np.bool_],
-        known: Known, most: int,
+        known: Known, settings: RgbdSettings, most: int = 0,
     ) -> None:
-        """Images [T H W 3], what is lively in them [T H W], and how many candidates a frame has."""
+        """Images [T H W 3], what is lively in them [T H W], and how many candidates a frame has
+        (default: as the settings have it)."""
+        self.settings = settings
         self.surfaces, self.rgb, self.lively, self.known = surfaces, rgb, lively, known
-        self.most = most
+        self.most = most or (
+            settings.candidates_noisy if surfaces.noise else settings.candidates)
         self.grids: dict[int, Candidates] = {}
         self.stays: dict[tuple[int, int, float], Array] = {}
         grid = self.grid(0)
-        stays = label_costs(surfaces, grid, np.tile(np.eye(4), (surfaces.frames, 1, 1, 1)))
-        moving = stays[:, 0] > 0.9 * (surfaces.frames - 1)
+        still = np.tile(np.eye(4), (surfaces.frames, 1, 1, 1))
+        stays = label_costs(surfaces, grid, still, settings)
+        tuned = settings.tracker
+        moving = stays[:, 0] > tuned.moving_cost * (surfaces.frames - 1)
         self.moving = moving if moving.any() else ~moving
-        still = ~changed(surfaces, 0)[::4, ::4] & (surfaces.depth[0, ::4, ::4] > 0)
-        base = surfaces.points(0, np.argwhere(still)[:, ::-1] * 4)
-        if len(base) < _SEEN:  # the base is hidden: what moves least is nearest to it
+        step = tuned.base_stride
+        fixed = ~changed(surfaces, 0)[::step, ::step] & (surfaces.depth[0, ::step, ::step] > 0)
+        base = surfaces.points(0, np.argwhere(fixed)[:, ::-1] * step)
+        if len(base) < tuned.min_base_points:
+            # the base is hidden: what moves least is nearest to it
             calm = smooth(stays, grid)[:, 0]
-            base = grid.point[calm <= np.quantile(calm, 0.03)]
+            base = grid.point[calm <= np.quantile(calm, tuned.base_share)]
         self.ranks = tuple(self._ranks(base))
         inside = grid.point[self.moving]
-        self.bases = tuple(inside[r[self.moving] <= 0.03].mean(axis=0) for r in self.ranks)
+        self.bases = tuple(
+            inside[r[self.moving] <= tuned.base_share].mean(axis=0) for r in self.ranks)
 
     def _ranks(self, base: Array) -> list[Array]:
         """[N] each: how far out a point of frame 0 is, if the base is here, there, or there.
@@ -53,10 +57,11 @@ class Tracker:
         """
         points = self.grid(0).point[self.moving]
         found, start = [], base
-        for _ in range(3):
+        tuned = self.settings.tracker
+        for _ in range(tuned.base_candidates):
             rank = order_from_base(points, start)
-            start = points[rank >= np.quantile(rank, 0.98)]  # the other end
-            if all(np.corrcoef(rank, other)[0, 1] < 0.9 for other in found):
+            start = points[rank >= np.quantile(rank, tuned.far_rank)]  # the other end
+            if all(np.corrcoef(rank, other)[0, 1] < tuned.max_rank_correlation for other in found):
                 found.append(rank)
         out: list[Array] = []
         for rank in found:
@@ -66,7 +71,7 @@ class Tracker:
 
     def thinned(self, most: int) -> Tracker:
         """The same with fewer candidates."""
-        out = Tracker(self.surfaces, self.rgb, self.lively, self.known, most)
+        out = Tracker(self.surfaces, self.rgb, self.lively, self.known, self.settings, most)
         out.bases = self.bases  # a hypothesis means the same base to both
         return out
 
@@ -97,16 +102,18 @@ class Tracker:
         """[N J+1] of a frame's candidates; what part 0 costs them is always the same."""
         grid, key = self.grid(frame), (frame, len(motion), width)
         if key not in self.stays:
-            self.stays[key] = label_costs(self.surfaces, grid, motion[:, :1], width)
-        moves = label_costs(self.surfaces, grid, motion[:, 1:], width, 1)
+            self.stays[key] = label_costs(self.surfaces, grid, motion[:, :1], self.settings,
+                                           width)
+        moves = label_costs(self.surfaces, grid, motion[:, 1:], self.settings, width, 1)
         return np.concatenate([self.stays[key], moves], axis=1)
 
     def unexplained(self, guess: Hypothesis, width: float) -> float:
         """Share of the candidates that no part brings to where the frames show something."""
         state, bad = guess.state, []
+        most = self.settings.tracker.unexplained_cost * (len(state.angle) - 1)
         for cloud in guess.clouds:
             volume = self.label_costs(state.motions(len(state.angle)), cloud.frame, width)
-            bad.append(volume.min(axis=1) > _UNEXPLAINED * (len(state.angle) - 1))
+            bad.append(volume.min(axis=1) > most)
         return float(np.concatenate(bad).mean())
 
     def relabel(
@@ -121,18 +128,20 @@ class Tracker:
         self,
         guess: Hypothesis,
         until: int,
-        scales: tuple[float, ...] = (3.0, 1.5),
+        scales: tuple[float, ...] = (),
         held: bool = False,
     ) -> Hypothesis:
         """Track on from the last frame of a hypothesis to frame `until`."""
+        tuned = self.settings.tracker
+        scales = scales or tuned.follow_scales
         for last in range(len(guess.state.angle), until + 1):
             angle = guess.state.angle
             step = angle[-1] - angle[-2] if last > 1 else np.zeros_like(angle[-1])
             state = replace(guess.state, angle=np.concatenate([angle, angle[-1:] + step]))
-            state = self.fit(guess, state, (8.0, 4.0), newest=True)
+            state = self.fit(guess, state, tuned.extend_scales, newest=True)
             state = self.fit(guess, state, scales, held=held)
             keys = tuple(c.frame for c in guess.clouds)
-            keys = (*keys, last) if last % _KEY == 0 else keys
+            keys = (*keys, last) if last % tuned.key_frame_step == 0 else keys
             guess = self.relabel(state, keys, guess.order, max(1.0, scales[-1]))
         return guess
 
@@ -140,11 +149,12 @@ class Tracker:
         self,
         guess: Hypothesis,
         rounds: int,
-        scales: tuple[float, ...] = (4.0, 2.0, 1.0),
+        scales: tuple[float, ...] = (),
         held: bool = False,
         sharp: float = 1.0,
     ) -> Hypothesis:
         """EM over the frames that a hypothesis has; labels within `sharp` footprints at least."""
+        scales = scales or self.settings.tracker.settle_scales
         for _ in range(rounds):
             state = self.fit(guess, guess.state, scales, held=held)
             frames = tuple(c.frame for c in guess.clouds)
@@ -154,8 +164,10 @@ class Tracker:
     def hinges(self, guess: Hypothesis) -> Hinges:
         """Where frame 0's labels put the joints."""
         cloud = guess.clouds[0]
-        at = hinges(cloud.point, cloud.label, self.bases[guess.order], self.known.parent)
-        return Hinges(at, _SLACK * extent(cloud.point[self.moving]))
+        chain = self.settings.chain
+        at = hinges(cloud.point, cloud.label, self.bases[guess.order], self.known.parent, chain)
+        return Hinges(at, self.settings.tracker.hinge_slack
+                      * extent(cloud.point[self.moving], chain))
 
     def fit(
         self,
@@ -167,5 +179,5 @@ class Tracker:
     ) -> Articulation:
         """M-step; with `held` axes stay where they are."""
         freedom = 0 if held else self.known.freedom
-        hinges = self.hinges(guess)
-        return adjust(self.surfaces, guess.clouds, state, freedom, scales, hinges, newest)[0]
+        views = Views(self.surfaces, guess.clouds, self.hinges(guess))
+        return adjust(views, state, freedom, scales, self.settings, newest)[0]

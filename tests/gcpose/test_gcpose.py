@@ -12,6 +12,7 @@ from gcbench.gcpose.chain.beam_search import spread
 from gcbench.gcpose.chain.hinges import hinges
 from gcbench.gcpose.chain.kinematics import part_motions, twists_of
 from gcbench.gcpose.chain.priors import knowledge
+from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.images.denoise import smoothed
 from gcbench.gcpose.images.flow import dis_flow
 from gcbench.gcpose.images.surfaces import measure, surface_normals
@@ -21,6 +22,7 @@ from gcbench.gcpose.rgbd.depth_sweep import ByDepth, swept
 from gcbench.gcpose.rgbd.kernels import columns
 from gcbench.gcpose.rgbd.labels import lively
 from gcbench.gcpose.rgbd.search import apart, unlike
+from gcbench.gcpose.rgbd.settings import LabelSettings, RgbdSettings
 from gcbench.gcpose.rgbd.tracker import Tracker
 from gcbench.renderer.types.observation import Estimate, Observation
 from gcbench.robots.geometry import inverse, rotation_from_rpy
@@ -145,14 +147,15 @@ def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
     surfaces = measure(observation.depth, INTRINSICS)
     known = knowledge(told(observation, "axes"))
     blank = np.zeros((*observation.depth.shape, 3), np.uint8)
-    where = lively(surfaces, blank)
-    tracker = Tracker(surfaces, blank, where, known, 500)
+    where = lively(surfaces, blank, LabelSettings())
+    tracker = Tracker(surfaces, blank, where, known, RgbdSettings(), 500)
     found = swept(tracker, 3, 12)
     off = [np.abs(h.state.angle[3] - angle[3]).max() for h in found]
     assert len(found) == 12 and min(off) < np.radians(4.0)
     assert all(a.cost <= b.cost for a, b in pairwise(found))
     assert tracker.thinned(100).bases is tracker.bases
-    free = swept(Tracker(surfaces, blank, where, knowledge(told(observation, "free")), 500), 3, 9)
+    free = swept(Tracker(surfaces, blank, where, knowledge(told(observation, "free")),
+                         RgbdSettings(), 500), 3, 9)
     for h in free:  # upright, then along or across
         first, second = h.state.twist[:, :3]
         assert first[0] == 0 and first[1] < 0
@@ -167,7 +170,7 @@ def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
     column = columns(surfaces.points(0, np.stack([u, v], axis=1)), surfaces.normal[0, v, u])
     some = angle[5] + np.linspace(-0.2, 0.2, 41)[:, None]
     motion = part_motions(twists_of(screw, np.zeros(2, bool)), some, np.array([-1, 0]))[:, 2]
-    judge = ByDepth(surfaces, 5, column)
+    judge = ByDepth(surfaces, 5, column, RgbdSettings())
     cost = judge.costs(motion)
     assert abs(int(cost.mean(axis=1).argmin()) - 20) <= 1  # 0.6 deg from one to the next
     alone = np.stack([judge.costs(m[None])[0] for m in motion])
@@ -199,8 +202,9 @@ def test_an_axis_that_points_the_other_way_is_the_same_solution() -> None:
     turned = Articulation(twist * [[1], [-1]], angle * [1, -1], kind, np.array([-1, 0]))
     two = Hypothesis(turned, (), 2.0)
     other = Hypothesis(replace(turned, twist=twist), (), 3.0)
-    assert apart(one, two) < 1e-9 < 0.5 < apart(one, other)
-    assert unlike([other, two, one], 3) == [one, other]
+    settings = RgbdSettings()
+    assert apart(one, two, settings) < 1e-9 < 0.5 < apart(one, other, settings)
+    assert unlike([other, two, one], 3, settings) == [one, other]
 
 
 def test_a_hinge_is_where_a_part_is_nearest_to_what_carries_it() -> None:
@@ -212,12 +216,14 @@ def test_a_hinge_is_where_a_part_is_nearest_to_what_carries_it() -> None:
         apart = np.linalg.norm(outer[:, None] - inner, axis=2).min(axis=1)
         return outer[np.argsort(apart)[: 1 + len(outer) // 12]].mean(axis=0)
 
-    chain, fork = (hinges(points, label, base, np.array(p)) for p in ([-1, 0, 1], [-1, 0, 0]))
+    chain, fork = (hinges(points, label, base, np.array(p), ChainSettings())
+                   for p in ([-1, 0, 1], [-1, 0, 0]))
     assert (chain[0] == base).all() and (fork[0] == base).all()
     assert np.allclose(chain[1], nearest(points[:30], points[30:]))
     assert np.allclose(chain[2], nearest(points[:60], points[60:]))
     assert np.allclose(fork[1:], [nearest(points[:30], points[i : i + 30]) for i in (30, 60)])
-    hidden = hinges(points, np.where(label == 3, 0, label), base, np.array([-1, 0, 1]))
+    hidden = hinges(points, np.where(label == 3, 0, label), base, np.array([-1, 0, 1]),
+                    ChainSettings())
     assert (hidden[2] == hidden[1]).all()  # nothing is seen of it: its carrier's
 
 

@@ -25,6 +25,10 @@ def test_an_override_is_parsed_to_the_type_of_its_field() -> None:
     assert changed.rgbd.final_scales == (1.0, 0.5)
     assert changed.changes() == {"rgbd.candidates": "800", "rgbd.final_scales": "1,0.5"}
     assert changed.as_dict()["rgbd"]["candidates"] == 800
+    stage = changed.override({"rgbd.free_flow.stages.1.kept": "5"}).rgbd.free_flow.stages[1]
+    assert (stage.kept, stage.until) == (5, 4)
+    fixed = changed.override({"rgbd.free_flow.stages.1.fixed_axes": "true"})
+    assert fixed.changes()["rgbd.free_flow.stages.1.fixed_axes"] == "true"
     assert changed.override({"rgbd.candidates": "1500"}).rgbd.final_scales == (1.0, 0.5)
 
 
@@ -39,6 +43,8 @@ def test_the_tree_of_settings_makes_the_same_settings() -> None:
     ("video.points", "1", "no setting 'video.points'; there are rgbd.candidates, "),
     ("rgbd", "1", "no setting 'rgbd'; there are rgbd.candidates, "),
     ("rgbd.candidates.x", "1", "no setting 'rgbd.candidates.x'"),
+    ("rgbd.sweep.turn", "1", "no setting 'rgbd.sweep.turn'; there are rgbd.sweep.max_turn, "),
+    ("rgbd.known_lines.stages.9.kept", "1", "no setting 'rgbd.known_lines.stages.9.kept'"),
     ("rgbd.candidates", "1.5", "rgbd.candidates=1.5: expected int$"),
     ("rgbd.candidates", "0", "rgbd.candidates=0: expected int >= 1$"),
     ("rgbd.sigma_static", "nan", "expected float > 0.0$"),
@@ -52,8 +58,16 @@ def test_what_is_no_setting_is_refused(name: str, value: str, message: str) -> N
 
 
 def records(record: Any) -> list[Any]:
-    inner = [getattr(record, f.name) for f in fields(record)]
+    inner = [v for f in fields(record) for v in flat(getattr(record, f.name))]
     return [record, *(r for i in inner if is_dataclass(i) for r in records(i))]
+
+
+def flat(value: Any) -> list[Any]:
+    return [w for v in value for w in flat(v)] if isinstance(value, tuple) else [value]
+
+
+def is_number(value: Any) -> bool:
+    return is_dataclass(value) or type(value) in (int, float, bool)
 
 
 @pytest.mark.parametrize("record", records(Settings()), ids=lambda r: type(r).__name__)
@@ -61,8 +75,7 @@ def test_settings_are_frozen_and_hold_numbers_only(record: Any) -> None:
     assert type(record).__dataclass_params__.frozen
     for f in fields(record):
         value = getattr(record, f.name)
-        numbers = value if isinstance(value, tuple) else (value,)
-        assert is_dataclass(value) or all(type(n) in (int, float) for n in numbers), f.name
+        assert is_dataclass(value) or all(is_number(n) for n in flat(value)), f.name
 
 
 def test_a_method_is_made_with_settings_and_declares_them() -> None:

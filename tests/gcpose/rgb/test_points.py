@@ -7,8 +7,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from gcbench.gcpose.chain.beam_search import Beam, beamed, unlike
+from gcbench.gcpose.chain.beam_search import Beam, Grid, beamed, unlike
 from gcbench.gcpose.chain.priors import Known
+from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.chain.weak_prior import Hinges
 from gcbench.gcpose.images.patches import match
 from gcbench.gcpose.images.still_camera import CONTRAST, appearance
@@ -53,7 +54,7 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     cost = judge.costs(motion)
     assert cost[label, np.arange(len(label))].max() < 0.5 < cost[0].mean()
     known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
-    beam = beamed(known, judge, at[:1], at, np.radians(13.0), 0.1, 1000)
+    beam = beamed(known, judge, Grid(at[:1], at, np.radians(13.0), 0.1, 1000), ChainSettings())
     off = np.abs(beam.angle[:30] - state.angle[3]).max(axis=1)
     assert off.min() < np.radians(3.0)
     assert (np.diff(beam.cost.mean(axis=1)) >= 0).all()
@@ -76,7 +77,7 @@ def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
     known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
     judge = ByFlow(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
                    np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]))
-    twist = beamed(known, judge, at[:1], at[1:], 0.2, 0.1, 50).twist
+    twist = beamed(known, judge, Grid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
     away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
                      for p in at])
     assert away[0, :, 0].max() < 1e-9

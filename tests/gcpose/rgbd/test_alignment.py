@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gcbench.gcpose.chain.chain_fit import Goal, fit_chains, follow_held, misfit
 from gcbench.gcpose.chain.kinematics import exponential, part_motions
+from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.images.surfaces import Surfaces, measure
 from gcbench.gcpose.rgbd.alignment import (
     accumulated_equations,
@@ -17,6 +18,7 @@ from gcbench.gcpose.rgbd.alignment import (
     surface_equations,
 )
 from gcbench.gcpose.rgbd.labels import Candidates, label_costs
+from gcbench.gcpose.rgbd.settings import BundleSettings, RgbdSettings
 
 INTRINSICS = np.array([[200.0, 0, 79.5], [0, 200.0, 59.5], [0, 0, 1]])
 
@@ -67,7 +69,7 @@ def test_surface_equations_are_the_sums_of_their_rows() -> None:
     points, normals, label = cloud(surfaces, 1)
     sigma = np.random.default_rng(3).uniform(0.005, 0.05, 300)
     these = elements(points, normals, sigma, label, 3)
-    matrix, vector = surface_equations(surfaces, 1, motion, these)
+    matrix, vector = surface_equations(surfaces, 1, motion, these, BundleSettings())
     assert not matrix[1].any() and not matrix[:, 0].any()
     for t in (0, 2, 3):
         for j in (1, 2):
@@ -83,7 +85,7 @@ def test_accumulated_equations_are_those_of_points_that_may_be_displaced() -> No
     points, normals, label = cloud(surfaces, 1)
     sigma = np.full(300, 0.03)
     matrix, vector, coupling = accumulated_equations(
-        surfaces, motion, elements(points, normals, sigma, label, 3))
+        surfaces, motion, elements(points, normals, sigma, label, 3), BundleSettings())
     for j in (1, 2):
         mine = label == j
         n = int(mine.sum())
@@ -112,7 +114,7 @@ def test_what_falls_outside_the_image_says_nothing() -> None:
     for shift in ([5.0, 0, 0], [0, -5.0, 0], [0, 0, -9.0], [1e30, 0, 0]):
         away[1, 1:, :3, 3] = shift
         these = elements(points, normals, np.full(300, 0.01), label, 3)
-        assert not surface_equations(surfaces, 0, away, these)[0].any()
+        assert not surface_equations(surfaces, 0, away, these, BundleSettings())[0].any()
 
 
 def test_flow_equations_vanish_where_flow_is_as_predicted() -> None:
@@ -129,8 +131,9 @@ def test_flow_equations_vanish_where_flow_is_as_predicted() -> None:
     flow = np.full((1, 120, 160, 2), 50.0, np.float32)
     flow[0, at[:, 1], at[:, 0]] = project(moved) - project(points)
     exact = replace(surfaces, flow=flow)
-    matrix, vector = flow_equations(exact, motion, these, 1.0, 1.0)
-    off = flow_equations(replace(exact, flow=flow + 1.0), motion, these, 1.0, 1.0)[1]
+    settings = BundleSettings(flow_stride=1, flow_share=1.0)
+    matrix, vector = flow_equations(exact, motion, these, settings)
+    off = flow_equations(replace(exact, flow=flow + 1.0), motion, these, settings)[1]
     assert matrix[0, 1:].any() and np.abs(vector).max() < 0.05 * np.abs(off).max()
 
 
@@ -151,11 +154,11 @@ def test_label_costs_are_least_for_what_moved_the_points() -> None:
     grid = Candidates(0, np.zeros((300, 2), int), points, normals, 1)
     motion = np.tile(np.eye(4), (3, 3, 1, 1))
     motion[1:, 1, 2, 3], motion[1:, 2, 0, 3] = 0.03, 9.0
-    cost = label_costs(still, grid, motion)
+    cost = label_costs(still, grid, motion, RgbdSettings())
     assert (cost[:, 0] < 0.1).all() and (cost[:, 1] > 1.0).all()
     assert (cost[:, 2] == 4.0).all()  # outside of both frames
     motion[1:, 2] = np.nan
-    assert (label_costs(still, grid, motion)[:, 2] == 4.0).all()
+    assert (label_costs(still, grid, motion, RgbdSettings())[:, 2] == 4.0).all()
 
 
 @pytest.mark.parametrize("freedom", [2, 4])
@@ -172,11 +175,12 @@ def test_a_chain_is_found_from_the_motion_of_its_last_parts(freedom: int, place:
     motion = part_motions(twist, angle, path - 1)[:, which + 1]
     goal = Goal(path, path - 1, which, motion, np.tile(np.eye(6), (12, len(place), 1, 1)))
     assert misfit(goal, twist[None], angle[None])[0] < 1e-9
-    assert np.allclose(follow_held(goal, twist[None])[0], angle, atol=1e-3)
+    assert np.allclose(follow_held(goal, twist[None], ChainSettings())[0], angle, atol=1e-3)
     off = np.concatenate([l, np.cross(p + rng.normal(0, 0.05, (3, 3)), l)], axis=1)
-    start = follow_held(goal, off[None])
+    start = follow_held(goal, off[None], ChainSettings())
     before = misfit(goal, off[None], start)[0]
-    _, found, after = fit_chains(goal, off[None], start, np.zeros(3, bool), p, freedom)
+    _, found, after = fit_chains(goal, off[None], start, np.zeros(3, bool), p, freedom,
+                                 ChainSettings())
     assert after[0] < 0.02 * before
     if freedom == 2:
         assert np.abs(found[0] - angle).max() < np.radians(1.0)
