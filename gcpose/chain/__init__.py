@@ -12,15 +12,13 @@ from .articulation import (
     middles,
 )
 from .beam_search import Beam, Grid, axes, beamed, directions, spread, unlike
-from .chain_fit import Goal, fit_chains, follow_held, misfit
+from .chain_fit import Chains, Goal, fit_chains, fit_displacements, misfit
 from .hinges import extent, hinges, thinned
 from .kernels import add_normal
 from .kinematics import (
-    adjoint,
     axis_basis,
     carriers,
     displace_axis,
-    exponential,
     relative,
     screws_of,
 )
@@ -32,6 +30,7 @@ __all__ = [
     "Articulation",
     "Beam",
     "ChainSettings",
+    "Chains",
     "Cloud",
     "Goal",
     "Grid",
@@ -41,7 +40,6 @@ __all__ = [
     "Normal",
     "about",
     "add_normal",
-    "adjoint",
     "axes",
     "axis_bases",
     "axis_basis",
@@ -53,10 +51,9 @@ __all__ = [
     "displace_axis",
     "displaced",
     "distinct",
-    "exponential",
     "extent",
     "fit_chains",
-    "follow_held",
+    "fit_displacements",
     "from_axis",
     "hinges",
     "knowledge",

@@ -1,31 +1,38 @@
-"""Chains fitted to what parts do, many at once (Sec. 3.3): it takes no image."""
+"""Fit kinematic chains to given part motions, batched over chains (Sec. 3.3). Uses no images."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, inverse
-from .kinematics import adjoint, axis_basis, carriers, displace_axis, logarithm, part_motions
+from ...robots.geometry import Array, inverse, se3
+from ..numerics import Solver, cauchy_weight, gauss_newton
+from .kinematics import axis_basis, carriers, displace_axis, part_motions
 from .settings import ChainSettings
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What G parts do, whatever makes them do it, and the I joints that are to make them do it."""
+    """Motions of G parts, and the I joints that should make them."""
 
     path: NDArray[np.int64]
     """[I] of all joints, from the base outward"""
     parent: NDArray[np.int64]
-    """[I] which of these carries each (see chain.py)"""
+    """[I] index in `path` of the joint before each, -1 for the base"""
     place: NDArray[np.int64]
-    """[G] which of these moves each part last"""
+    """[G] index in `path` of the joint that moves each part last"""
     motion: Array
-    """[T G 4 4]"""
+    """[T G 4 4] since frame 0, camera frame"""
     information: Array
     """[T G 6 6] of the twists on their left"""
+    prismatic: NDArray[np.bool_]
+    """[I]"""
+    near: Array
+    """[I 3] a point of each joint's part, m"""
+    axis_dof: int
+    """Free parameters of a revolute axis (see `axis_basis`)."""
 
     @property
     def moves(self) -> NDArray[np.bool_]:
@@ -33,85 +40,97 @@ class Goal:
         return carriers(self.parent)[self.place + 1]
 
 
-def follow_held(goal: Goal, twist: Array, settings: ChainSettings) -> Array:
-    """Displacements [S T I] of chains [S I 6] whose axes are held, nearest to the goal."""
+@dataclass(frozen=True)
+class Chains:
+    """S hypotheses about I joints over T frames."""
+
+    twist: Array
+    """[S I 6]"""
+    angle: Array
+    """[S T I] displacements, rad or m; those of frame 0 are 0"""
+
+
+def fit_displacements(goal: Goal, twist: Array, settings: ChainSettings) -> Chains:
+    """Fit the displacements of chains with fixed axes [S I 6] to a goal."""
     joints = twist.shape[1]
-    angle = np.zeros((len(twist), len(goal.motion), joints))
-    for _ in range(settings.fit_held_iterations):
-        motion, error = errors(goal, twist, angle)
-        row = by_displacement(goal, twist, motion)
+
+    def linearize(angle: Array, _: int) -> tuple[Array, Array]:
+        motion, error = missing_twists(goal, Chains(twist, angle))
+        row = displacement_twists(goal, twist, motion)
         weighted = goal.information @ row
-        matrix = np.einsum("stgki,stgkj->stij", row, weighted, optimize=True)
-        size = np.trace(matrix, axis1=2, axis2=3)[..., None, None] / joints
-        matrix += (settings.fit_held_damping * size + 1e-6) * np.eye(joints)
-        vector = np.einsum("stgki,stgk->sti", weighted, error, optimize=True)
-        step = np.linalg.solve(matrix, vector[..., None])[..., 0]
-        angle += np.clip(step, -settings.fit_max_step, settings.fit_max_step)
-        angle[:, 0] = 0.0
-    return angle
+        return (np.einsum("stgki,stgkj->stij", row, weighted, optimize=True),
+                np.einsum("stgki,stgk->sti", weighted, error, optimize=True))
+
+    def move(angle: Array, step: Array) -> Array:
+        after = angle + step
+        after[:, 0] = 0.0
+        return after
+
+    solver = Solver(settings.fit_held_damping, 1e-6, True, settings.fit_max_step)
+    start = np.zeros((len(twist), len(goal.motion), joints))
+    iterations = range(settings.fit_held_iterations)
+    return Chains(twist, gauss_newton(start, linearize, move, iterations, solver))
 
 
-def fit_chains(
-    goal: Goal, twist: Array, angle: Array, prismatic: NDArray[np.bool_], near: Array,
-    freedom: int, settings: ChainSettings,
-) -> tuple[Array, Array, Array]:
-    """Gauss-Newton on displacements [S T I] and axes [S I 6]; and the misfit [S].
-
-    `near` [I 3] and freedom as in `axis_basis`.
-    """
-    chains, frames, joints = angle.shape
+def fit_chains(goal: Goal, start: Chains, settings: ChainSettings) -> Chains:
+    """Fit displacements and axes of chains to a goal."""
+    chains, frames, joints = start.angle.shape
     held, moves = (frames - 1) * joints, goal.moves
-    for _ in range(settings.fit_iterations):
-        motion, error = errors(goal, twist, angle)
-        ad = adjoint(motion)
-        bases = [axis_basis(twist[:, j], bool(prismatic[j]), near[j], freedom)
-                 for j in range(joints)]
+
+    def linearize(now: Chains, _: int) -> tuple[Array, Array]:
+        motion, error = missing_twists(goal, now)
+        adjoint, bases = se3.adjoint(motion), axis_bases(goal, now.twist)
         row = np.zeros((*error.shape, held + sum(b.shape[2] for b in bases)))
-        each, at = by_displacement(goal, twist, motion), held
+        each, at = displacement_twists(goal, now.twist, motion), held
         for t in range(1, frames):
             row[:, t, ..., (t - 1) * joints : t * joints] = each[:, t]
         for j, b in enumerate(bases):
-            turned = (ad[:, :, goal.parent[j] + 1] - ad[:, :, j + 1]) @ b[:, None]
+            turned = (adjoint[:, :, goal.parent[j] + 1] - adjoint[:, :, j + 1]) @ b[:, None]
             row[..., at : at + b.shape[2]] = turned[:, :, None] * moves[:, j, None, None]
             at += b.shape[2]
         square = np.einsum("stgi,tgij,stgj->stg", error, goal.information, error)
         median = np.median(square[:, 1:], axis=1, keepdims=True)
-        typical = np.maximum(1e-12, settings.fit_robust_scale * median)
-        trust = 1.0 / (1.0 + square / typical)
+        trust = cauchy_weight(square / np.maximum(1e-12, settings.fit_robust_scale * median))
         weighted = (goal.information * trust[..., None, None]) @ row
         flat = weighted.reshape(chains, -1, row.shape[-1]).swapaxes(1, 2)
-        matrix = flat @ row.reshape(chains, -1, row.shape[-1])
-        diagonal = np.arange(matrix.shape[1])
-        matrix[:, diagonal, diagonal] *= 1 + settings.fit_damping
-        matrix[:, diagonal, diagonal] += 1e-9
-        step = np.linalg.solve(matrix, flat @ error.reshape(chains, -1, 1))[..., 0]
-        step = np.clip(step, -settings.fit_max_step, settings.fit_max_step)
-        angle = angle.copy()
+        return (flat @ row.reshape(chains, -1, row.shape[-1]),
+                (flat @ error.reshape(chains, -1, 1))[..., 0])
+
+    def move(now: Chains, step: Array) -> Chains:
+        angle, twist, at = now.angle.copy(), now.twist.copy(), held
         angle[:, 1:] += step[:, :held].reshape(chains, frames - 1, joints)
-        twist, at = twist.copy(), held
-        for j, b in enumerate(bases):
+        for j, b in enumerate(axis_bases(goal, now.twist)):
             if b.shape[2]:
                 by = (b @ step[:, at : at + b.shape[2], None])[..., 0]
-                twist[:, j] = displace_axis(twist[:, j], by, bool(prismatic[j]))
+                twist[:, j] = displace_axis(twist[:, j], by, bool(goal.prismatic[j]))
             at += b.shape[2]
-    return twist, angle, misfit(goal, twist, angle)
+        return replace(now, twist=twist, angle=angle)
+
+    solver = Solver(settings.fit_damping, 1e-9, max_step=settings.fit_max_step)
+    return gauss_newton(start, linearize, move, range(settings.fit_iterations), solver)
 
 
-def by_displacement(goal: Goal, twist: Array, motion: Array) -> Array:
+def axis_bases(goal: Goal, twist: Array) -> list[Array]:
+    """[S 6 d] for each joint: how the axes of chains [S I 6] may be displaced."""
+    return [axis_basis(twist[:, j], bool(goal.prismatic[j]), goal.near[j], goal.axis_dof)
+            for j in range(twist.shape[1])]
+
+
+def displacement_twists(goal: Goal, twist: Array, motion: Array) -> Array:
     """[S T G 6 I] twists of the goal's parts per displacement, for chains [S I 6] and their
-    motion."""
-    each = adjoint(motion[:, :, goal.parent + 1]) @ twist[:, None, :, :, None]
+    motions."""
+    each = se3.adjoint(motion[:, :, goal.parent + 1]) @ twist[:, None, :, :, None]
     return each[:, :, None, :, :, 0].swapaxes(-1, -2) * goal.moves[:, None, :]
 
 
-def errors(goal: Goal, twist: Array, angle: Array) -> tuple[Array, Array]:
-    """Motions [S T I+1 4 4] of chains, and the twists [S T G 6] that the goal's parts lack."""
-    motion = part_motions(twist, angle, goal.parent)
-    return motion, logarithm(goal.motion @ inverse(motion[:, :, goal.place + 1]))
+def missing_twists(goal: Goal, chains: Chains) -> tuple[Array, Array]:
+    """Return motions [S T I+1 4 4] of chains, and twists [S T G 6] from them to the goal's."""
+    motion = part_motions(chains.twist, chains.angle, goal.parent)
+    return motion, se3.log(goal.motion @ inverse(motion[:, :, goal.place + 1]))
 
 
-def misfit(goal: Goal, twist: Array, angle: Array) -> Array:
-    """[S] how badly chains reach the goal."""
-    _, error = errors(goal, twist, angle)
+def misfit(goal: Goal, chains: Chains) -> Array:
+    """[S] mean distance of chains from the goal, in standard deviations."""
+    _, error = missing_twists(goal, chains)
     square = np.einsum("stgi,tgij,stgj->stg", error, goal.information, error)
     return np.sqrt(np.maximum(square, 0.0)).mean(axis=(1, 2))

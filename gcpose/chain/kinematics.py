@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, transform
+from ...robots.geometry import Array, se3
 from .kernels import (
     fill_bases,
     fill_derivatives,
@@ -21,54 +21,6 @@ from .kernels import (
     fill_motions,
     take_moved,
 )
-
-
-def cross_matrix(v: Array) -> Array:
-    """[... 3 3] with cross_matrix(v) @ x = v x x."""
-    k = np.zeros((*v.shape[:-1], 3, 3))
-    k[..., 0, 1], k[..., 0, 2] = -v[..., 2], v[..., 1]
-    k[..., 1, 0], k[..., 1, 2] = v[..., 2], -v[..., 0]
-    k[..., 2, 0], k[..., 2, 1] = -v[..., 1], v[..., 0]
-    return k
-
-
-def adjoint(a_from_b: Array) -> Array:
-    """[... 6 6]: twists of frame b in frame a."""
-    r, t = a_from_b[..., :3, :3], a_from_b[..., :3, 3]
-    out = np.zeros((*a_from_b.shape[:-2], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = r
-    out[..., 3:, :3] = cross_matrix(t) @ r
-    return out
-
-
-def exponential(twist: Array) -> Array:
-    """[... 4 4] rigid motion exp(twist) of any twist [... 6]."""
-    w, v = twist[..., :3], twist[..., 3:]
-    angle = np.linalg.norm(w, axis=-1)
-    small = angle < 1e-9
-    a = np.where(small, 1.0, angle)[..., None, None]
-    k = cross_matrix(w)
-    s, c = np.sin(a), np.cos(a)
-    eye, flat = np.eye(3), small[..., None, None]
-    r = np.where(flat, eye + k, eye + s / a * k + (1 - c) / a**2 * (k @ k))
-    left = np.where(flat, eye + 0.5 * k, eye + (1 - c) / a**2 * k + (a - s) / a**3 * (k @ k))
-    return transform(r, np.einsum("...ij,...j->...i", left, v))
-
-
-def logarithm(motion: Array) -> Array:
-    """Twists [... 6] with exponential(twist) = motion [... 4 4], turns below pi."""
-    r, t = motion[..., :3, :3], motion[..., :3, 3]
-    axis = 0.5 * np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0],
-                           r[..., 1, 0] - r[..., 0, 1]], axis=-1)
-    sine, cosine = np.linalg.norm(axis, axis=-1), 0.5 * (np.trace(r, axis1=-2, axis2=-1) - 1)
-    angle = np.arctan2(sine, cosine)
-    small = angle < 1e-4
-    a, s = np.where(small, 1.0, angle), np.where(sine < 1e-12, 1.0, sine)
-    w = axis * np.where(small, 1.0, a / s)[..., None]
-    k = cross_matrix(w)
-    bend = np.where(small, 1 / 12, 1 / a**2 - (1 + np.cos(a)) / (2 * a * np.where(small, 1.0, s)))
-    left = np.eye(3) - 0.5 * k + bend[..., None, None] * (k @ k)
-    return np.concatenate([w, (left @ t[..., None])[..., 0]], axis=-1)
 
 
 def twists_of(screw: Array, prismatic: NDArray[np.bool_]) -> Array:
@@ -150,5 +102,5 @@ def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:
     """The twists [... 6] of axes after exp(by): again unit directions, again without pitch."""
     flat = np.ascontiguousarray(twist).reshape(-1, 6)
     out = np.zeros_like(flat)
-    fill_displaced(flat, exponential(by).reshape(-1, 4, 4), prismatic, out)
+    fill_displaced(flat, se3.exp(by).reshape(-1, 4, 4), prismatic, out)
     return out.reshape(twist.shape)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...renderer.types import Observation
-from ...robots.geometry import Array
-from .kinematics import adjoint, twists_of
+from ...robots.geometry import Array, se3
+from .kinematics import twists_of
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def about(origin: Array, twist: Array) -> Array:
     """Twists [... 6] about the camera's centre as twists about `origin`: v + w x origin."""
     shift = np.eye(4)
     shift[:3, 3] = -origin
-    return (adjoint(shift) @ twist[..., None])[..., 0]
+    return (se3.adjoint(shift) @ twist[..., None])[..., 0]
 
 
 def axis_from(

@@ -4,6 +4,15 @@ from __future__ import annotations
 
 from .arrays import Image
 from .compiled import compiled
+from .least_squares import Solver, gauss_newton
+from .robust import (
+    cauchy_cost,
+    cauchy_weight,
+    geman_mcclure_cost,
+    geman_mcclure_weight,
+    truncated_cost,
+    truncated_weight,
+)
 from .settings import (
     DEGREE,
     Count,
@@ -18,5 +27,7 @@ from .threads import together
 
 __all__ = [
     "DEGREE", "Count", "Image", "NonNegative", "Positive", "Scales", "SettingsRecord", "Share",
-    "Whole", "compiled", "together",
+    "Solver", "Whole", "cauchy_cost", "cauchy_weight", "compiled", "gauss_newton",
+    "geman_mcclure_cost", "geman_mcclure_weight", "together",
+    "truncated_cost", "truncated_weight",
 ]

@@ -27,6 +27,7 @@ from ..chain import (
     smoothness,
 )
 from ..images import Surfaces
+from ..numerics import Solver
 from .alignment import (
     Elements,
     Equations,
@@ -138,17 +139,15 @@ def adjust(
     tuned, surfaces = settings.bundle, views.surfaces
     seen = [(c.frame, elements_of(surfaces, c, joints + 1, tuned.min_part_points))
             for c in views.clouds]
+    solver = Solver(tuned.damping, tuned.damping_floor, max_step=tuned.max_step)
     sums = Sums.nothing(0)
     for scale in scales:
         basis = axis_bases(state, views.clouds, 0 if newest else freedom)
         sums = assemble(surfaces, seen, state, basis, scale, tuned)
         sums.believe(smoothness(state.angle, last, settings.chain), slice(0, held))
         sums.believe(closeness(state, basis, views.hinges), slice(held, None))
-        damping = tuned.damping * np.diag(sums.matrix) + tuned.damping_floor
-        if newest:
-            damping[: held - joints] += 1e15
-        step = np.linalg.solve(sums.matrix + np.diag(damping), sums.vector)
-        step = np.asarray(np.clip(step, -tuned.max_step, tuned.max_step), np.float64)
+        frozen = newest & (np.arange(len(sums.vector)) < held - joints)
+        step = solver.step(sums.matrix, sums.vector, frozen)
         angle = state.angle.copy()
         angle[1:] += step[:held].reshape(last, joints)
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))

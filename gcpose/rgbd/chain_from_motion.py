@@ -12,25 +12,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...robots.geometry import Array, inverse
+from ...robots.geometry import Array, inverse, se3
 from ..chain import (
     Articulation,
+    Chains,
     Cloud,
     Goal,
     Hypothesis,
-    adjoint,
     carriers,
     directions,
-    exponential,
     fit_chains,
-    follow_held,
+    fit_displacements,
     middles,
     misfit,
     spread,
     thinned,
 )
 from ..images import Surfaces
-from ..numerics import together
+from ..numerics import Solver, together
 from .alignment import elements, surface_equations
 from .settings import RgbdSettings
 from .tracker import Tracker
@@ -42,7 +41,7 @@ def goals(tracker: Tracker, guess: Hypothesis) -> list[Goal]:
 
     The other parts are soon lost when they are loose, or were never found.
     """
-    parent = guess.state.parent
+    parent, near = guess.state.parent, middles(guess.clouds[0], len(guess.state.parent))
     motion, information = loosened(tracker, guess)
     surest = int(np.argmax(np.trace(information[:, 1:].sum(axis=0), axis1=1, axis2=2)))
     swaps = [[j, int(p)] for j, p in enumerate(parent) if p >= 0 and surest in (j, p)]
@@ -52,7 +51,8 @@ def goals(tracker: Tracker, guess: Hypothesis) -> list[Goal]:
         carried = np.where(parent[path] < 0, -1, np.searchsorted(path, parent[path]))
         sure = [balanced(information[:, j + 1]) for j in joints]
         out.append(Goal(path, carried, np.searchsorted(path, places),
-                        motion[:, np.array(joints) + 1], np.stack(sure, axis=1)))
+                        motion[:, np.array(joints) + 1], np.stack(sure, axis=1),
+                        guess.state.prismatic[path], near[path], tracker.known.freedom))
     return out
 
 
@@ -90,7 +90,7 @@ def align_parts(
         six, right = (x.swapaxes(0, 1)
                       for x in surface_equations(surfaces, cloud.frame, here_from_there, these,
                                              settings.bundle))
-        there = -adjoint(here_from_there).swapaxes(0, 1)  # a twist of the frame it is from
+        there = -se3.adjoint(here_from_there).swapaxes(0, 1)  # a twist of the frame it is from
         both, f = six @ there, cloud.frame
         matrix[:, every, :, every, :] += six.swapaxes(0, 1)
         vector += right
@@ -101,15 +101,11 @@ def align_parts(
             vector[:, f] += np.einsum("ptiu,pti->pu", there, right)
     information = matrix[:, every, :, every, :].copy()
     size = frames * 6
-    flat = matrix.reshape(parts, size, size)
-    diagonal = np.arange(size)
     tuned = settings.motion
-    flat[:, diagonal, diagonal] += (tuned.damping * flat[:, diagonal, diagonal]
-                                    + tuned.damping_floor)
-    flat[:, :6, :6] += 1e15 * np.eye(6)  # frame 0 stays
-    step = np.linalg.solve(flat, vector.reshape(parts, size, 1)).reshape(parts, frames, 6)
-    step = np.clip(step, -tuned.max_step, tuned.max_step).swapaxes(0, 1)
-    return exponential(step) @ motion, information
+    solver = Solver(tuned.damping, tuned.damping_floor, max_step=tuned.max_step)
+    step = solver.step(matrix.reshape(parts, size, size), vector.reshape(parts, size),
+                       frozen=np.arange(size) < 6)  # frame 0
+    return se3.exp(step.reshape(parts, frames, 6).swapaxes(0, 1)) @ motion, information
 
 
 def factored(tracker: Tracker, guess: Hypothesis) -> list[Articulation]:
@@ -124,18 +120,16 @@ def reaching(
 ) -> list[Articulation]:
     """The chains that reach a goal, the nearest first, from axes [S I 6]."""
     state, tuned, chain = guess.state, tracker.settings.motion, tracker.settings.chain
-    held = np.concatenate(
-        together(lambda s: follow_held(goal, s, chain), np.array_split(starts, 2)))
-    best = np.argsort(misfit(goal, starts, held), kind="stable")[: tuned.fitted]
-    near, freedom = middles(guess.clouds[0], len(state.twist))[goal.path], tracker.known.freedom
-    prismatic = state.prismatic[goal.path]
-    halves = together(
-        lambda b: fit_chains(goal, starts[b], held[b], prismatic, near, freedom, chain),
-        (best[::2], best[1::2]),
-    )
-    twists, angles, cost = (np.concatenate(x) for x in zip(*halves, strict=True))
+    held = together(lambda s: fit_displacements(goal, s, chain), np.array_split(starts, 2))
+    angles = np.concatenate([h.angle for h in held])
+    best = np.argsort(misfit(goal, Chains(starts, angles)), kind="stable")[: tuned.fitted]
+    halves = together(lambda b: fit_chains(goal, Chains(starts[b], angles[b]), chain),
+                      (best[::2], best[1::2]))
+    twists = np.concatenate([h.twist for h in halves])
+    angles = np.concatenate([h.angle for h in halves])
+    cost = misfit(goal, Chains(twists, angles))
     enough = max(tuned.max_misfit, tuned.misfit_factor * float(cost.min()))
-    arm = np.where(prismatic, chain.slide_arm, 1.0)
+    arm = np.where(goal.prismatic, chain.slide_arm, 1.0)
     found: list[Articulation] = []
     for f in np.argsort(cost, kind="stable"):
         ends = [other.angle[-1, goal.path] for other in found]

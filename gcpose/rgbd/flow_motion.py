@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..images import Candidates, Surfaces, rays
-from ..numerics import compiled
+from ..numerics import Solver, compiled, gauss_newton, truncated_cost
 from .settings import StartSettings
 
 
@@ -111,8 +111,8 @@ def fit(
     held = np.zeros((start[-1], start[-1]))
     for i, s in enumerate(space):
         held[start[i] : start[i + 1], start[i] : start[i + 1]] = s.T @ prior[i] @ s
-    y = np.zeros(start[-1])
-    for scale in scales:
+
+    def linearize(y: Array, scale: float) -> tuple[Array, Array]:
         six, right = np.zeros((len(moves), 6, 6)), np.zeros((len(moves), 6))
         z = np.stack([s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)])
         reweighted(data.row, data.value, data.valid, label, moves @ z, scale, six, right)
@@ -122,7 +122,9 @@ def fit(
             basis = joined[:, some]
             matrix[np.ix_(some, some)] += basis.T @ six[j] @ basis
             vector[some] += basis.T @ right[j]
-        y = np.linalg.solve(matrix, vector)
+        return matrix, vector - matrix @ y
+
+    y = gauss_newton(np.zeros(start[-1]), linearize, np.add, scales, Solver())
     return [s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)]
 
 
@@ -133,8 +135,8 @@ def costs(
     twist = moves @ np.stack(added)
     residual = data.value[:, None] - np.einsum("nrc,jc->njr", data.row, twist)
     square = residual**2
-    plane = np.where(data.valid[:, None, 0], np.minimum(square[..., 0], settings.max_surface_cost),
-                     settings.missing_surface_cost)
-    flow = np.minimum(square[..., 1] + square[..., 2], settings.max_flow_cost)
+    plane = truncated_cost(square[..., 0], settings.max_surface_cost)
+    plane = np.where(data.valid[:, None, 0], plane, settings.missing_surface_cost)
+    flow = truncated_cost(square[..., 1] + square[..., 2], settings.max_flow_cost)
     flow = np.where(data.valid[:, None, 1], flow, settings.missing_flow_cost)
     return plane + settings.flow_weight * flow

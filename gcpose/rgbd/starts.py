@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array
+from ...robots.geometry import Array, se3
 from ..chain import (
     Articulation,
     Cloud,
@@ -107,8 +107,7 @@ class Beginning:
 
 def hinge_prior(hinge: Array, slip: float, turn: float) -> Array:
     """[6 6] weak belief that a joint turns by some degrees and leaves its hinge [3] in place."""
-    x, y, z = hinge
-    drag = np.array([[0, z, -y, 1, 0, 0], [-z, 0, x, 0, 1, 0], [y, -x, 0, 0, 0, 1]])
+    drag = np.concatenate([-se3.hat(hinge), np.eye(3)], axis=1)  # of twists (w, v)
     out = drag.T @ drag / slip**2
     out[:3, :3] += np.eye(3) / turn**2
     return out
