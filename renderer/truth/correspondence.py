@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, inverse
+from ...robots.geometry import Array, apply, inverse, pinhole
 from ..types import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
 
 DEPTH_TOLERANCE = 0.002
@@ -33,60 +33,72 @@ class Moved:
     """Where the N points of a `SurfacePoints` are in another frame."""
 
     flow: NDArray[np.float32]
-    """[2 N] (du, dv) px; NaN behind the camera."""
+    """[N 2] (du, dv) px; NaN behind the camera"""
     depth: NDArray[np.float32]
-    """[N] m there; NaN behind the camera."""
+    """[N] m; NaN behind the camera"""
 
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """What N pixels of a frame show: points of parts (and of the world, if it moves), by part."""
+    """What N pixels of a frame show: points of parts (and of the world, if it moves), by part.
+
+    `points` lie in memory column by column, which makes `moved` faster.
+    """
 
     still: NDArray[np.float32]
-    """[H W 2] flow of what does not move: 0, and NaN where there is no surface."""
+    """[H W 2] px, flow of what does not move: 0, and NaN where there is no surface"""
     index: NDArray[np.int32]
     """[N] of the pixel in the flattened image"""
     first: NDArray[np.int64]
-    """[P+2] where each part number's points begin in the arrays of N, and the end."""
-    u: NDArray[np.int32]
-    """[N] px"""
-    v: NDArray[np.int32]
-    """[N] px"""
+    """[P+2] where each part number's points begin in the arrays of N, and the end"""
+    pixels: Array
+    """[N 2] px, (u, v)"""
     points: Array
-    """[3 N] m in the camera frame"""
+    """[N 3] m in the camera frame"""
     intrinsics: Array
     """[3 3] px"""
 
     @property
     def part_pixels(self) -> NDArray[np.int64]:
-        """[P] pixels of each part."""
+        """[P] number of pixels of each part."""
         return np.diff(self.first)[1:]
+
+    def of_part(self, number: int) -> slice:
+        """The points of a part number, in the arrays of N."""
+        return slice(int(self.first[number]), int(self.first[number + 1]))
 
     def moved(self, here: Array, there: Array) -> Moved:
         """The points in another frame, from the pose tables [P+1 4 4] of the two instants."""
-        k = self.intrinsics
-        flow = np.zeros((2, len(self.index)), np.float32)
-        depth = self.points[2].astype(np.float32)
-        move = there @ inverse(here)
-        for number in np.flatnonzero(np.diff(self.first)):
+        flow = np.zeros((len(self.index), 2), np.float32)
+        depth = self.points[:, 2].astype(np.float32)
+        motion = there @ inverse(here)
+        for number in np.flatnonzero(np.diff(self.first)).tolist():
             if np.array_equal(here[number], there[number]):
                 continue  # exactly zero
-            chosen = slice(self.first[number], self.first[number + 1])
-            x, y, z = move[number, :3, :3] @ self.points[:, chosen] + move[number, :3, 3:]
-            if z.min() <= 0:
-                z[z <= 0] = np.nan
-            x, y = x / z, y / z
-            flow[0, chosen] = k[0, 0] * x + k[0, 1] * y + k[0, 2] - self.u[chosen]
-            flow[1, chosen] = k[1, 1] * y + k[1, 2] - self.v[chosen]
-            depth[chosen] = z
+            part = self.of_part(number)
+            uv, depth[part] = self.project(apply(motion[number], self.points[part]))
+            np.subtract(uv, self.pixels[part], out=flow[part], casting="same_kind")
         return Moved(flow, depth)
+
+    def project(self, points_in_cam: Array) -> tuple[Array, Array]:
+        """Pixels [M 2] and depth [M] m of camera-frame points [M 3] m; NaN behind the camera."""
+        return project_in_front(self.intrinsics, points_in_cam)
 
     def flow_image(self, moved: Moved) -> NDArray[np.float32]:
         """Flow [H W 2] px; NaN where there is no surface."""
         out = self.still.copy()
-        for axis in (0, 1):
-            out.reshape(-1, 2)[self.index, axis] = moved.flow[axis]
+        for k in (0, 1):  # faster than both at once
+            out.reshape(-1, 2)[self.index, k] = moved.flow[:, k]
         return out
+
+
+def project_in_front(intrinsics: Array, points_in_cam: Array) -> tuple[Array, Array]:
+    """Pixels [... 2] and depth [...] m of camera-frame points [... 3] m; NaN behind the camera."""
+    z = points_in_cam[..., 2]
+    if (z <= 0).any():
+        points_in_cam = np.where(z[..., None] > 0, points_in_cam, np.nan)
+    uvz = pinhole.project(intrinsics, points_in_cam)
+    return uvz[..., :2], uvz[..., 2]
 
 
 def surface_points(
@@ -94,23 +106,20 @@ def surface_points(
     world_moves: bool = False,
 ) -> SurfacePoints:
     """Points of a frame from depth [H W] m (0: no surface), part numbers [H W] in 0..parts and
-    intrinsics [3 3]. Those of the world are left out, with zero flow, unless it `moves` (against
-    the camera).
+    intrinsics [3 3]. Those of the world are left out, with zero flow, unless it moves against the
+    camera (`world_moves`).
     """
     seen = np.flatnonzero(depth > 0 if world_moves else part > 0)  # bool: five times faster
     number = part.ravel()[seen]
     order = np.argsort(number, kind="stable")  # a radix sort; parts become slices
     index = seen[order].astype(np.int32)
     first = np.searchsorted(number[order], np.arange(parts + 2))
-    v = index // depth.shape[1]
-    u = index - v * depth.shape[1]
-    z = depth.ravel()[index].astype(np.float64)
-    y = (v - k[1, 2]) / k[1, 1]
-    x = (u - k[0, 2] - k[0, 1] * y) / k[0, 0]
+    v, u = np.divmod(index, np.int32(depth.shape[1]))
+    pixels = np.stack([u, v], axis=1).astype(np.float64)
+    points = np.asfortranarray(pinhole.unproject(k, pixels, depth.ravel()[index]))
     still = np.where(depth == 0, np.float32(np.nan), np.float32(0.0))
-    points = np.stack([x * z, y * z, z])
     flow = np.asarray(cv2.merge([still, still]), np.float32)
-    return SurfacePoints(flow, index, first, u, v, points, k)
+    return SurfacePoints(flow, index, first, pixels, points, k)
 
 
 def visibility(
@@ -120,36 +129,41 @@ def visibility(
     next_part: NDArray[np.uint16],
     depth_unit: float,
 ) -> NDArray[np.uint8]:
-    """Whether each part pixel's correspondence is seen in the next frame, [H W] (sequence.py).
+    """Return the visibility code [H W] of each part pixel's correspondence in the next frame.
 
-    A point is visible if, among the four pixels around its target, some show the same part, and
-    its depth lies between theirs (give or take DEPTH_TOLERANCE or two depth units): part identity
-    and depth decide, as surfaces at a silhouette are nearer to each other in the image than in
-    space (lessons 7). `moved` says where the points are in the next frame, whose depth [H W] m and
-    parts [H W] follow.
+    `moved` holds the points in the next frame, whose depth [H W] m and parts [H W] follow. The
+    codes are those of `Frame.visibility`; the rule is `is_seen`.
     """
-    height, width = next_part.shape
-    u, v = points.u + moved.flow[0].astype(np.float64), points.v + moved.flow[1].astype(np.float64)
-    inside = (u >= -0.5) & (u < width - 0.5) & (v >= -0.5) & (v < height - 0.5)
-    left = np.floor(np.where(inside, u, 0)).astype(np.int32)
-    top = np.floor(np.where(inside, v, 0)).astype(np.int32)
-    columns = [np.clip(left + dx, 0, width - 1) for dx in (0, 1)]
-    rows = [np.clip(top + dy, 0, height - 1) * np.int32(width) for dy in (0, 1)]
+    target = points.pixels + moved.flow
     number = np.repeat(np.arange(len(points.first) - 1, dtype=np.uint16), np.diff(points.first))
-    nearest = np.full(len(u), np.inf, np.float32)
-    farthest = np.full(len(u), -np.inf, np.float32)
-    for row in rows:
-        for column in columns:
-            pixel = row + column
-            there = next_depth.ravel()[pixel]
-            other = next_part.ravel()[pixel] != number
-            nearest = np.minimum(nearest, np.where(other, np.float32(np.inf), there))
-            farthest = np.maximum(farthest, np.where(other, np.float32(-np.inf), there))
-    tolerance = np.maximum(np.float32(2.0 * depth_unit), np.float32(DEPTH_TOLERANCE) * moved.depth)
-    seen = (moved.depth >= nearest - tolerance) & (moved.depth <= farthest + tolerance)
+    seen = is_seen(target, moved.depth, number, (next_depth, next_part), depth_unit)
     answer = np.where(seen, np.uint8(VISIBLE), np.uint8(OCCLUDED))
-    answer[~inside] = OUT_OF_IMAGE
+    answer[~pinhole.inside_image(target, *next_part.shape)] = OUT_OF_IMAGE
     answer[:points.first[1]] = BACKGROUND  # of the world
     out = np.full(next_part.shape, BACKGROUND, np.uint8)
     out.ravel()[points.index] = answer
     return out
+
+
+def is_seen(
+    pixels: Array, z: NDArray[np.floating], number: NDArray[np.integer],
+    images: tuple[NDArray[np.float32], NDArray[np.uint16]], depth_unit: float,
+) -> NDArray[np.bool_]:
+    """Whether a frame shows surface points [N] of parts `number` [N] at (u, v) [N 2], z [N] m.
+
+    A point is seen if, of the four pixels around it, some show its part, and its depth lies
+    between theirs, within DEPTH_TOLERANCE or two depth units. Part identity and depth decide,
+    because surfaces at a silhouette are nearer to each other in the image than in space.
+    `images` are the frame's depth [H W] m and part numbers [H W].
+    """
+    depth, part = (image.ravel() for image in images)
+    shape, kind = images[0].shape, z.dtype.type
+    nearest = np.full(len(z), np.inf, np.float32)
+    farthest = np.full(len(z), -np.inf, np.float32)
+    for pixel in pinhole.four_pixels(pixels, *shape):
+        there, same = depth[pixel], part[pixel] == number
+        np.minimum(nearest, there, out=nearest, where=same)
+        np.maximum(farthest, there, out=farthest, where=same)
+    tolerance = np.maximum(kind(2 * depth_unit), kind(DEPTH_TOLERANCE) * z)
+    inside = pinhole.inside_image(pixels, *shape)
+    return inside & (z >= nearest - tolerance) & (z <= farthest + tolerance)

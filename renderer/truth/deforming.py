@@ -34,16 +34,12 @@ class DeformingPoints:
         """All points in another frame, whose vertices [V 3] m (camera frame) are given; `rigid` is
         where they would be if each moved with its part.
         """
-        k, chosen = self.points.intrinsics, self.chosen
-        shift = np.einsum("mk,mki->im", self.weight, vertices[self.corner] - self.here)
-        x, y, z = self.points.points[:, chosen] + shift
-        z = np.where(z > 0, z, np.nan)
-        x, y = x / z, y / z
-        u = k[0, 0] * x + k[0, 1] * y + k[0, 2] - self.points.u[chosen]
-        v = k[1, 1] * y + k[1, 2] - self.points.v[chosen]
+        shift = np.einsum("mk,mki->mi", self.weight, vertices[self.corner] - self.here)
+        uv, z = self.points.project(self.points.points[self.chosen] + shift)
         flow, depth = rigid.flow.copy(), rigid.depth.copy()
-        flow[:, chosen] = np.where((shift == 0).all(axis=0), 0.0, np.stack([u, v]))
-        depth[chosen] = z
+        stands = (shift == 0).all(axis=1, keepdims=True)
+        flow[self.chosen] = np.where(stands, 0.0, uv - self.points.pixels[self.chosen])
+        depth[self.chosen] = z
         return Moved(flow, depth)
 
 
@@ -57,8 +53,7 @@ def deforming_points(
     chosen = np.flatnonzero((number >= 0) & posed.face_deforms[number])
     corner = posed.faces[number[chosen]]
     here = vertices[corner]
-    rays = points.points[:, chosen].T
-    return DeformingPoints(points, chosen, corner, weights(rays, here), here)
+    return DeformingPoints(points, chosen, corner, weights(points.points[chosen], here), here)
 
 
 def weights(rays: Array, corners: Array) -> Array:

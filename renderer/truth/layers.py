@@ -43,16 +43,15 @@ def coordinate_image(
     From the points of a frame and the poses cam_from_part [P+1 4 4] by part number. A point that
     deforms has the place that it has at rest: `at_rest` [V 3] (posed.rest_in_part).
     """
-    found = np.full((3, len(points.index)), np.nan)
-    for number in np.flatnonzero(np.diff(points.first)):
-        chosen = slice(points.first[number], points.first[number + 1])
-        if number > 0:
-            found[:, chosen] = apply(inverse(cam_from_part[number]), points.points[:, chosen].T).T
+    found = np.full((len(points.index), 3), np.nan)
+    for number in range(1, len(points.first) - 1):
+        part = points.of_part(number)
+        found[part] = apply(inverse(cam_from_part[number]), points.points[part])
     if deforming is not None:
-        found[:, deforming.chosen] = np.einsum(
-            "mk,mki->im", deforming.weight, at_rest[deforming.corner])
+        found[deforming.chosen] = np.einsum(
+            "mk,mki->mi", deforming.weight, at_rest[deforming.corner])
     out = np.full((*shape, 3), np.nan, np.float32)
-    out.reshape(-1, 3)[points.index] = found.T
+    out.reshape(-1, 3)[points.index] = found
     return out
 
 

@@ -47,19 +47,28 @@ def inside_image(pixels: Array, height: int, width: int) -> NDArray[np.bool_]:
         return (u >= -0.5) & (u < width - 0.5) & (v >= -0.5) & (v < height - 0.5)
 
 
-def bilinear_taps(
-    pixels: Array, height: int, width: int
-) -> tuple[NDArray[np.intp], Array]:
-    """The four pixels about positions (u, v) [N 2]: flat indices [4 N] and weights [4 N].
+def four_pixels(pixels: Array, height: int, width: int) -> NDArray[np.intp]:
+    """Flat indices [4 N] of the pixels about positions (u, v) [N 2].
 
     The order is top left, top right, bottom left, bottom right. Beyond the border the nearest
     pixels take the place of those that are missing. Positions that are not `inside_image` give
-    the taps of (0, 0).
+    the pixels of (0, 0).
     """
+    inside = inside_image(pixels, height, width)
+    u, v = (np.floor(np.where(inside, pixels[:, k], 0.0)).astype(np.intp) for k in (0, 1))
+    columns = np.maximum(u, 0), np.minimum(u + 1, width - 1)
+    rows = np.maximum(v, 0) * width, np.minimum(v + 1, height - 1) * width
+    out = np.empty((4, len(pixels)), np.intp)
+    for k in range(4):
+        np.add(rows[k // 2], columns[k % 2], out=out[k])
+    return out
+
+
+def bilinear_taps(
+    pixels: Array, height: int, width: int
+) -> tuple[NDArray[np.intp], Array]:
+    """The `four_pixels` about positions (u, v) [N 2], and their bilinear weights [4 N]."""
     at = np.where(inside_image(pixels, height, width)[:, None], pixels, 0.0)
-    low = np.floor(at)
-    (du, dv), (u, v) = (at - low).T, low.T.astype(np.intp)
-    columns = [np.clip(u + step, 0, width - 1) for step in (0, 1)]
-    rows = [np.clip(v + step, 0, height - 1) for step in (0, 1)]
-    index = np.stack([row * width + column for row in rows for column in columns])
-    return index, np.stack([y * x for y in (1 - dv, dv) for x in (1 - du, du)])
+    du, dv = (at - np.floor(at)).T
+    weights = np.stack([y * x for y in (1 - dv, dv) for x in (1 - du, du)])
+    return four_pixels(pixels, height, width), weights
