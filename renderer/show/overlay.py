@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GcbenchError
-from ...robots.geometry import Array
+from ...robots.geometry import Array, pinhole
 from ...robots.model import ArticulatedModel, forward_kinematics
 from ..gl import Rasterizer
 from ..scene import posed_by_parts
@@ -102,11 +102,8 @@ def blend(rgb: Image, object_mask: NDArray[np.bool_], depth: NDArray[np.float32]
 
 def shade(depth: NDArray[np.float32], mask: NDArray[np.bool_], intrinsics: Array) -> Array:
     """[H W] 0.35..1: how much each pixel's surface faces the camera; 1 outside the mask."""
-    v, u = np.indices(depth.shape)
-    z = depth.astype(np.float64)
-    ray = np.stack([(u - intrinsics[0, 2]) / intrinsics[0, 0],
-                    (v - intrinsics[1, 2]) / intrinsics[1, 1], np.ones_like(z)], axis=-1)
-    points = ray * z[..., None]
+    ray = pinhole.pixel_rays(intrinsics, pinhole.pixel_grid(*depth.shape))
+    points = ray * depth[..., None]
     along_v, along_u = np.gradient(points, axis=(0, 1))
     normal = np.cross(along_u, along_v)
     length = np.linalg.norm(normal, axis=-1) * np.linalg.norm(ray, axis=-1)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from .ground_truth import SequenceTruth, needs_faces, room_normal
 from .rejection import Draw, DrawSampler
-from .tracks import projected, surface_visible
+from .tracks import TruthImages, track_paths
 
 __all__ = [
-    "Draw", "DrawSampler", "SequenceTruth", "needs_faces", "projected", "room_normal",
-    "surface_visible",
+    "Draw", "DrawSampler", "SequenceTruth", "TruthImages", "needs_faces", "room_normal",
+    "track_paths",
 ]

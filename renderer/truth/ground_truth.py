@@ -17,7 +17,7 @@ from .correspondence import Moved, SurfacePoints, pose_table, surface_points, vi
 from .deforming import DeformingPoints, deforming_points
 from .layers import coordinate_boxes, coordinate_image, normal_image
 from .rejection import Draw
-from .tracks import KEYPOINT_SHARE, View, keypoint_paths, track_paths
+from .tracks import KEYPOINT_SHARE, TruthImages, keypoint_paths, track_paths
 
 
 def needs_faces(model: ArticulatedModel, layers: tuple[str, ...]) -> bool:
@@ -83,17 +83,20 @@ class SequenceTruth:
         """Arrays of the state that belong to the layers."""
         out: dict[str, Any] = {}
         draw, posed, config = self.draw, self.draw.motion.posed, self.config
-        view = View(draw.camera, draw.depth, draw.part, self._depth_unit)
+        images = TruthImages(draw.camera, draw.depth, draw.part, self._depth_unit)
         if self.coordinate_box is not None:
             out["coordinate_box"] = self.coordinate_box
         if "keypoints" in self.layers:
-            found = keypoint_paths(self.model, posed.world_from_part, view, self.keypoint_tolerance)
+            found = keypoint_paths(
+                self.model, posed.world_from_part, images, self.keypoint_tolerance)
             out |= {f"keypoint_{name}": value for name, value in vars(found).items()}
         if "tracks" in self.layers:
             stream = 0 if config.stream == "test" else 1
             rng = np.random.default_rng(
                 [config.seed, stream, self._index, zlib.crc32(b"tracks")])
-            found, query = track_paths(rng, config.track_points, posed, view, draw.face)
+            found, query = track_paths(
+                rng, config.track_points, posed.world_from_part, images,
+                (posed, draw.face) if draw.face else None)
             out |= {f"track_{name}": value for name, value in vars(found).items()}
             out["track_query"] = query
         return out

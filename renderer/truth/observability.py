@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, pinhole, prismatic_motion, revolute_motion
+from ...robots.geometry import Array, apply, pinhole, prismatic_motion, revolute_motion
 from ...robots.model import ArticulatedModel
 from ..types import Camera
 
@@ -76,11 +76,12 @@ def own_motion(
         return 0.0
     index = index[:: max(1, len(index) // 2000)]  # 2000 tell the median well
     v, u = np.divmod(index, camera.width)
-    pixels = np.stack([u, v, np.ones_like(u)], axis=1).astype(np.float64)
-    points = pixels @ np.linalg.inv(camera.intrinsics).T * depth.ravel()[index, None]
+    pixels = np.stack([u, v], axis=1)
+    rays = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(camera.intrinsics).T
+    points = rays * depth.ravel()[index, None]
     motion = (prismatic_motion if prismatic else revolute_motion)(screw, step)
-    there = pinhole.project(camera.intrinsics, points @ motion[:3, :3].T + motion[:3, 3])
-    return float(np.median(np.linalg.norm(there[:, :2] - pixels[:, :2], axis=1)))
+    there = pinhole.project(camera.intrinsics, apply(motion, points))
+    return float(np.median(np.linalg.norm(there[:, :2] - pixels, axis=1)))
 
 
 def is_prismatic(model: ArticulatedModel, joint: int) -> bool:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, apply, inverse
+from ...robots.geometry import Array, apply, inverse, pinhole
 from ...robots.model import ArticulatedModel
 from ..scene import PosedModel
 from ..types import Camera
-from .correspondence import DEPTH_TOLERANCE
+from .correspondence import is_seen, project_in_front
 from .deforming import weights
 
 KEYPOINT_SHARE = 0.02
@@ -19,8 +19,8 @@ KEYPOINT_SHARE = 0.02
 
 
 @dataclass(frozen=True)
-class View:
-    """What T frames show: depth [H W] m and part numbers [H W] of each, from one camera."""
+class TruthImages:
+    """Depth [H W] m and part numbers [H W] of T frames, seen by one camera that stands still."""
 
     camera: Camera
     depth: list[NDArray[np.float32]]
@@ -43,61 +43,73 @@ class PointPaths:
     """[T N]"""
 
 
-def keypoint_paths(model: ArticulatedModel, world_from_part: Array, view: View, tolerance: float
-                   ) -> PointPaths:
-    """The model's keypoints over poses [T P 4 4].
+def keypoint_paths(
+    model: ArticulatedModel, world_from_part: Array, images: TruthImages, tolerance: float
+) -> PointPaths:
+    """Return the paths of the model's keypoints over poses [T P 4 4].
 
-    One is visible if it is in the image, and not more than `tolerance` m behind all four pixels
-    around it: a keypoint may be inside of what it marks.
+    A keypoint is visible if it is in the image and at most `tolerance` m behind the farthest of
+    the four pixels around it, because it may lie inside the surface that it marks.
     """
     poses = world_from_part[:, model.keypoint_part]
     world = np.einsum("tkij,kj->tki", poses[..., :3, :3], model.keypoint) + poses[..., :3, 3]
-    image, z = projected(view.camera, world)
+    image, z = _project(images.camera, world)
     visible = np.zeros(z.shape, bool)
-    for t, depth in enumerate(view.depth):
-        inside, pixels = four_pixels(image[t], depth.shape)
-        there = depth.ravel()[pixels]
+    for t, depth in enumerate(images.depth):
+        there = depth.ravel()[pinhole.four_pixels(image[t], *depth.shape)]
         farthest = np.where(there > 0, there, np.inf).max(axis=0)
+        inside = pinhole.inside_image(image[t], *depth.shape)
         visible[t] = inside & (z[t] <= farthest + tolerance)
     return PointPaths(model.keypoint_part + 1, world, image, visible)
 
 
 def track_paths(
-    rng: np.random.Generator, count: int, posed: PosedModel, view: View,
-    face: list[NDArray[np.int32]],
+    rng: np.random.Generator, count: int, world_from_part: Array, images: TruthImages,
+    deforming: tuple[PosedModel, list[NDArray[np.int32]]] | None = None,
 ) -> tuple[PointPaths, NDArray[np.int64]]:
-    """Points on the model's surface over all frames, and the frame [N] at which each is chosen.
+    """Choose points on a model's surface and follow them over all frames.
 
-    Those frames are spread evenly over the video. In its own a point is a pixel's centre: of a
-    part that is seen, all being equally likely, any pixel. There are none if no part is seen.
-    `face` holds the triangle of each pixel, T x [H W], or nothing if nothing deforms.
+    Each point is the centre of a pixel in its query frame. Query frames are spread evenly over
+    the frames that show a part; there all visible parts are equally likely, and then all pixels
+    of the part.
+
+    Args:
+        rng: Chooses parts and pixels.
+        count: Number of points N.
+        world_from_part: [T P 4 4]
+        images: What the frames show.
+        deforming: The posed model and, for each frame, the triangle [H W] that a pixel shows
+            (-1: none), where surfaces deform.
+
+    Returns:
+        The paths of N points (0 if no part is ever visible), and their query frames [N].
     """
-    frames = len(view.depth)
-    seen = [t for t in range(frames) if (view.part[t] > 0).any()]
+    seen = [t for t, part in enumerate(images.part) if (part > 0).any()]
     if not seen:
         count = 0
     query = np.array([seen[i * len(seen) // max(count, 1)] for i in range(count)], np.int64)
     pixel, part = np.zeros((2, count), np.int64)
     for i, t in enumerate(query):
-        flat = view.part[t].ravel()
+        flat = images.part[t].ravel()
         part[i] = rng.choice(np.unique(flat[flat > 0]))
         pixel[i] = rng.choice(np.flatnonzero(flat == part[i]))
-    v, u = np.divmod(pixel, view.camera.width)
-    k_inverse = np.linalg.inv(view.camera.intrinsics)
-    z = np.array([view.depth[t].ravel()[p] for t, p in zip(query, pixel, strict=True)])
+    v, u = np.divmod(pixel, images.camera.width)
+    z = np.array([images.depth[t].ravel()[p] for t, p in zip(query, pixel, strict=True)])
+    k_inverse = np.linalg.inv(images.camera.intrinsics)
     cam = np.stack([u, v, np.ones(count)], axis=1) @ k_inverse.T * z[:, None]
-    start = apply(view.camera.world_from_cam, cam)
-    world = _rigid_paths(start, part, query, posed.world_from_part)
-    if face:
+    start = apply(images.camera.world_from_cam, cam)
+    world = _rigid_paths(start, part, query, world_from_part)
+    if deforming is not None:
+        posed, face = deforming
         number = np.array([face[t].ravel()[p] for t, p in zip(query, pixel, strict=True)], np.int64)
         loose = np.flatnonzero(posed.face_deforms[number])
         world[:, loose] = _deforming_paths(
-            start[loose], posed.faces[number[loose]], query[loose], posed, view.camera)
-    image, z = projected(view.camera, world)
-    visible = np.stack([
-        surface_visible(image[t], z[t], part, view.depth[t], view.part[t], view.depth_unit)
-        for t in range(frames)])
-    return PointPaths(part, world, image, visible), query
+            start[loose], posed.faces[number[loose]], query[loose], posed, images.camera)
+    image, z = _project(images.camera, world)
+    visible = np.array([
+        is_seen(image[t], z[t], part, (depth, number), images.depth_unit)
+        for t, (depth, number) in enumerate(zip(images.depth, images.part, strict=True))], bool)
+    return PointPaths(part, world, image, visible.reshape(z.shape)), query
 
 
 def _rigid_paths(start: Array, part: NDArray[np.int64], query: NDArray[np.int64],
@@ -127,39 +139,7 @@ def _deforming_paths(start: Array, corners: NDArray[np.int64], query: NDArray[np
         np.einsum("nk,nki->ni", share, posed.vertices(t)[corners]) + offset for t in frames])
 
 
-def projected(camera: Camera, world: Array) -> tuple[Array, Array]:
+def _project(camera: Camera, world: Array) -> tuple[Array, Array]:
     """Pixels [T N 2] (NaN behind the camera) and depth [T N] m of points [T N 3] m."""
     cam = apply(camera.cam_from_world, world)
-    z = cam[..., 2]
-    uvw = cam @ camera.intrinsics.T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(z[..., None] > 0, uvw[..., :2] / uvw[..., 2:], np.nan), z
-
-
-def surface_visible(
-    image: Array, z: Array, number: NDArray[np.int64], depth: NDArray[np.float32],
-    part: NDArray[np.uint16], depth_unit: float,
-) -> NDArray[np.bool_]:
-    """[N] whether surface points at pixels [N 2] and depth [N] m, of part numbers [N], are seen in
-    a frame: by the rule of visibility images (flow.py).
-    """
-    inside, pixels = four_pixels(image, depth.shape)
-    same, there = part.ravel()[pixels] == number, depth.ravel()[pixels].astype(np.float64)
-    nearest = np.where(same, there, np.inf).min(axis=0)
-    farthest = np.where(same, there, -np.inf).max(axis=0)
-    tolerance = np.maximum(2 * depth_unit, DEPTH_TOLERANCE * z)
-    return inside & (z >= nearest - tolerance) & (z <= farthest + tolerance)
-
-
-def four_pixels(image: Array, shape: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
-    """[N] whether points at pixels [N 2] are in an image [H W], and the flat index [4 N] of the
-    pixels around them (at the border, of the nearest ones).
-    """
-    height, width = shape
-    u, v = image.T
-    with np.errstate(invalid="ignore"):
-        inside = (u >= -0.5) & (u < width - 0.5) & (v >= -0.5) & (v < height - 0.5)
-    u, v = (np.floor(np.where(inside, x, 0.0)).astype(np.intp) for x in (u, v))
-    columns = [np.clip(u + du, 0, width - 1) for du in (0, 1)]
-    rows = [np.clip(v + dv, 0, height - 1) for dv in (0, 1)]
-    return inside, np.stack([row * width + column for row in rows for column in columns])
+    return project_in_front(camera.intrinsics, cam)[0], cam[..., 2]
