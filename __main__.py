@@ -277,11 +277,11 @@ def evaluate(args: Sequence[str]) -> int:
     """
     from . import EvalConfig
     from . import evaluate as run
-    from .benchmark.report import standings, text
+    from .benchmark.report import leaderboard_text
     from .renderer.runtime import command_line
 
     outcome = run(command_line.parse_options(args, "eval", EvalConfig, evaluate.__doc__))
-    print(text(standings(r for folder in outcome.runs for r in folder.results())))
+    print(leaderboard_text(outcome.runs))
     for line in outcome.failures:
         print(f"failed: {line}")
     for path in dict.fromkeys(folder.path for folder in outcome.runs):
@@ -300,12 +300,12 @@ def score(args: Sequence[str]) -> int:
       gcbench score --predictions mine.csv
       gcbench score --predictions mine.npz --data data/ur5 data/iiwa14
     """
-    from .benchmark.report import standings, text
+    from .benchmark.report import leaderboard_text
     from .benchmark.run import ScoreConfig, score_predictions
     from .renderer.runtime import command_line
 
     runs = score_predictions(command_line.parse_options(args, "score", ScoreConfig, score.__doc__))
-    print(text(standings(r for folder in runs for r in folder.results())))
+    print(leaderboard_text(runs))
     for folder in runs:
         print(folder.path)
     return 0

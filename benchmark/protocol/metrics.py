@@ -32,10 +32,17 @@ from ...robots.geometry import Array
 PCP_DEGREES = (1.0, 2.0, 5.0, 10.0)
 """A joint is correct if its error is at most so many degrees; prismatic: so many centimetres
 (with a lever of half a metre, 5 deg are 4.4 cm)."""
+PCP5 = PCP_DEGREES.index(5.0)
+"""Position of the headline threshold."""
 MAX_DISPLACEMENT = 1e6
 """rad or m; a larger estimate is not a number that means anything, and counts as missing."""
 _TINY = 1e-12
 Sign = Literal["given", "screw", "best"]
+
+
+def pcp_thresholds(unit: str) -> tuple[float, ...]:
+    """Return the thresholds of PCP in a unit: PCP_DEGREES (deg), or as many cm (m)."""
+    return tuple(d / 100.0 for d in PCP_DEGREES) if unit == "m" else PCP_DEGREES
 
 
 def wrap(angle: Array) -> Array:

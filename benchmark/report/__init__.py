@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from .formats import leaderboard_text
 from .page import report
-from .standings import standings, text
 
-__all__ = ["report", "standings", "text"]
+__all__ = ["leaderboard_text", "report"]

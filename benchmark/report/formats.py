@@ -1,4 +1,7 @@
-"""The board as CSV, Markdown and LaTeX. Every name comes from outside and is escaped for each."""
+"""Tables as text for a terminal, Markdown, LaTeX and CSV.
+
+Names come from untrusted methods and files: each writer escapes them for its format.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,16 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 
-from .leaderboard import PCP5, Line, labels_of
-from .tables import NONE, Table, percent, value
+from ..protocol import PCP5
+from ..results import RunFolder
+from .leaderboard import Leaderboard, build_leaderboard
+from .tables import Table, leaderboard_tables
 
 CSV_COLUMNS = ("dataset", "method", "inputs", "knowledge", "sequences", "joints", "mean", "std",
                "ci_low", "ci_high", "median", "p90", "pcp5", "coverage", "seconds_per_frame",
                "unit")  # fmt: skip
-"""pcp5 and coverage in percent; mean .. p90 in `unit`; `joints` are (sequence, joint) pairs."""
+"""Columns of the CSV: pcp5 and coverage are percent, mean to p90 are in `unit`, and `joints` is the
+number of (sequence, joint) pairs."""
 _CONTROLS = re.compile(
     r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\u200b-\u200f\u202a-\u202e\u2066-\u2069]"
 )
@@ -27,40 +33,40 @@ _LATEX = {
 
 
 def one_line(text: str) -> str:
-    """`text` without line breaks, control characters and marks that turn the writing direction."""
+    """Remove line breaks, control characters and marks that turn the writing direction."""
     return " ".join(_CONTROLS.sub(" ", text).split())
 
 
-def csv_cell(text: str) -> str:
-    """Text that a spreadsheet does not take for a formula."""
+def escape_csv(text: str) -> str:
+    """Return text that a spreadsheet does not evaluate as a formula."""
     text = one_line(text)
     return "'" + text if text[:1] in ("=", "+", "-", "@") else text
 
 
-def markdown(text: str) -> str:
-    """Text that stays text in a cell of a Markdown table."""
+def escape_markdown(text: str) -> str:
+    """Return text that remains text in a cell of a Markdown table."""
     text = one_line(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    text = re.sub(r"([\\`*_{}\[\]()#+!|~$^])", r"\\\1", text)
+    text = re.sub(r"([\\`*_{}\[\]#+!|~$^])", r"\\\1", text)
     return text.replace("://", "&#58;//").replace("www.", "www&#46;").replace("@", "&#64;")
 
 
-def latex(text: str) -> str:
-    """Text that stays text in LaTeX; letters that pdfTeX has not by default become `?`."""
+def escape_latex(text: str) -> str:
+    """Return text that remains text in LaTeX; letters that pdfTeX lacks by default become `?`."""
     known = (c if c.isascii() or c in _LATEX or ("\xa1" <= c <= "\xff" and c != "\xad") else "?"
              for c in one_line(text))  # fmt: skip
     return "".join(_LATEX.get(c, c) for c in known)
 
 
-def leaderboard_csv(lines: Iterable[Line]) -> str:
-    """A row for each line, columns as CSV_COLUMNS; an unknown time is empty."""
+def leaderboard_csv(board: Leaderboard) -> str:
+    """Return a row for each line, with the columns CSV_COLUMNS; an unknown time is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
-    for line in lines:
+    for line in board.lines:
         s, row = line.summary, line.row
         seconds = line.means.get("seconds_per_frame")
         numbers = (s.mean, s.std, s.ci_low, s.ci_high, s.median, s.p90, s.pcp[PCP5], s.coverage)
-        words = [csv_cell(x) for x in (line.dataset, row.name, row.inputs, row.knowledge)]
+        words = [escape_csv(x) for x in (line.dataset, row.name, row.inputs, row.knowledge)]
         writer.writerow([
             *words, s.sequences, s.joints, *(f"{x:.6g}" for x in numbers),
             "" if seconds is None else f"{seconds:.6g}", line.unit,
@@ -68,82 +74,81 @@ def leaderboard_csv(lines: Iterable[Line]) -> str:
     return text.getvalue()
 
 
-def leaderboard_md(lines: Sequence[Line], ranks: Sequence[int], version: str) -> str:
-    """A table for each dataset, best first, with shared ranks."""
-    out = [
-        "# Leaderboard",
-        "",
-        "Error of each scored joint at the last frame: mean over all pairs of sequence and joint, "
-        "with its 95 % interval (bootstrap by sequence, or by object where there are several). "
-        "Rows that paired differences on the same sequences cannot tell apart share a "
-        "rank. A failed joint counts as no motion at all. "
-        "(best sign): the better of the two signs of each joint, where none is known or returned.",
-    ]
-    labels = labels_of(lines)
-    for group in dict.fromkeys(line.group for line in lines):
-        mine = [k for k, line in enumerate(lines) if line.group == group]
-        first, unit = lines[mine[0]], group[1]
-        within = "5°" if unit == "deg" else "5 cm"
-        head = ("rank", "method", "training", "sequences", f"mean ({unit})", "95 % interval", "std",
-                "median", "P90", f"PCP@{within}", "coverage", "s / frame")  # fmt: skip
+def leaderboard_text(runs: Iterable[RunFolder]) -> str:
+    """Return the leaderboard of runs for a terminal: the same tables as in the report."""
+    return to_text(leaderboard_tables(build_leaderboard(runs)))
+
+
+def to_text(tables: Iterable[Table]) -> str:
+    """Return tables for a terminal, in aligned columns."""
+    out: list[str] = []
+    for table in tables:
+        rows = [table.columns, *(tuple(one_line(c) for c in row.cells) for row in table.rows)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        out += ["", one_line(table.title)]
         out += [
-            "",
-            f"## {markdown(first.dataset)}" + (" (prismatic joints)" if unit == "m" else ""),
+            "  ".join(
+                cell.rjust(width) if align == "r" else cell.ljust(width)
+                for cell, width, align in zip(row, widths, table.align, strict=True)
+            ).rstrip()
+            for row in rows
         ]
-        out += ["", _md_row(head), _md_row(["---:", ":---", ":---", *["---:"] * (len(head) - 3)])]
-        for k in sorted(mine, key=lambda k: (ranks[k], lines[k].summary.mean)):
-            line, s = lines[k], lines[k].summary
-            seconds = line.means.get("seconds_per_frame")
-            best = " (best sign)" if "best" in line.sign else ""
-            out.append(_md_row([
-                str(ranks[k]), markdown(labels[k]) + best, markdown(line.row.training),
-                str(s.sequences), value(s.mean, unit), interval(line), value(s.std, unit),
-                value(s.median, unit), value(s.p90, unit), percent(s.pcp[PCP5]),
-                percent(s.coverage), NONE if seconds is None else f"{seconds:.3g}",
-            ]))  # fmt: skip
+    return "\n".join(out[1:])
+
+
+def to_markdown(title: str, tables: Sequence[Table], version: str) -> str:
+    """Return a document of tables with one caption, that of the first table."""
+    rules = {"l": ":---", "c": ":---:", "r": "---:"}
+    out = [f"# {escape_markdown(title)}", "", *(table.caption for table in tables[:1])]
+    for table in tables:
+        out += ["", f"## {escape_markdown(table.title)}", "", _md_row(table.columns)]
+        out.append(_md_row(rules[align] for align in table.align))
+        out += [_md_row(map(escape_markdown, row.cells)) for row in table.rows]
     return "\n".join([*out, "", f"Made by gcbench {version}.", ""])
 
 
-def interval(line: Line) -> str:
-    """ "0.10 to 0.20", or a dash where there are not two clusters to draw from."""
-    if len(set(line.cluster.values())) < 2:
-        return NONE
-    return f"{value(line.summary.ci_low, line.unit)} to {value(line.summary.ci_high, line.unit)}"
+def to_latex(tables: Iterable[Table], version: str) -> str:
+    """Return a `table*` for each table of the paper's form.
 
-
-def tables_tex(tables: Iterable[Table], version: str) -> str:
-    """A `table*` for each table; the preamble needs booktabs, xcolor with [table], and textcomp."""
+    The document needs the packages booktabs, graphicx, textcomp and xcolor with [table].
+    """
     out = [f"% Made by gcbench {version}.",
            r"% \usepackage[table]{xcolor} \usepackage{booktabs,graphicx,textcomp}",
            "% Grey cells: numbers of the GC-Pose paper, whose data are not published."]  # fmt: skip
     for table in tables:
-        groups = [rf"\multicolumn{{{span}}}{{c}}{{{latex(text)}}}" for text, span in table.groups]
-        rules, start = [], 1
-        for text, span in table.groups:
-            if text:
-                rules.append(rf"\cmidrule(lr){{{start}-{start + span - 1}}}")
-            start += span
-        body = [
-            r"\begin{table*}", r"  \centering\small", r"  \resizebox{\ifdim\width>\textwidth"
-            r"\textwidth\else\width\fi}{!}{%",
-            rf"  \begin{{tabular}}{{l{'c' * (len(table.columns) - 1)}}}", r"    \toprule",
-            "    " + " & ".join(groups) + r" \\", "    " + " ".join(rules),
-            "    " + " & ".join(latex(text) for text in table.columns) + r" \\", r"    \midrule",
-        ]  # fmt: skip
-        for k, row in enumerate(table.rows):
-            if row.reference and k and not table.rows[k - 1].reference:
-                body.append(r"    \midrule")
-            cells = [
-                (r"\cellcolor{gray!12}" if row.reference or table.reference[i] else "")
-                + latex(text)
-                for i, text in enumerate(row.cells)
-            ]
-            body.append("    " + " & ".join(cells) + r" \\")
-        body += [r"    \bottomrule", r"  \end{tabular}}",
-                 rf"  \caption{{\textbf{{{latex(table.title)}.}} {latex(table.caption)}}}",
-                 r"\end{table*}"]  # fmt: skip
-        out += ["", *body]
+        out += ["", *_latex_table(table)]
     return "\n".join([*out, ""])
+
+
+def _latex_table(table: Table) -> list[str]:
+    groups: list[str] = []
+    rules: list[str] = []
+    start = 1
+    for text, span in table.groups:
+        groups.append(rf"\multicolumn{{{span}}}{{c}}{{{escape_latex(text)}}}")
+        if text:
+            rules.append(rf"\cmidrule(lr){{{start}-{start + span - 1}}}")
+        start += span
+    body = [
+        r"\begin{table*}", r"  \centering\small", r"  \resizebox{\ifdim\width>\textwidth"
+        r"\textwidth\else\width\fi}{!}{%",
+        rf"  \begin{{tabular}}{{{table.align}}}", r"    \toprule",
+        "    " + " & ".join(groups) + r" \\", "    " + " ".join(rules),
+        "    " + " & ".join(map(escape_latex, table.columns)) + r" \\", r"    \midrule",
+    ]  # fmt: skip
+    for k, row in enumerate(table.rows):
+        if row.reference and k and not table.rows[k - 1].reference:
+            body.append(r"    \midrule")
+        cells = [
+            (r"\cellcolor{gray!12}" if row.reference or grey else "") + escape_latex(text)
+            for text, grey in zip(row.cells, table.reference, strict=True)
+        ]
+        body.append("    " + " & ".join(cells) + r" \\")
+    title, caption = escape_latex(table.title), escape_latex(table.caption)
+    return [
+        *body, r"    \bottomrule", r"  \end{tabular}}",
+        rf"  \caption{{\textbf{{{title}.}} {caption}}}", r"\end{table*}",
+    ]  # fmt: skip
 
 
 def _md_row(cells: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""The leaderboard: one line for each row on each dataset, from the score tables alone."""
+"""The leaderboard: one line for each row, dataset and unit, from the score tables alone."""
 
 from __future__ import annotations
 
@@ -9,23 +9,31 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...renderer.scene import differences as config_differences
-from ..protocol import PCP_DEGREES
-from ..results import SCORES, Result, Row, Run, RunFolder, find_runs
+from ..protocol import PCP_DEGREES, pcp_thresholds
+from ..results import SCORES, Result, Row, RunFolder, find_runs
 from . import published_numbers as paper
-from .standings import SEED, thresholds
-from .statistics import Difference, Pair, Summary, paired_difference, pcp, summarize
+from .statistics import (
+    SEED,
+    Difference,
+    SequenceJoint,
+    Summary,
+    compare_rows,
+    pcp,
+    shared_ranks,
+    summarize,
+)
 
-PCP5 = PCP_DEGREES.index(5.0)
-THRESHOLDS: dict[str, tuple[float, ...]] = {
-    "deg": tuple(sorted({*PCP_DEGREES, *(float(f"{x:.3g}") for x in np.geomspace(0.02, 90, 110))}))
+_CURVE = sorted({*PCP_DEGREES, *(float(f"{x:.3g}") for x in np.geomspace(0.02, 90, 110))})
+CURVE_THRESHOLDS: Mapping[str, tuple[float, ...]] = {
+    "deg": tuple(_CURVE),
+    "m": tuple(float(f"{x / 100:.5g}") for x in _CURVE),
 }
-"""Where the PCP curves are read, by unit; prismatic joints are in m, a cm for each degree."""
-THRESHOLDS["m"] = tuple(float(f"{x / 100:.5g}") for x in THRESHOLDS["deg"])
+"""Thresholds of the PCP curves by unit: degrees, or for prismatic joints as many cm, in m."""
 SECONDARY = ("mean_error", "step_error", "axis_direction", "axis_distance", "within_sigma",
              "part_miou", "peak_memory", "seconds_per_frame")  # fmt: skip
-"""Metrics of which a line shows the mean over joints (or sequences) that have them."""
+"""Metrics that a line shows as a mean over the joints (or sequences) that have them."""
 
 
 @dataclass(frozen=True)
@@ -47,24 +55,26 @@ class Line:
     robot: str
     """Name without folders."""
     summary: Summary
-    error: Mapping[Pair, float]
+    """Of the final errors."""
+    error: Mapping[SequenceJoint, float]
     """Final error of each (sequence, joint)."""
-    cluster: Mapping[Pair, str]
+    cluster: Mapping[SequenceJoint, str]
+    """What the bootstrap draws: the sequence or object instance of each (sequence, joint)."""
     joints: tuple[JointScore, ...]
     drift: tuple[float, ...]
     """[T] mean error at each frame."""
     curve: tuple[float, ...]
-    """Percent of pairs within each of THRESHOLDS."""
+    """Percent of (sequence, joint) pairs within each of CURVE_THRESHOLDS."""
     means: Mapping[str, float]
-    """Of SECONDARY, as far as there are any."""
+    """Mean of each metric of SECONDARY that the scores contain."""
     sign: str
-    """Who decided the signs: given, screw, best; several joined by "+"."""
+    """How the signs were decided (see `Result.sign`); several are joined by "+"."""
     failed: Mapping[str, str]
     """Status of each sequence that failed."""
 
     @property
     def row(self) -> Row:
-        """What was run."""
+        """The method with its inputs, knowledge and oracles."""
         return self.run.run.row
 
     @property
@@ -74,70 +84,117 @@ class Line:
 
     @property
     def group(self) -> tuple[str, str]:
-        """(dataset, unit): lines of one group can be compared."""
+        """(dataset, unit): only lines of one group are compared."""
         return self.dataset, self.unit
+
+    @property
+    def best_sign(self) -> bool:
+        """Whether a joint has the sign with the smaller error, which flatters and must be shown."""
+        return "best" in self.sign
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether there are at least two clusters to draw from."""
+        return len(set(self.cluster.values())) > 1
 
 
 @dataclass(frozen=True)
-class Board:
-    """All results."""
+class Leaderboard:
+    """All results, compared."""
 
     lines: tuple[Line, ...]
-    """By dataset (in the paper's order) and unit, and there by mean error."""
+    """By dataset (in the paper's order) and unit, then by mean error."""
+    differences: Mapping[tuple[int, int], Difference]
+    """Paired difference a - b of two lines (by position, a < b) of one group, if they share at
+    least two clusters: an interval of one cluster says nothing."""
+    ranks: tuple[int, ...]
+    """Rank of each line in its group, see `shared_ranks`."""
     unfinished: tuple[RunFolder, ...]
-    """Runs that have no scores yet: they were stopped, or are on their way."""
+    """Runs without scores: stopped, or still running."""
+
+    @property
+    def groups(self) -> dict[tuple[str, str], list[int]]:
+        """Positions of the lines of each group."""
+        out: dict[tuple[str, str], list[int]] = {}
+        for k, line in enumerate(self.lines):
+            out.setdefault(line.group, []).append(k)
+        return out
+
+    @property
+    def labels(self) -> list[str]:
+        """Method, inputs and knowledge of each line, and the version where these are not unique."""
+        plain = [
+            " · ".join([x.row.name, *(w for w in (x.row.inputs, x.row.knowledge) if w != "none")])
+            for x in self.lines
+        ]
+        number = Counter((x.group, label) for x, label in zip(self.lines, plain, strict=True))
+        twice = {label for (_, label), n in number.items() if n > 1}
+        return [f"{label} · {line.row.version}" if label in twice else label
+                for line, label in zip(self.lines, plain, strict=True)]  # fmt: skip
 
 
-def read_board(results: Sequence[Path]) -> Board:
-    """Everything under the folders.
+def read_leaderboard(results: Sequence[Path]) -> Leaderboard:
+    """Read and compare all results under the folders.
 
-    Raises GcbenchError if there are no scores, if two folders hold the same row, or if two
-    datasets of one name are not the same.
+    Raises:
+        DatasetError: If there are no scores, if two folders hold the same row, or if two datasets
+            of one name differ.
     """
-    folders = find_runs(results)
+    board = build_leaderboard(find_runs(results))
+    if not board.lines:
+        where = ", ".join(str(path) for path in results)
+        raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first")
+    return board
+
+
+def build_leaderboard(folders: Iterable[RunFolder]) -> Leaderboard:
+    """Summarize and compare runs. Raises DatasetError as `read_leaderboard` does."""
+    folders = list(folders)
     scored = [folder for folder in folders if (folder.path / SCORES).exists()]
     _check_same(scored)
-    lines = [line for folder in scored for line in lines_of(folder, folder.results())]
-    if not lines:
-        where = ", ".join(str(path) for path in results)
-        raise GcbenchError(f"no scores in {where}; run `gcbench eval --method NAME` first")
+    lines = [line for folder in scored for line in _lines_of(folder)]
     lines.sort(key=lambda line: (
         line.dataset.rpartition("/")[0], paper.order(line.robot), *line.group, line.summary.mean,
         line.row.folder,
     ))  # fmt: skip
-    return Board(tuple(lines), tuple(folder for folder in folders if folder not in scored))
+    unfinished = tuple(folder for folder in folders if folder not in scored)
+    differences: dict[tuple[int, int], Difference] = {}
+    board = Leaderboard(tuple(lines), differences, (), unfinished)
+    for mine in board.groups.values():
+        found = compare_rows([(lines[k].error, lines[k].cluster) for k in mine])
+        differences |= {(mine[a], mine[b]): d for (a, b), d in found.items()}
+    return Leaderboard(
+        board.lines, differences, tuple(shared_ranks(len(lines), differences)), unfinished
+    )
 
 
-def labels_of(lines: Sequence[Line]) -> list[str]:
-    """Method, inputs and knowledge of each line; and its version where that would not do."""
-
-    def words(row: Row) -> list[str]:
-        return [row.name, *(w for w in (row.inputs, row.knowledge) if w != "none")]
-
-    plain = [" · ".join(words(line.row)) for line in lines]
-    taken = Counter((line.group, label) for line, label in zip(lines, plain, strict=True))
-    twice = {label for (_, label), n in taken.items() if n > 1}
-    return [f"{label} · {line.row.version}" if label in twice else label
-            for line, label in zip(lines, plain, strict=True)]  # fmt: skip
+def sequence_errors(line: Line) -> dict[str, float]:
+    """Return the mean final error of each sequence."""
+    errors: dict[str, list[float]] = defaultdict(list)
+    for (sequence, _), value in line.error.items():
+        errors[sequence].append(value)
+    return {name: float(np.mean(errors[name])) for name in sorted(errors)}
 
 
-def lines_of(folder: RunFolder, results: Iterable[Result]) -> list[Line]:
+def _lines_of(folder: RunFolder) -> list[Line]:
     """The lines of one run: one for each unit in which its joints move."""
-    rows = list(results)
+    results = sorted(folder.results(), key=_position)  # the order in the file changes no number
     finals: dict[str, list[Result]] = defaultdict(list)
-    for r in rows:
+    for r in results:
         if r.metric == "final_error":
             finals[r.unit].append(r)
-    return [_line(folder, unit, finals[unit], rows) for unit in sorted(finals)]
+    return [_line(folder, unit, finals[unit], results) for unit in sorted(finals)]
 
 
-def _line(folder: RunFolder, unit: str, finals: list[Result], rows: list[Result]) -> Line:
-    pairs = [(r.sequence, r.joint) for r in finals]
+def _position(r: Result) -> tuple[int, str, int, str, int]:
+    return len(r.sequence), r.sequence, r.joint_index, r.metric, r.frame
+
+
+def _line(folder: RunFolder, unit: str, finals: list[Result], results: list[Result]) -> Line:
     names = {r.joint for r in finals}
-    mine = [r for r in rows if not r.joint or r.joint in names]
+    mine = [r for r in results if not r.joint or r.joint in names]
     covered = {(r.sequence, r.joint): r.value > 0.5 for r in mine if r.metric == "covered"}
-    known = np.array([covered.get(pair, False) for pair in pairs])
-    error = np.array([r.value for r in finals])
+    known = np.array([covered.get((r.sequence, r.joint), False) for r in finals])
     drift: dict[int, list[float]] = defaultdict(list)
     means: dict[str, list[float]] = defaultdict(list)
     for r in mine:
@@ -148,81 +205,45 @@ def _line(folder: RunFolder, unit: str, finals: list[Result], rows: list[Result]
     return Line(
         run=folder,
         unit=unit,
-        robot=_robot(folder.run),
+        robot=Path(str(folder.run.config.get("robot", ""))).stem,
         summary=_summary(finals, covered, unit),
-        error={pair: float(value) for pair, value in zip(pairs, error, strict=True)},
-        cluster={pair: r.cluster for pair, r in zip(pairs, finals, strict=True)},
+        error={(r.sequence, r.joint): r.value for r in finals},
+        cluster={(r.sequence, r.joint): r.cluster for r in finals},
         joints=tuple(
             JointScore(name, index, _summary([r for r in finals if r.joint == name], covered, unit))
             for index, name in sorted({(r.joint_index, r.joint) for r in finals})
         ),
         drift=(0.0, *(float(np.mean(drift[t])) for t in sorted(drift))),
-        curve=pcp(error, known, THRESHOLDS[unit]),
+        curve=pcp(np.array([r.value for r in finals]), known, CURVE_THRESHOLDS[unit]),
         means={name: float(np.mean(values)) for name, values in sorted(means.items())},
         sign="+".join(sorted({r.sign for r in finals if r.sign})),
         failed={r.sequence: r.status for r in finals if r.status != "ok"},
     )
 
 
-def _summary(finals: list[Result], covered: Mapping[Pair, bool], unit: str) -> Summary:
+def _summary(finals: list[Result], covered: Mapping[SequenceJoint, bool], unit: str) -> Summary:
     return summarize(
         [r.value for r in finals],
         [covered.get((r.sequence, r.joint), False) for r in finals],
         [r.cluster for r in finals],
         [r.sequence for r in finals],
-        thresholds(unit),
+        pcp_thresholds(unit),
         np.random.default_rng(SEED),
     )
 
 
-def _robot(run: Run) -> str:
-    return Path(str(run.config.get("robot", ""))).stem
-
-
 def _check_same(folders: Sequence[RunFolder]) -> None:
-    """Raises GcbenchError unless each row is there once, and a dataset's name means one dataset."""
+    """Raises DatasetError unless each row occurs once and a dataset's name means one dataset."""
     rows: dict[tuple[Row, str], Path] = {}
     first: dict[str, RunFolder] = {}
     for folder in folders:
         run = folder.run
         other = rows.setdefault((run.row, run.dataset), folder.path)
         if other is not folder.path:
-            raise GcbenchError(f"{other} and {folder.path} are the same row; report one of them")
+            raise DatasetError(f"{other} and {folder.path} are the same row; report one of them")
         like = first.setdefault(run.dataset, folder)
         if changes := config_differences(like.run.config, run.config):
-            raise GcbenchError(
+            raise DatasetError(
                 f"{like.path} and {folder.path} are on two datasets of one name ({changes[0]}); "
-                "report them apart"
+                "report them separately"
             )
-
-
-def compare(lines: Sequence[Line]) -> dict[tuple[int, int], Difference]:
-    """Paired difference a - b of each two lines (a < b) of one group that share two clusters."""
-    seed = int(np.random.default_rng(SEED).integers(2**63))  # the same draws for each comparison
-    found: dict[tuple[int, int], Difference] = {}
-    for b, second in enumerate(lines):
-        for a, first in enumerate(lines[:b]):
-            if first.group != second.group:
-                continue
-            rng = np.random.default_rng(seed)
-            difference = paired_difference(first.error, second.error, rng, first.cluster)
-            if difference.clusters > 1:  # an interval of one cluster says nothing
-                found[a, b] = difference
-    return found
-
-
-def ranks(lines: Sequence[Line], differences: Mapping[tuple[int, int], Difference]) -> list[int]:
-    """Rank of each line in its group: 1 + the number of lines that are better and told apart."""
-    out = [1] * len(lines)
-    for (a, b), difference in differences.items():
-        if difference.told_apart:
-            out[a if difference.mean > 0.0 else b] += 1
-    return out
-
-
-def sequence_errors(line: Line) -> dict[str, float]:
-    """Mean final error of each sequence."""
-    errors: dict[str, list[float]] = defaultdict(list)
-    for (sequence, _), value in line.error.items():
-        errors[sequence].append(value)
-    return {name: float(np.mean(errors[name])) for name in sorted(errors)}

@@ -1,9 +1,9 @@
-"""`gcbench report`: results as one static page, Markdown, CSV and LaTeX."""
+"""The report: results as one static page, Markdown, CSV and LaTeX."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,29 +12,20 @@ from ... import __version__
 from ...errors import GcbenchError
 from ...renderer.show import render_page
 from ...robots.files import write_atomically
-from ..protocol import PCP_DEGREES
-from .about import about, failures
-from .formats import leaderboard_csv, leaderboard_md, one_line, tables_tex
+from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
+from ..results import RunFolder, Shape, read_stored
+from .formats import leaderboard_csv, one_line, to_latex, to_markdown
 from .gallery import Picture, chosen, draw
-from .leaderboard import (
-    PCP5,
-    SECONDARY,
-    THRESHOLDS,
-    Board,
-    Line,
-    compare,
-    labels_of,
-    ranks,
-    read_board,
-)
-from .standings import thresholds
-from .statistics import Difference
-from .tables import Table, paper_tables
+from .leaderboard import CURVE_THRESHOLDS, SECONDARY, Leaderboard, Line, read_leaderboard
+from .statistics import DRAWS, SEED
+from .tables import leaderboard_tables, paper_tables
 
 FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex")
-TEMPLATE = Path(__file__).parent / "report.html"
-MAX_FAILURES = 200
+_TEMPLATE = Path(__file__).parent / "report.html"
+_MAX_FAILURES = 200
 """Failures that a page lists."""
+_MAX_REASON = 400
+"""Characters of a reason that a page shows: its end, where the error stands."""
 _MORE = {
     "mean_error": ("mean over frames", "error", "error averaged over all frames but the first"),
     "step_error": ("per step", "error", "error of the motion from frame to frame"),
@@ -45,6 +36,10 @@ _MORE = {
     "part_miou": ("part mIoU", "share", "estimated parts against the true ones"),
     "peak_memory": ("MiB", "number", "peak memory of the process"),
 }  # fmt: skip
+_Section = tuple[str, list[tuple[str, str]]]
+"""Title and rows of a section."""
+_Failure = tuple[str, str, str, str, str]
+"""Row, dataset, sequence, status, reason."""
 
 
 def report(
@@ -58,16 +53,13 @@ def report(
     Returns the paths of FILES. Without `pictures` no sequence is drawn. The same results give the
     same files. Raises GcbenchError if there are no results, or if a file cannot be written.
     """
-    board = read_board(results)
-    lines = board.lines
-    differences = compare(lines)
-    tables = paper_tables(lines)
-    found = draw(lines, chosen(lines), progress) if pictures else []
+    board = read_leaderboard(results)
+    found = draw(board.lines, chosen(board.lines), progress) if pictures else []
     contents = (
-        render_page(TEMPLATE, page_data(board, differences, tables, found)),
-        leaderboard_md(lines, ranks(lines, differences), __version__),
-        leaderboard_csv(lines),
-        tables_tex(tables, __version__),
+        report_page(board, found),
+        to_markdown("Leaderboard", leaderboard_tables(board), __version__),
+        leaderboard_csv(board),
+        to_latex(paper_tables(board), __version__),
     )
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -78,28 +70,27 @@ def report(
     return [out / name for name in FILES]
 
 
-def page_data(
-    board: Board,
-    differences: Mapping[tuple[int, int], Difference],
-    tables: Sequence[Table],
-    pictures: Sequence[Picture],
-) -> dict[str, Any]:
-    """Everything that the page's script reads, as JSON values."""
-    lines = board.lines
-    groups = list(dict.fromkeys(line.group for line in lines))
-    failed = failures(board)
+def report_page(board: Leaderboard, pictures: Sequence[Picture]) -> str:
+    """Return the report as one HTML page without references to other files."""
+    return render_page(_TEMPLATE, _page_data(board, pictures))
+
+
+def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any]:
+    """The values that the page's script reads."""
+    lines, groups = board.lines, board.groups
+    failed = _failures(board)
     return {
         "version": __version__,
         "facts": _facts(lines),
-        "groups": [_group([x for x in lines if x.group == group]) for group in groups],
+        "groups": [_group([lines[k] for k in mine]) for mine in groups.values()],
         "lines": [
-            _line(k, line, label, groups.index(line.group))
-            for k, (line, label) in enumerate(zip(lines, labels_of(lines), strict=True))
+            _line(k, line, label, list(groups).index(line.group))
+            for k, (line, label) in enumerate(zip(lines, board.labels, strict=True))
         ],
         "pairs": {
             f"{a} {b}": {"mean": _short(d.mean), "low": _short(d.ci_low), "high": _short(d.ci_high),
                          "sequences": _common(lines[a], lines[b])}
-            for (a, b), d in differences.items()
+            for (a, b), d in board.differences.items()
         },
         "pcp_columns": [
             {"key": f"pcp{limit:g}", "title": f"PCP@{limit:g}", "more": limit != PCP_DEGREES[PCP5]}
@@ -109,21 +100,20 @@ def page_data(
             {"key": key, "title": title, "kind": kind, "says": says, "down": kind == "share"}
             for key, (title, kind, says) in _MORE.items()
         ],
-        "thresholds": THRESHOLDS,
-        "listed": {unit: thresholds(unit) for unit in THRESHOLDS},
-        "tables": [asdict(table) for table in tables],
+        "thresholds": CURVE_THRESHOLDS,
+        "listed": {unit: pcp_thresholds(unit) for unit in CURVE_THRESHOLDS},
+        "tables": [asdict(table) for table in paper_tables(board)],
         "gallery": [{**asdict(p), "error": _short(p.error),
                      "joints": [[name, _short(error)] for name, error in p.joints]}
                     for p in pictures],
-        "about": [{"title": title, "rows": rows} for title, rows in about(lines)],
-        "failures": failed[:MAX_FAILURES],
+        "about": [{"title": title, "rows": rows} for title, rows in _about(lines)],
+        "failures": failed[:_MAX_FAILURES],
         "failed": len(failed),
     }  # fmt: skip
 
 
 def _line(number: int, line: Line, label: str, group: int) -> dict[str, Any]:
     s, row = line.summary, line.row
-    sure = len(set(line.cluster.values())) > 1
     limits = zip(PCP_DEGREES, s.pcp, strict=True)
     return {
         "id": number,
@@ -143,8 +133,8 @@ def _line(number: int, line: Line, label: str, group: int) -> dict[str, Any]:
         "expected": len(line.run.run.sequences),
         "mean": _short(s.mean),
         "std": _short(s.std),
-        "low": _short(s.ci_low) if sure else None,
-        "high": _short(s.ci_high) if sure else None,
+        "low": _short(s.ci_low) if line.has_interval else None,
+        "high": _short(s.ci_high) if line.has_interval else None,
         "median": _short(s.median),
         "p90": _short(s.p90),
         **{f"pcp{limit:g}": _short(share / 100) for limit, share in limits},
@@ -166,7 +156,7 @@ def _group(lines: Sequence[Line]) -> dict[str, Any]:
     return {
         "title": one_line(line.dataset) + (" (prismatic joints)" if prismatic else ""),
         "unit": line.unit,
-        "threshold": thresholds(line.unit)[PCP5],
+        "threshold": pcp_thresholds(line.unit)[PCP5],
         "facts": " · ".join(facts),
     }
 
@@ -191,3 +181,136 @@ def _common(a: Line, b: Line) -> int:
 def _short(x: float | None) -> float | None:
     """Nine digits, so that the page rounds as the tables do; None if it is no finite number."""
     return float(f"{x:.9g}") if x is not None and math.isfinite(x) else None
+
+
+def _about(lines: Sequence[Line]) -> list[_Section]:
+    """Title and rows of each section."""
+    folders = list({str(line.run.path): line.run for line in lines}.values())
+    return [
+        _protocol(),
+        *_methods(folders),
+        *_datasets(folders),
+        *_limits(folders),
+        *_environments(folders),
+    ]
+
+
+def _failures(board: Leaderboard) -> list[_Failure]:
+    """Each sequence that a method failed on or that is not scored, and each unfinished run."""
+    out: list[_Failure] = []
+    for folder in board.unfinished:
+        run = folder.run
+        done = sum(folder.estimate_path(name).exists() for name in run.sequences)
+        out.append((one_line(run.row.title), one_line(run.dataset), "", "unfinished",
+                    f"{done} of {len(run.sequences)} sequences estimated and none scored; the same "
+                    "gcbench eval continues it"))  # fmt: skip
+    for folder in {str(line.run.path): line.run for line in board.lines}.values():
+        mine = [line for line in board.lines if line.run.path == folder.path]
+        bad = {name: status for line in mine for name, status in line.failed.items()}
+        scored = {name for line in mine for name, _ in line.error}
+        bad |= {name: "not scored" for name in folder.run.sequences if name not in scored}
+        row, dataset = one_line(folder.run.row.title), one_line(folder.run.dataset)
+        out += [(row, dataset, name, bad[name], _reason(folder, name)) for name in sorted(bad)]
+    return out
+
+
+def _reason(folder: RunFolder, name: str) -> str:
+    try:
+        stored = read_stored(folder.estimate_path(name), Shape(1, 1, 1, 1))
+    except GcbenchError as error:
+        return one_line(str(error))
+    reason = one_line(stored.reason)
+    return reason if len(reason) <= _MAX_REASON else "…" + reason[-_MAX_REASON:]
+
+
+def _protocol() -> _Section:
+    return "Protocol", [
+        ("error", "|wrap(sign × estimate − truth)| of each scored joint at the last frame; "
+                  "without wrap for prismatic joints"),
+        ("mean", "over all pairs of sequence and joint; standard deviation over the same pairs"),
+        ("PCP@5", "share of pairs within 5° (prismatic: 5 cm)"),
+        ("missing", "counts as no motion, and as wrong for PCP; nothing is left out of a mean"),
+        ("interval", f"95 %, percentile bootstrap of {DRAWS} draws of whole sequences (object "
+                     f"instances, where there are several), seed {SEED}"),
+        ("ranks", "1 + the number of rows whose paired difference is better beyond its interval; "
+                  "no correction for the number of comparisons"),
+        ("the paper's data", "are not published: its numbers are a reference, never ranked"),
+    ]  # fmt: skip
+
+
+def _methods(folders: Iterable[RunFolder]) -> list[_Section]:
+    rows: dict[str, tuple[str, str]] = {}
+    for folder in folders:
+        row = folder.run.row
+        oracles = f"; ORACLE, was given: {', '.join(row.oracles)}" if row.oracles else ""
+        words = f"version {row.version}; training: {row.training}; {folder.run.source}{oracles}"
+        rows.setdefault(f"{row.name} {words}", (one_line(row.name), one_line(words)))
+    return [("Methods", [rows[key] for key in sorted(rows)])]
+
+
+def _datasets(folders: Iterable[RunFolder]) -> list[_Section]:
+    out: dict[str, _Section] = {}
+    for folder in folders:
+        run = folder.run
+        config = run.config
+        rows = [("folder", run.data), ("sequences", str(len(run.sequences)))]
+        if run.left_out:
+            rows.append(("left out", f"{run.left_out}, unobservable or without a scored joint"))
+        rows += [(key, _words(config[key])) for key in
+                 ("robot", "seed", "stream", "frames", "width", "height", "keep_unobservable")
+                 if key in config]  # fmt: skip
+        for asset in run.assets:
+            source, licence = str(asset.get("source", "")), str(asset.get("licence", ""))
+            rows.append((f"model {asset.get('name', '')}", f"{source}; {licence}".strip("; ")))
+        out.setdefault(run.dataset, (f"Dataset {one_line(run.dataset)}", _clean(rows)))
+    return [out[key] for key in sorted(out)]
+
+
+def _limits(folders: Iterable[RunFolder]) -> list[_Section]:
+    rows: dict[tuple[str, str], list[str]] = {}
+    for folder in folders:
+        for key, value in folder.run.limits.items():
+            rows.setdefault((str(key), _words(value)), []).append(folder.run.row.title)
+    keys = [key for key, _ in rows]
+    found = [
+        (key, value if keys.count(key) == 1 else f"{value}: {', '.join(dict.fromkeys(titles))}")
+        for (key, value), titles in rows.items()
+    ]
+    return [("Limits", _clean(sorted(found)))] if found else []
+
+
+def _environments(folders: Iterable[RunFolder]) -> list[_Section]:
+    """Each machine or installation once."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for folder in folders:
+        for environment in folder.run.environments:
+            rows = _clean(_flat(environment))
+            found.setdefault(repr(rows), rows)
+    sections = [found[key] for key in sorted(found)]
+    several = len(sections) > 1
+    titles = [f"Machine {k}" if several else "Machine" for k in range(1, len(sections) + 1)]
+    this = ("Report", [("written by", f"gcbench {__version__}")])
+    return [*zip(titles, sections, strict=True), this]
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    out: list[tuple[str, str]] = []
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            inner = "" if key == "dependencies" else f"{prefix}{key} "
+            out += _flat(value, inner)
+        else:
+            out.append((f"{prefix}{key}", _words(value)))
+    return out
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(str(x) for x in value)
+    return str(value)
+
+
+def _clean(rows: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    return [(one_line(key), one_line(text)) for key, text in rows]

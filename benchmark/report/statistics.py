@@ -15,8 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from ...robots.geometry import Array
 
 DRAWS = 2000
-LEVEL = 0.95
+"""Draws of a bootstrap."""
+SEED = 0
+"""Seed of the bootstrap: a table is a function of its results."""
+_LEVEL = 0.95
 _AT_ONCE = 2**21  # drawn numbers in memory
+
+
+SequenceJoint = tuple[str, str]
+"""Key of a scored pair: (sequence, joint)."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +90,7 @@ def bootstrap_mean(
     cluster: Sequence[Hashable],
     rng: np.random.Generator,
     draws: int = DRAWS,
-    level: float = LEVEL,
+    level: float = _LEVEL,
 ) -> tuple[float, float]:
     """Percentile interval of the mean of [N] values when whole clusters are drawn again.
 
@@ -120,15 +127,11 @@ class Difference:
         return self.clusters > 1 and (self.ci_low > 0.0 or self.ci_high < 0.0)
 
 
-Pair = tuple[str, str]
-"""(sequence, joint)"""
-
-
 def paired_difference(
-    a: Mapping[Pair, float],
-    b: Mapping[Pair, float],
+    a: Mapping[SequenceJoint, float],
+    b: Mapping[SequenceJoint, float],
     rng: np.random.Generator,
-    cluster: Mapping[Pair, Hashable] | None = None,
+    cluster: Mapping[SequenceJoint, Hashable] | None = None,
 ) -> Difference:
     """Mean of a - b over the pairs that both have, with its interval by cluster (default: the
     sequence). Without common pairs: zero pairs, NaN."""
@@ -141,23 +144,40 @@ def paired_difference(
     return Difference(len(common), len(set(groups)), float(delta.mean()), low, high)
 
 
-def shared_ranks(
-    rows: Sequence[Mapping[Pair, float]],
-    rng: np.random.Generator,
-    cluster: Mapping[Pair, Hashable] | None = None,
-) -> list[int]:
-    """Rank of each row of errors: 1 + the number of rows that are better and told apart from it.
+def compare_rows(
+    rows: Sequence[tuple[Mapping[SequenceJoint, float], Mapping[SequenceJoint, Hashable]]],
+    seed: int = SEED,
+) -> dict[tuple[int, int], Difference]:
+    """Compare each two rows, given as errors and clusters of their pairs.
 
-    So rows that cannot be told apart by their paired difference share a rank, and being worse than
-    one that shares it is not enough to lose it. No correction for the number of comparisons.
+    Returns:
+        The paired difference a - b of rows a < b, where they share at least two clusters. All
+        comparisons use the same random draws, so that the order of the rows changes nothing.
     """
-    seed = rng.integers(2**63)  # the same draws for every comparison: order plays no part
-    ranks = [1] * len(rows)
-    for i, a in enumerate(rows):
-        for k, b in enumerate(rows[:i]):
-            d = paired_difference(a, b, np.random.default_rng(seed), cluster)
-            if d.told_apart:
-                ranks[i if d.mean > 0.0 else k] += 1
+    seed = int(np.random.default_rng(seed).integers(2**63))
+    found: dict[tuple[int, int], Difference] = {}
+    for b, (second, _) in enumerate(rows):
+        for a, (first, cluster) in enumerate(rows[:b]):
+            difference = paired_difference(first, second, np.random.default_rng(seed), cluster)
+            if difference.clusters > 1:
+                found[a, b] = difference
+    return found
+
+
+def shared_ranks(
+    number: int, differences: Mapping[tuple[int, int], Difference]
+) -> list[int]:
+    """Return the rank of each of `number` rows: 1 + the number of rows that are better beyond
+    their interval.
+
+    Rows with indistinguishable paired differences share a rank: a row loses a rank only to a row
+    that is better than itself, not to one that is better than its equal. There is no correction
+    for the number of comparisons.
+    """
+    ranks = [1] * number
+    for (a, b), difference in differences.items():
+        if difference.told_apart:
+            ranks[a if difference.mean > 0.0 else b] += 1
     return ranks
 
 

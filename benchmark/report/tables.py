@@ -1,44 +1,84 @@
-"""Tables in the form of the paper's: by robot, by object category, by joint. Cells are text."""
+"""The report's tables: the leaderboard, and tables in the form of the paper's. Cells are text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ..protocol import PCP5
 from . import published_numbers as paper
-from .leaderboard import PCP5, Line, labels_of
+from .leaderboard import Leaderboard, Line
 from .statistics import Summary, best_half
 
-NONE = "–"
-STARRED = " * With the better of the two signs of each joint: none is known or returned."
+MISSING = "–"
+_STARRED = " * With the better of the two signs of each joint: none is known or returned."
+_CAPTION = (
+    "Error of each scored joint at the last frame: mean over all pairs of sequence and joint, "
+    "with its 95 % interval (bootstrap by sequence, or by object where there are several). "
+    "Rows that paired differences on the same sequences cannot tell apart share a "
+    "rank. A failed joint counts as no motion at all. "
+    "(best sign): the better of the two signs of each joint, where none is known or returned."
+)
 
 
 @dataclass(frozen=True)
 class TableRow:
-    """A row of text; the first cell names it."""
+    """A row of text."""
 
     cells: tuple[str, ...]
     reference: bool = False
-    """All of it is the paper's."""
+    """Whether the whole row holds the paper's numbers."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a head of two rows. Text is as it came: whoever writes it down escapes it."""
+    """A table of unescaped text: each writer escapes it for its format."""
 
     title: str
     caption: str
-    groups: tuple[tuple[str, int], ...]
-    """(text, how many columns it spans)"""
     columns: tuple[str, ...]
-    reference: tuple[bool, ...]
-    """Of each column: whether it holds the paper's numbers."""
+    align: str
+    """One letter a column, as in LaTeX: l, c or r."""
     rows: tuple[TableRow, ...]
+    groups: tuple[tuple[str, int], ...] = ()
+    """Upper row of the head: text, and the number of columns that it spans."""
+    reference: tuple[bool, ...] = ()
+    """Whether each column holds the paper's numbers."""
+
+
+def leaderboard_tables(board: Leaderboard) -> list[Table]:
+    """Return the leaderboard as one table for each dataset and unit, best first."""
+    return [
+        Table(
+            board.lines[mine[0]].dataset + (" (prismatic joints)" if unit == "m" else ""),
+            _CAPTION,
+            ("rank", "method", "training", "sequences", f"mean ({unit})", "95 % interval", "std",
+             "median", "P90", f"PCP@{'5°' if unit == 'deg' else '5 cm'}", "coverage", "s / frame"),
+            "rll" + 9 * "r",
+            tuple(_leaderboard_row(board, k)
+                  for k in sorted(mine, key=lambda k: (board.ranks[k], board.lines[k].summary.mean))
+            ),
+        )
+        for (_, unit), mine in board.groups.items()
+    ]  # fmt: skip
+
+
+def _leaderboard_row(board: Leaderboard, k: int) -> TableRow:
+    line, unit = board.lines[k], board.lines[k].unit
+    s, seconds = line.summary, line.means.get("seconds_per_frame")
+    interval = f"{value(s.ci_low, unit)} to {value(s.ci_high, unit)}"
+    return TableRow((
+        str(board.ranks[k]), board.labels[k] + (" (best sign)" if line.best_sign else ""),
+        line.row.training, str(s.sequences), value(s.mean, unit),
+        interval if line.has_interval else MISSING, value(s.std, unit), value(s.median, unit),
+        value(s.p90, unit), percent(s.pcp[PCP5]), percent(s.coverage),
+        MISSING if seconds is None else f"{seconds:.3g}",
+    ))  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of a table: its cells by the row's name."""
+    """A column of a table: its cells by the label of the row."""
 
     group: str
     title: str
@@ -46,10 +86,11 @@ class _Column:
     reference: bool = False
 
 
-def paper_tables(lines: Sequence[Line]) -> list[Table]:
-    """Every table of a board: by robot and by object for each suite, by joint for each dataset."""
-    named = [(line, label + ("*" if "best" in line.sign else ""))
-             for line, label in zip(lines, labels_of(lines), strict=True)]  # fmt: skip
+def paper_tables(board: Leaderboard) -> list[Table]:
+    """Return tables by robot and by object for each suite, and by joint for each dataset."""
+    lines = board.lines
+    named = [(line, label + ("*" if line.best_sign else ""))
+             for line, label in zip(lines, board.labels, strict=True)]  # fmt: skip
     out: list[Table] = []
     for suite in dict.fromkeys(_suite(line) for line in lines):
         for unit in dict.fromkeys(line.unit for line in lines if _suite(line) == suite):
@@ -61,25 +102,25 @@ def paper_tables(lines: Sequence[Line]) -> list[Table]:
                 out.append(_by_dataset(arms, 3, f"Robots{of}", unit))
             if objects:
                 out.append(_by_dataset(objects, 1, f"Articulated objects{of}", unit))
-    for group in dict.fromkeys(line.group for line in lines):
-        mine = [item for item in named if item[0].group == group]
-        if len(mine[0][0].joints) > 1:
-            out.append(_by_joint(mine))
+    out += [
+        _by_joint([named[k] for k in mine])
+        for mine in board.groups.values() if len(lines[mine[0]].joints) > 1
+    ]  # fmt: skip
     return out
 
 
 def value(x: float, unit: str) -> str:
-    """A number in a unit's usual digits, without the unit: 3 for deg, 4 for m."""
+    """Return a number with the usual decimals of its unit, without the unit: 3 for deg, 4 for m."""
     return f"{x:.{4 if unit == 'm' else 3}f}"
 
 
-def mean_std(summary: Summary, unit: str) -> str:
-    """ "0.123 ± 0.045" """
+def _mean_std(summary: Summary, unit: str) -> str:
+    """As in "0.123 ± 0.045"."""
     return f"{value(summary.mean, unit)} ± {value(summary.std, unit)}"
 
 
 def percent(x: float) -> str:
-    """ "97.5 %" of 97.5"""
+    """Return "97.5 %" for 97.5."""
     return f"{x:.1f} %"
 
 
@@ -88,11 +129,11 @@ def _by_dataset(named: Sequence[tuple[Line, str]], table: int, title: str, unit:
     for dataset in dict.fromkeys(line.dataset for line, _ in named):
         mine = [(line, label) for line, label in named if line.dataset == dataset]
         head = dataset.rpartition("/")[2]
-        cells = {label: mean_std(line.summary, unit) for line, label in mine}
+        cells = {label: _mean_std(line.summary, unit) for line, label in mine}
         columns.append(_Column(head, "mean ± std", cells))
         cells = {label: percent(line.summary.pcp[PCP5]) for line, label in mine}
         columns.append(_Column(head, f"PCP@5{'°' if unit == 'deg' else ' cm'}", cells))
-        if mine[0][0].robot == paper.OWI:  # as CRAVES publishes it
+        if mine[0][0].robot == paper.OWI:  # the metric that CRAVES publishes
             cells = {label: value(best_half([*x.error.values()]), unit) for x, label in mine}
             columns.append(_Column(head, "best half", cells))
         columns += _reference(mine, table, mine[0][0].robot, 0, head)
@@ -108,7 +149,7 @@ def _by_joint(named: Sequence[tuple[Line, str]]) -> Table:
     joints = dict.fromkeys((joint.index, joint.name) for line, _ in named for joint in line.joints)
     for index, name in sorted(joints):
         cells = {
-            label: mean_std(joint.summary, line.unit)
+            label: _mean_std(joint.summary, line.unit)
             for line, label in named for joint in line.joints if joint.name == name
         }  # fmt: skip
         columns.append(_Column(name, "mean ± std", cells))
@@ -120,7 +161,7 @@ def _by_joint(named: Sequence[tuple[Line, str]]) -> Table:
 def _reference(
     named: Iterable[tuple[Line, str]], table: int, robot: str, joint: int, head: str
 ) -> list[_Column]:
-    """The paper's column of a robot: beside our counterparts, and in rows of its own."""
+    """The paper's column of a robot: in the rows of our counterparts, or in rows of its own."""
     printed = {p.method: p for p in paper.printed(table, robot) if p.joint == joint}
     if not printed:
         return []
@@ -140,7 +181,7 @@ def _printed(p: paper.Printed) -> str:
 
 
 def _ordered(named: Iterable[tuple[Line, str]]) -> list[str]:
-    """Our rows, those with the smallest error on average first."""
+    """Labels of our rows, by increasing mean error over the datasets."""
     means: dict[str, list[float]] = {}
     for line, label in named:
         means.setdefault(label, []).append(line.summary.mean)
@@ -159,14 +200,15 @@ def _table(title: str, caption: str, columns: Sequence[_Column], ours: Sequence[
             groups.append((column.group, 1))
     return Table(
         title,
-        caption + (STARRED if any(label.endswith("*") for label in ours) else ""),
-        tuple(groups),
+        caption + (_STARRED if any(label.endswith("*") for label in ours) else ""),
         ("method", *(column.title for column in columns)),
-        (False, *(column.reference for column in columns)),
+        "l" + len(columns) * "c",
         tuple(
-            TableRow((name, *(column.cells.get(name, NONE) for column in columns)), name in theirs)
+            TableRow((name, *(c.cells.get(name, MISSING) for c in columns)), name in theirs)
             for name in (*ours, *theirs)
         ),
+        tuple(groups),
+        (False, *(column.reference for column in columns)),
     )
 
 

@@ -7,6 +7,7 @@ import dataclasses
 import io
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +15,18 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
 from gcbench.benchmark.report import published_numbers as paper
-from gcbench.benchmark.report.formats import CSV_COLUMNS, csv_cell, latex, leaderboard_csv, markdown
-from gcbench.benchmark.report.gallery import chosen, draw
-from gcbench.benchmark.report.leaderboard import (
-    compare,
-    labels_of,
-    ranks,
-    read_board,
-    sequence_errors,
+from gcbench.benchmark.report.formats import (
+    CSV_COLUMNS,
+    escape_csv,
+    escape_latex,
+    escape_markdown,
+    leaderboard_csv,
+    leaderboard_text,
 )
+from gcbench.benchmark.report.gallery import chosen, draw
+from gcbench.benchmark.report.leaderboard import read_leaderboard, sequence_errors
 from gcbench.benchmark.report.page import FILES, report
-from gcbench.benchmark.report.standings import standings
-from gcbench.benchmark.report.statistics import paired_difference, pcp
+from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
 from gcbench.benchmark.report.tables import paper_tables
 from gcbench.benchmark.results.rows import (
     SCORES,
@@ -97,17 +98,43 @@ def test_csv_has_a_row_for_each_dataset_and_method(results: Path, tmp_path: Path
     )
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 10 and tuple(rows[0]) == CSV_COLUMNS
-    scores = [r for folder in find_runs(results) for r in folder.results()]
-    expected = {(s.dataset, s.method, s.inputs, s.knowledge): s for s in standings(scores)}
-    for row in rows:
-        s = expected[row["dataset"], row["method"], row["inputs"], row["knowledge"]]
-        m = s.summary
-        numbers = [m.mean, m.std, m.ci_low, m.ci_high, m.median, m.p90, m.pcp[2], m.coverage]
+    for row, line in zip(rows, read_leaderboard([results]).lines, strict=True):
+        named = (line.dataset, line.row.name, line.row.inputs, line.row.knowledge)
+        assert (row["dataset"], row["method"], row["inputs"], row["knowledge"]) == named
+        finals = [r for r in line.run.results() if r.metric == "final_error"]
+        m = summarize([r.value for r in finals], [r.status == "ok" for r in finals],
+                      [r.sequence for r in finals], [r.sequence for r in finals], (5.0,),
+                      np.random.default_rng(0))
+        numbers = [m.mean, m.std, m.ci_low, m.ci_high, m.median, m.p90, m.pcp[0], m.coverage]
         assert [float(row[k]) for k in CSV_COLUMNS[6:14]] == pytest.approx(numbers, rel=1e-5)
         assert (int(row["sequences"]), int(row["joints"])) == (6, 18)
         assert row["unit"] == "deg"
-        assert row["seconds_per_frame"] == ("" if s.method == "hold-still" else
-                                            f"{s.seconds_per_frame:.6g}")
+        seconds = [r.value for r in line.run.results() if r.metric == "seconds_per_frame"]
+        assert row["seconds_per_frame"] == (f"{np.mean(seconds):.6g}" if seconds else "")
+
+
+def test_the_terminal_shows_the_leaderboard_of_the_report(results: Path, tmp_path: Path) -> None:
+    report([results], tmp_path, progress=False)
+    document = (tmp_path / "leaderboard.md").read_text().replace("\\", "")
+    cells = [re.split(r" *\| *", line)[1:-1] for line in document.splitlines() if "|" in line]
+    shown = leaderboard_text(find_runs(results)).splitlines()
+    table = [re.split("  +", line.strip()) for line in shown if "  " in line]
+    assert table == [row for row in cells if not row[0].startswith("---")]
+
+
+def test_the_order_of_scores_changes_nothing(results: Path, tmp_path: Path) -> None:
+    shuffled = tmp_path / "shuffled"
+    shutil.copytree(results, shuffled)
+    rng = np.random.default_rng(8)
+    for folder in find_runs(shuffled):
+        lines = (folder.path / SCORES).read_text().splitlines()
+        head, rest = lines[0], [lines[1 + k] for k in rng.permutation(len(lines) - 1)]
+        assert rest != lines[1:]
+        (folder.path / SCORES).write_text("\n".join([head, *rest]) + "\n")
+    a = report([results], tmp_path / "a", progress=False)
+    b = report([shuffled], tmp_path / "b", progress=False)
+    for one, other in zip(a[1:], b[1:], strict=True):
+        assert one.read_bytes() == other.read_bytes(), one.name
 
 
 def test_a_failure_counts_and_is_told(results: Path, tmp_path: Path) -> None:
@@ -121,7 +148,7 @@ def test_a_failure_counts_and_is_told(results: Path, tmp_path: Path) -> None:
 
 
 def test_drift_and_curve_are_means_and_shares_of_the_lines(results: Path) -> None:
-    board = read_board([results])
+    board = read_leaderboard([results])
     for line in board.lines:
         scores = read_scores(line.run.path / SCORES)
         for t in range(1, 5):
@@ -136,19 +163,16 @@ def test_drift_and_curve_are_means_and_shares_of_the_lines(results: Path) -> Non
 
 
 def test_ranks_and_differences_are_those_of_the_statistics(results: Path, tmp_path: Path) -> None:
-    board = read_board([results])
-    found = compare(board.lines)
-    scores = [r for folder in find_runs(results) for r in folder.results()]
-    expected = {(s.dataset, s.method, s.inputs, s.knowledge): s.rank for s in standings(scores)}
-    for line, rank in zip(board.lines, ranks(board.lines, found), strict=True):
-        row = line.row
-        assert rank == expected[line.dataset, row.name, row.inputs, row.knowledge]
+    board = read_leaderboard([results])
+    found = board.differences
     assert len(found) == 2 * 10
     for (a, b), d in found.items():
-        again = paired_difference(board.lines[a].error, board.lines[b].error,
-                                  np.random.default_rng(0))
+        one, other = board.lines[a], board.lines[b]
+        assert one.group == other.group
+        again = paired_difference(one.error, other.error, np.random.default_rng(0))
         assert d.mean == pytest.approx(again.mean) and d.pairs == 18
-    assert len(set(ranks(board.lines, found)[:5])) < 5, "two rows are alike, and share"
+    assert list(board.ranks) == shared_ranks(len(board.lines), found)
+    assert len(set(board.ranks[:5])) < 5, "two rows are alike, and share"
     report([results], tmp_path, progress=False)
     pairs = data_of(tmp_path / "index.html")["pairs"]
     for (a, b), d in found.items():
@@ -159,9 +183,9 @@ def test_ranks_and_differences_are_those_of_the_statistics(results: Path, tmp_pa
 def test_one_sequence_ranks_nothing(tmp_path: Path) -> None:
     write_results(tmp_path, GCPOSE, 0.001, sequences=1)
     write_results(tmp_path, STILL, None, sequences=1)
-    board = read_board([tmp_path])
-    assert not compare(board.lines)
-    assert ranks(board.lines, {}) == [1, 1]
+    board = read_leaderboard([tmp_path])
+    assert not board.differences
+    assert board.ranks == (1, 1)
     report([tmp_path], tmp_path / "out", progress=False)
     assert "| – |" in (tmp_path / "out" / "leaderboard.md").read_text()
     assert data_of(tmp_path / "out" / "index.html")["lines"][0]["low"] is None
@@ -169,7 +193,7 @@ def test_one_sequence_ranks_nothing(tmp_path: Path) -> None:
 
 def test_prismatic_joints_have_lines_of_their_own(tmp_path: Path) -> None:
     write_results(tmp_path, GCPOSE, 0.01, prismatic=1)
-    lines = read_board([tmp_path]).lines
+    lines = read_leaderboard([tmp_path]).lines
     assert [(line.unit, line.summary.joints) for line in lines] == [("deg", 12), ("m", 6)]
     assert [[j.name for j in line.joints] for line in lines] == [["pan", "lift"], ["elbow"]]
     report([tmp_path], tmp_path / "out", progress=False)
@@ -196,8 +220,8 @@ def test_the_papers_numbers() -> None:
 
 
 def test_tables_have_our_numbers_and_the_papers_apart(results: Path) -> None:
-    board = read_board([results])
-    robots, *joints = paper_tables(board.lines)
+    board = read_leaderboard([results])
+    robots, *joints = paper_tables(board)
     assert robots.groups == (("", 1), ("ur5", 3), ("iiwa14", 3))  # the paper's order
     assert robots.columns[1:4] == ("mean ± std", "PCP@5°", "paper")
     assert robots.reference == (False, *(False, False, True) * 2)
@@ -227,14 +251,14 @@ def test_owi_and_objects(tmp_path: Path) -> None:
     names = ("Rotation", "Base", "Elbow", "Wrist")
     write_results(tmp_path, GCPOSE, 0.01, "owi535", joints=names)
     write_results(tmp_path, GCPOSE, 0.01, "oven", joints=("door",))
-    tables = {t.title: t for t in paper_tables(read_board([tmp_path]).lines)}
+    tables = {t.title: t for t in paper_tables(read_leaderboard([tmp_path]))}
     assert set(tables) == {"Robots", "Articulated objects", "Joints of owi535"}
     owi = tables["Joints of owi535"]
     assert owi.rows[0].cells[2::2] == ("1.76 ± 1.09", "1.37 ± 1.09", "1.74 ± 1.37", "2.98 ± 1.73")
     assert owi.rows[1].cells[0] == "CRAVES (paper)" and "sign" not in owi.caption
     half = [c for c, name in zip(tables["Robots"].rows[0].cells, tables["Robots"].columns,
                                  strict=True) if name == "best half"]  # fmt: skip
-    line = next(x for x in read_board([tmp_path]).lines if x.robot == "owi535")
+    line = next(x for x in read_leaderboard([tmp_path]).lines if x.robot == "owi535")
     assert half == [f"{np.sort(list(line.error.values()))[:12].mean():.3f}"]
     objects = {row.cells[0]: row.cells[3] for row in tables["Articulated objects"].rows}
     assert objects["ScrewNet (paper)"] == "0.72 ± 0.14"
@@ -295,17 +319,17 @@ def test_hostile_names_in_csv_markdown_and_latex(hostile: Path) -> None:
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r\n=1", " =1", "\u200b=1"])
 def test_no_cell_is_a_formula(text: str) -> None:
-    assert csv_cell(text).startswith("'")
+    assert escape_csv(text).startswith("'")
 
 
 def test_escapes() -> None:
-    assert csv_cell("a,b\nc") == "a,b c"
-    assert latex("a_b 50% {x} \\y ~ ^ $ # & |<>") == (
+    assert escape_csv("a,b\nc") == "a,b c"
+    assert escape_latex("a_b 50% {x} \\y ~ ^ $ # & |<>") == (
         r"a\_b 50\% \{x\} \textbackslash{}y \textasciitilde{} \textasciicircum{} \$ \# \& "
         r"\textbar{}\textless{}\textgreater{}")
-    assert latex("0.1 ± 0.2° · – é 世") == r"0.1 $\pm$ 0.2$^{\circ}$ $\cdot$ -- é ?"
-    assert latex("a\\\nb") == r"a\textbackslash{} b"
-    assert markdown("a|b\n<i> *x* _y_ http://z www.z") == (
+    assert escape_latex("0.1 ± 0.2° · – é 世") == r"0.1 $\pm$ 0.2$^{\circ}$ $\cdot$ -- é ?"
+    assert escape_latex("a\\\nb") == r"a\textbackslash{} b"
+    assert escape_markdown("a|b\n<i> *x* _y_ http://z www.z") == (
         r"a\|b &lt;i&gt; \*x\* \_y\_ http&#58;//z www&#46;z")
 
 
@@ -349,17 +373,17 @@ def test_the_same_row_twice_and_datasets_of_one_name_are_refused(tmp_path: Path)
     write_results(tmp_path / "a", GCPOSE, 0.01)
     write_results(tmp_path / "b", GCPOSE, 0.01)
     with pytest.raises(GcbenchError, match="the same row"):
-        read_board([tmp_path / "a", tmp_path / "b"])
+        read_leaderboard([tmp_path / "a", tmp_path / "b"])
     write_results(tmp_path / "c", ICP, 0.01, config={"robot": "ur5", "seed": 8, "frames": 5})
     with pytest.raises(GcbenchError, match="seed: 7 -> 8"):
-        read_board([tmp_path / "a", tmp_path / "c"])
+        read_leaderboard([tmp_path / "a", tmp_path / "c"])
 
 
 def test_two_versions_are_two_rows(tmp_path: Path) -> None:
     write_results(tmp_path / "a", GCPOSE, 0.01)
     write_results(tmp_path / "b", dataclasses.replace(GCPOSE, version="2.0"), 0.02)
-    lines = read_board([tmp_path / "a", tmp_path / "b"]).lines
-    assert sorted(labels_of(lines)) == ["gcpose · rgbd · axes · 1.0", "gcpose · rgbd · axes · 2.0"]
+    board = read_leaderboard([tmp_path / "a", tmp_path / "b"])
+    assert sorted(board.labels) == ["gcpose · rgbd · axes · 1.0", "gcpose · rgbd · axes · 2.0"]
 
 
 def test_a_report_that_cannot_be_written(results: Path, tmp_path: Path) -> None:
@@ -372,7 +396,7 @@ def test_a_report_that_cannot_be_written(results: Path, tmp_path: Path) -> None:
 
 
 def test_the_worst_and_the_median_are_chosen(results: Path) -> None:
-    lines = read_board([results]).lines
+    lines = read_leaderboard([results]).lines
     pictures = chosen(lines)
     assert len(pictures) == 2 * len(lines)
     for picture in pictures:
@@ -384,7 +408,7 @@ def test_the_worst_and_the_median_are_chosen(results: Path) -> None:
 
 
 def test_without_the_dataset_there_is_a_reason_instead_of_a_picture(results: Path) -> None:
-    lines = read_board([results]).lines
+    lines = read_leaderboard([results]).lines
     pictures = draw(lines, chosen(lines), progress=False)
     assert all(not p.image and "not a dataset" in p.reason for p in pictures)
 
@@ -392,5 +416,5 @@ def test_without_the_dataset_there_is_a_reason_instead_of_a_picture(results: Pat
 def test_oracle_and_plain_are_different_rows(tmp_path: Path) -> None:
     write_results(tmp_path, ICP, 0.02)
     write_results(tmp_path, ORACLE, 0.01)
-    text = leaderboard_csv(read_board([tmp_path]).lines)
+    text = leaderboard_csv(read_leaderboard([tmp_path]))
     assert [row["method"] for row in csv.DictReader(io.StringIO(text))] == ["icp@true-parts", "icp"]

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from gcbench.benchmark.report.gallery import Picture
-from gcbench.benchmark.report.leaderboard import THRESHOLDS, compare, labels_of, ranks, read_board
-from gcbench.benchmark.report.page import TEMPLATE, page_data
-from gcbench.benchmark.report.tables import paper_tables
+from gcbench.benchmark.report.leaderboard import CURVE_THRESHOLDS, read_leaderboard
+from gcbench.benchmark.report.page import report_page
 from gcbench.benchmark.results.rows import Row
-from gcbench.renderer.show import render_page
 
 from ...renderer.show.test_show_browser import HOSTILE, luminance, until
 from ...renderer.show.test_show_browser import (
@@ -45,14 +43,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def file(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    board = read_board([results])
+    board = read_leaderboard([results])
     pictures = [
         Picture(0, "worst", "000001", 2.0, (("pan", 1.0), (HOSTILE, 3.0)), image=PIXEL),
         Picture(0, "median", "000002", 1.0, (("pan", 1.0),), reason=HOSTILE),
     ]
-    data = page_data(board, compare(board.lines), paper_tables(board.lines), pictures)
     path = tmp_path_factory.mktemp("page") / "index.html"
-    path.write_text(render_page(TEMPLATE, data))
+    path.write_text(report_page(board, pictures))
     return path
 
 
@@ -106,13 +103,13 @@ def choose(tab: Any, kind: str, value: str) -> None:
 
 
 def test_the_table_has_the_numbers_of_the_board(page: Any, results: Path) -> None:
-    board = read_board([results])
+    board = read_leaderboard([results])
     lines = board.lines
     assert methods(page) == [re.sub(r"\s+", " ", line.row.name) for line in lines]
     assert column(page, "mean error") == [
         f"{x.summary.mean:.3f}°" if x.unit == "deg" else f"{x.summary.mean:.4f} m" for x in lines]
     assert column(page, "PCP@5") == [f"{x.summary.pcp[2]:.1f} %" for x in lines]
-    assert [int(x) for x in column(page, "#")] == ranks(lines, compare(lines))
+    assert [int(x) for x in column(page, "#")] == list(board.ranks)
     assert page.locator("#shown").text_content() == f"{len(lines)} rows"
 
 
@@ -191,9 +188,8 @@ def test_the_papers_numbers_are_marked_and_apart(page: Any) -> None:
 
 
 def test_differences_follow_the_reference(page: Any, results: Path) -> None:
-    lines = read_board([results]).lines
-    labels = labels_of(lines)
-    found = compare(lines)
+    board = read_leaderboard([results])
+    lines, labels, found = board.lines, board.labels, board.differences
     here = [k for k, line in enumerate(lines) if line.dataset == "mini/ur5"]
     last = here[-1]
     page.locator("#reference").select_option(str(last))
@@ -209,7 +205,7 @@ def test_differences_follow_the_reference(page: Any, results: Path) -> None:
 
 
 def test_hover_reads_the_curves(page: Any, results: Path) -> None:
-    lines = [x for x in read_board([results]).lines if x.dataset == "mini/ur5"]
+    lines = [x for x in read_leaderboard([results]).lines if x.dataset == "mini/ur5"]
     drift = page.locator("#drift svg")
     drift.scroll_into_view_if_needed()
     box = drift.bounding_box()
@@ -229,7 +225,7 @@ def test_hover_reads_the_curves(page: Any, results: Path) -> None:
     page.keyboard.press("End")
     page.keyboard.press("ArrowLeft")
     tip = page.locator("#pcp .tip")
-    limit = THRESHOLDS["deg"][-2]
+    limit = CURVE_THRESHOLDS["deg"][-2]
     assert tip.locator("b").text_content() == f"at most {limit:g}°"
     icp = next(line for line in lines if line.row == ICP)
     assert f"icp · rgbd · axes{icp.curve[-2]:.1f} %" in tip.locator("div").all_text_contents()
@@ -353,9 +349,9 @@ def test_the_page_of_one_row_and_one_sequence(browser: Any, tmp_path: Path) -> N
     """Nothing to compare, no interval, no time, one joint."""
     row = dataclasses.replace(STILL, method="alone")
     write_results(tmp_path, row, None, sequences=1, joints=("one",), frames=2)
-    board = read_board([tmp_path])
+    board = read_leaderboard([tmp_path])
     path = tmp_path / "index.html"
-    path.write_text(render_page(TEMPLATE, page_data(board, {}, paper_tables(board.lines), [])))
+    path.write_text(report_page(board, []))
     for tab in opened(browser, path, 1280):
         assert column(tab, "#") == ["1"]
         assert not tab.locator("#compare").is_visible()

@@ -20,7 +20,8 @@ from gcbench.benchmark.methods import registry as methods
 from gcbench.benchmark.methods.baselines import mean_motion
 from gcbench.benchmark.protocol.observations import DEPTH_NOISE, observe
 from gcbench.benchmark.protocol.scoring import shape_of
-from gcbench.benchmark.report.standings import standings, text
+from gcbench.benchmark.report.formats import leaderboard_text
+from gcbench.benchmark.report.leaderboard import build_leaderboard
 from gcbench.benchmark.results.estimates import read_stored
 from gcbench.benchmark.results.rows import Result
 from gcbench.benchmark.run.datasets import from_folders
@@ -75,10 +76,10 @@ def test_an_accident_costs_one_sequence(
     assert of(results, "covered") == [1, 1, 0, 0, 1, 1]
     # Each counts as no motion: the error of all is the displacement.
     assert of(results, "final_error") == pytest.approx(of(results, "displacement"))
-    (standing,) = standings(results)
-    assert standing.summary.coverage == pytest.approx(100 * 4 / 6)
-    assert standing.summary.joints == 6
-    assert "67 %" in text([standing])
+    (line,) = build_leaderboard(outcome.runs).lines
+    assert line.summary.coverage == pytest.approx(100 * 4 / 6)
+    assert line.summary.joints == 6
+    assert "66.7 %" in leaderboard_text(outcome.runs)
 
 
 def test_a_method_that_hangs_is_ended(data: Path, tmp_path: Path) -> None:

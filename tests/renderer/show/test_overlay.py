@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.benchmark.report.gallery import WIDTH, chosen, draw, final_estimate
-from gcbench.benchmark.report.leaderboard import read_board
+from gcbench.benchmark.report.leaderboard import read_leaderboard
 from gcbench.benchmark.results.rows import find_runs, write_run
 from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.scene.config import STUDIO, RenderConfig
@@ -129,7 +129,7 @@ def test_the_gallery_has_pictures(dataset: Dataset, tmp_path: Path) -> None:
         path = write_results(tmp_path, row, scale, "flag", 2, ("turn", "wave"), frames=4)
         run = next(f.run for f in find_runs(tmp_path) if f.path == path)
         write_run(path, dataclasses.replace(run, data=str(dataset.path)))
-    lines = read_board([tmp_path]).lines
+    lines = read_leaderboard([tmp_path]).lines
     pictures = draw(lines, chosen(lines), progress=False)
     assert len(pictures) == 4
     assert all(p.image.startswith("data:image/webp;base64,") and not p.reason for p in pictures)
@@ -145,7 +145,7 @@ def test_the_sign_of_a_free_estimate_is_as_it_is_scored(dataset: Dataset, tmp_pa
     from gcbench.renderer.types.observation import Estimate
 
     write_results(tmp_path, FREE, 0.0, "flag", 2, ("turn", "wave"), frames=4)
-    line = read_board([tmp_path]).lines[0]
+    line = read_leaderboard([tmp_path]).lines[0]
     sequence = dataset[0]
     truth = truth_of(sequence)
     flipped = Estimate(-truth.displacement, screw=-truth.screw)
