@@ -75,21 +75,23 @@ def leaderboard_csv(board: Leaderboard) -> str:
 
 
 def leaderboard_text(runs: Iterable[RunFolder]) -> str:
-    """Return the leaderboard of runs for a terminal: the same tables as in the report."""
-    return to_text(leaderboard_tables(build_leaderboard(runs)))
+    """Return the leaderboard of runs for a terminal: the report's tables, but narrower."""
+    return to_text(leaderboard_tables(build_leaderboard(runs)), without=("training",))
 
 
-def to_text(tables: Iterable[Table]) -> str:
-    """Return tables for a terminal, in aligned columns."""
+def to_text(tables: Iterable[Table], without: tuple[str, ...] = ()) -> str:
+    """Return tables for a terminal, in aligned columns except those `without`."""
     out: list[str] = []
     for table in tables:
-        rows = [table.columns, *(tuple(one_line(c) for c in row.cells) for row in table.rows)]
+        shown = [k for k, name in enumerate(table.columns) if name not in without]
+        rows = [[one_line(cells[k]) for k in shown]
+                for cells in (table.columns, *(row.cells for row in table.rows))]  # fmt: skip
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         out += ["", one_line(table.title)]
         out += [
             "  ".join(
-                cell.rjust(width) if align == "r" else cell.ljust(width)
-                for cell, width, align in zip(row, widths, table.align, strict=True)
+                cell.rjust(width) if table.align[k] == "r" else cell.ljust(width)
+                for cell, width, k in zip(row, widths, shown, strict=True)
             ).rstrip()
             for row in rows
         ]
