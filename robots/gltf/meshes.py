@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from ...errors import ModelError
 from ..geometry import Array, apply, face_normals
-from ..meshes import MAX_INSTANCES, MAX_TRIANGLES
+from ..meshes import MeshLimits
 from ..model import Material, Morph, Skin, Visual, clean_triangles
 from .accessors import Accessors
 from .document import Document
 from .materials import Materials
 
-MAX_VISITS = 20 * MAX_TRIANGLES
+MAX_VISITS = 20 * MeshLimits.triangles
 """Vertices and corners of all primitives of all nodes: what a file may keep a machine busy with."""
 MAX_MORPH_NUMBERS = 2**27
 _POINTS_AND_LINES = 4
@@ -73,8 +73,10 @@ class Meshes:
         found = self._patches[mesh]
         self._instances += len(found)
         self._triangles += sum(len(p.faces) for p in found)
-        if self._triangles > MAX_TRIANGLES or self._instances > MAX_INSTANCES:
-            raise ModelError(f"has more than {MAX_TRIANGLES} triangles or {MAX_INSTANCES} pieces")
+        limits = MeshLimits()
+        if self._triangles > limits.triangles or self._instances > limits.instances:
+            raise ModelError(
+                f"has more than {limits.triangles} triangles or {limits.instances} pieces")
         self._visit(sum(len(p.vertices) for p in found))
         return found
 

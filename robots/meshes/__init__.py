@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from .library import MAX_INSTANCES, MAX_TRIANGLES, MeshLibrary, quiet
-from .primitives import box, capsule, cylinder, joined, revolved, sphere
-from .solids import bar, block, circle, hull, plate, rod, rounded
+from .asset_reader import MeshLimits, quiet
+from .library import MeshLibrary
+from .solids import (
+    bar,
+    block,
+    box,
+    capsule,
+    circle,
+    cylinder,
+    hull,
+    joined,
+    plate,
+    revolved,
+    rod,
+    rounded,
+    sphere,
+)
 
 __all__ = [
-    "MAX_INSTANCES", "MAX_TRIANGLES", "MeshLibrary", "bar", "block", "box", "capsule", "circle",
-    "cylinder", "hull", "joined", "plate", "quiet", "revolved", "rod", "rounded", "sphere",
+    "MeshLibrary", "MeshLimits", "bar", "block", "box", "capsule", "circle", "cylinder", "hull",
+    "joined", "plate", "quiet", "revolved", "rod", "rounded", "sphere",
 ]

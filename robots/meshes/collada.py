@@ -14,7 +14,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,16 +22,13 @@ from ...errors import ModelError
 from ..files import Asset, refuse_doctype
 from ..geometry import Array
 from ..model import Material, TriangleSurface, base_color, mean_color, moved, surface
+from .asset_reader import AssetReader
 
-if TYPE_CHECKING:
-    from .library import MeshLibrary
-
-MAX_NODES = 20_000
-MAX_DEPTH = 64
-MAX_TRIANGLES = 5_000_000
+_MAX_NODES = 20_000
+_MAX_DEPTH = 64
 
 
-def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[TriangleSurface]:
+def read_collada(data: bytes, asset: Asset, reader: AssetReader) -> list[TriangleSurface]:
     """All triangles of a COLLADA file in metres; raises ModelError, or whatever pycollada does."""
     import collada
     from collada.common import DaeError
@@ -40,13 +37,13 @@ def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[Tri
     if zipfile.is_zipfile(io.BytesIO(data)):  # pycollada would read another document from it
         raise ModelError("is a zip archive, not a COLLADA file")
     document = collada.Collada(io.BytesIO(data), ignore=[DaeError])
-    document = _without_broken_bindings(document, asset, library)
+    document = _without_broken_bindings(document, asset, reader)
     for error in document.errors:
         text = " ".join(str(getattr(error, "msg", error)).split())[:120]
         if not text.startswith(("Camera", "Light")):
-            library.note(f"{asset.path.name}: {text}")
+            reader.note(f"{asset.path.name}: {text}")
     if document.assetInfo and document.assetInfo.upaxis != "Z_UP" and b"<up_axis" in data:
-        library.note("COLLADA meshes name an up axis other than z; as in RViz it is not applied")
+        reader.note("COLLADA meshes name an up axis other than z; as in RViz it is not applied")
     unit = document.assetInfo.unitmeter if document.assetInfo else None
     meter = 1.0 if unit is None else float(unit)
     if not 1e-9 < meter < 1e9:
@@ -65,7 +62,7 @@ def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[Tri
             if target is None and primitive.material in document.materials:
                 target = document.materials[primitive.material]
             if id(target) not in materials:
-                materials[id(target)] = _material(target, asset, library)
+                materials[id(target)] = _material(target, asset, reader)
             key = (id(primitive), id(target))
             if key not in shared:
                 shared[key] = _surface(primitive, materials[id(target)])
@@ -73,13 +70,13 @@ def surfaces_of_dae(data: bytes, asset: Asset, library: MeshLibrary) -> list[Tri
             if made is None:
                 continue
             triangles += len(made.faces)
-            if triangles > MAX_TRIANGLES:
-                raise ModelError(f"has more than {MAX_TRIANGLES} triangles")
+            if triangles > reader.limits.triangles:
+                raise ModelError(f"has more than {reader.limits.triangles} triangles")
             found.append(moved(made, matrix * [[meter], [meter], [meter], [1.0]]))
     return found
 
 
-def _without_broken_bindings(document: Any, asset: Asset, library: MeshLibrary) -> Any:
+def _without_broken_bindings(document: Any, asset: Asset, reader: AssetReader) -> Any:
     """The document again without bindings to missing materials: pycollada drops whole instances.
 
     A wrong colour is a lesser evil than a part of the robot that is not there.
@@ -93,7 +90,7 @@ def _without_broken_bindings(document: Any, asset: Asset, library: MeshLibrary) 
     if not broken:
         return document
     for node in broken:
-        library.note(f"{asset.path.name}: material {str(node.get('target'))[:80]!r} is broken")
+        reader.note(f"{asset.path.name}: material {str(node.get('target'))[:80]!r} is broken")
         node.getparent().remove(node)
     repaired = io.BytesIO()
     document.xmlnode.write(repaired)
@@ -110,8 +107,8 @@ def _instances(roots: Any) -> Iterator[tuple[Array, Any, Any]]:
     while stack:
         node, parent, depth = stack.pop()
         visited += 1
-        if visited > MAX_NODES or depth > MAX_DEPTH:
-            raise ModelError(f"has more than {MAX_NODES} nodes or {MAX_DEPTH} levels")
+        if visited > _MAX_NODES or depth > _MAX_DEPTH:
+            raise ModelError(f"has more than {_MAX_NODES} nodes or {_MAX_DEPTH} levels")
         if isinstance(node, GeometryNode):
             yield parent, node.geometry, node.materials
         elif isinstance(node, ControllerNode):
@@ -165,7 +162,7 @@ def _surface(primitive: Any, material: Material | None) -> TriangleSurface | Non
     return surface(vertices, faces.reshape(-1, 3), normals, uv, material, color)
 
 
-def _material(target: Any, asset: Asset, library: MeshLibrary) -> Material | None:
+def _material(target: Any, asset: Asset, reader: AssetReader) -> Material | None:
     """Flat colour or texture of a COLLADA material; None where there is none."""
     from collada.material import Map
 
@@ -176,7 +173,7 @@ def _material(target: Any, asset: Asset, library: MeshLibrary) -> Material | Non
     diffuse, texture = effect.diffuse, None
     if isinstance(diffuse, Map):
         reference = str(diffuse.sampler.surface.image.path or "")
-        texture = library.nested_texture(asset, reference)
+        texture = reader.nested_texture(asset, reference)
         diffuse = [1.0, 1.0, 1.0, 1.0] if texture is not None else [0.5, 0.5, 0.5, 1.0]
     if diffuse is None:  # <constant> effects emit their colour
         emission = effect.emission

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,10 +24,7 @@ from ..model import (
     surface,
     texture_from_image,
 )
-from . import library as limits
-
-if TYPE_CHECKING:
-    from .library import MeshLibrary
+from .asset_reader import AssetReader, MeshLimits, last_part
 
 GLTF_EXTENSIONS = frozenset({
     "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_materials_ior",
@@ -37,18 +34,18 @@ GLTF_EXTENSIONS = frozenset({
 """Required extensions that a picture of flat materials can do without."""
 
 
-def surfaces_of_trimesh(
-    data: bytes, kind: str, asset: Asset, library: MeshLibrary
+def read_with_trimesh(
+    data: bytes, kind: str, asset: Asset, reader: AssetReader
 ) -> list[TriangleSurface]:
-    """All triangles of a file of `kind`; raises ModelError, or whatever trimesh does."""
+    """Return all triangles of a file of `kind`; raise ModelError, or any error of trimesh."""
     import trimesh
 
     if kind in ("glb", "gltf"):
-        _check_gltf(data, kind)
+        _check_gltf(data, kind, reader.limits)
     if kind == "obj" and b"\x00" in data[:1000]:
         raise ModelError("is not an OBJ file: it holds binary data")
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False,
-                               resolver=_resolver(asset, library))
+                               resolver=_resolver(asset, reader))
     nodes: list[tuple[Any, Any]] = []
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
@@ -56,9 +53,9 @@ def surfaces_of_trimesh(
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
             nodes.append((matrix, mesh))
     triangles = sum(len(mesh.faces) for _, mesh in nodes)
-    if len(nodes) > limits.MAX_INSTANCES or triangles > limits.MAX_TRIANGLES:
-        raise ModelError(f"has more than {limits.MAX_TRIANGLES} triangles "
-                         f"or {limits.MAX_INSTANCES} parts")
+    limits = reader.limits
+    if len(nodes) > limits.instances or triangles > limits.triangles:
+        raise ModelError(f"has more than {limits.triangles} triangles or {limits.instances} parts")
     materials: dict[int, Material | None] = {}
     found: list[TriangleSurface] = []
     for matrix, mesh in nodes:
@@ -122,7 +119,7 @@ def _vertex_color(mesh: Any) -> tuple[float, float, float, float] | None:
     return mean_color(np.asarray(colors, np.uint8)[:, None, :])
 
 
-def _resolver(asset: Asset, library: MeshLibrary) -> Any:
+def _resolver(asset: Asset, reader: AssetReader) -> Any:
     from trimesh.resolvers import Resolver
 
     class OurResolver(Resolver):
@@ -135,15 +132,13 @@ def _resolver(asset: Asset, library: MeshLibrary) -> Any:
             name = str(key).strip()
             suffixes = MATERIALS | TEXTURES | BUFFERS
             try:
-                return library.read(library.finder.nested(asset, name, suffixes))
+                return reader.read(reader.finder.nested(asset, name, suffixes))
             except ModelError as error:
                 if asset.path.suffix.lower() == ".gltf" and not isinstance(
                         error, MissingAssetError):
                     raise
-                missing = isinstance(error, MissingAssetError)
-                library.note(f"{asset.path.name}: file {limits.last_part(name)!r} "
-                             + ("is missing" if missing else "cannot be used"))
-                raise FileNotFoundError(limits.last_part(name)) from error
+                reader.note_failure(asset, f"file {last_part(name)!r}", error)
+                raise FileNotFoundError(last_part(name)) from error
 
         def write(self, name: str, data: Any) -> None:
             raise NotImplementedError
@@ -157,7 +152,7 @@ def _resolver(asset: Asset, library: MeshLibrary) -> Any:
     return OurResolver()
 
 
-def _check_gltf(data: bytes, kind: str) -> None:
+def _check_gltf(data: bytes, kind: str, limits: MeshLimits) -> None:
     """Refuse by name what trimesh would misread or what would not fit into memory."""
     text = data
     if kind == "glb":
@@ -175,7 +170,7 @@ def _check_gltf(data: bytes, kind: str) -> None:
         raise ModelError(f"requires the glTF extension {', '.join(unknown)}, which is not "
                          "supported; export it without compression")
     counts = [a.get("count", 0) for a in header.get("accessors", [])]
-    largest = 20 * limits.MAX_TRIANGLES
+    largest = 20 * limits.triangles
     if any(not isinstance(c, int) or c < 0 for c in counts) or sum(counts) > largest:
         raise ModelError("has accessors of impossible size")
     for buffer in header.get("buffers", []):

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import ModelError
 from ..files import MissingAssetError
 from ..geometry import Array
-from ..meshes import MAX_TRIANGLES, MeshLibrary, box, capsule, cylinder, sphere
+from ..meshes import MeshLibrary, box, capsule, cylinder, sphere
 from ..model import (
     ArticulatedModel,
     Material,
@@ -57,8 +57,8 @@ def visuals_of_document(
             except ModelError as error:
                 raise ModelError(f"link {name!r}: {error}") from error
             triangles += sum(len(s.faces) for s in found)
-            if triangles > MAX_TRIANGLES:
-                raise ModelError(f"has more than {MAX_TRIANGLES} triangles")
+            if triangles > library.limits.triangles:
+                raise ModelError(f"has more than {library.limits.triangles} triangles")
             own = _material(visual.material, materials, library, notes, name)
             surfaces.extend(moved(_dressed(s, own), pose_or_identity(visual.origin)) for s in found)
         visuals.extend(visuals_of_part(part, surfaces))

@@ -25,7 +25,7 @@ from gcbench.renderer.truth.deforming import weights
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.renderer.verify.driver import verify_dataset, verify_sequence
 from gcbench.robots.geometry import apply, inverse
-from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
+from gcbench.robots.model import ArticulatedModel, forward_kinematics
 
 from ...support import bent_bar
 

@@ -25,7 +25,7 @@ from gcbench.robots.appliances.textures import Picture, keypad, png, words
 from gcbench.robots.catalog import load_robot
 from gcbench.robots.files.download import whole_folder
 from gcbench.robots.geometry import apply
-from gcbench.robots.model.articulated_model import (
+from gcbench.robots.model import (
     ArticulatedModel,
     forward_kinematics,
     joint_screws,

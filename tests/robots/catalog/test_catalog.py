@@ -32,7 +32,7 @@ from gcbench.robots.catalog import (
     scored_by_default,
 )
 from gcbench.robots.geometry import inverse, rotation_about, transform
-from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
+from gcbench.robots.model import ArticulatedModel, forward_kinematics
 from gcbench.robots.motion.collision import CollisionChecker
 from gcbench.robots.motion.trajectory import default_scored_joints
 

@@ -9,7 +9,7 @@ from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.robots.catalog import find_robot, load_robot
 from gcbench.robots.geometry import apply, inverse
-from gcbench.robots.model.articulated_model import (
+from gcbench.robots.model import (
     ArticulatedModel,
     forward_kinematics,
     joint_screws,

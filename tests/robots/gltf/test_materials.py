@@ -14,7 +14,7 @@ from gcbench.renderer.scene.scene import Light, Scene
 from gcbench.renderer.types.camera import Camera, intrinsics_from_fov, look_at
 from gcbench.robots.files.paths import MissingAssetError
 from gcbench.robots.gltf.reader import load_gltf
-from gcbench.robots.model.articulated_model import ArticulatedModel, Visual, forward_kinematics
+from gcbench.robots.model import ArticulatedModel, Visual, forward_kinematics
 from gcbench.robots.motion.trajectory import JointTrajectory
 from PIL import Image
 

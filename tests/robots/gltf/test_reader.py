@@ -9,8 +9,7 @@ import pytest
 from gcbench.robots.catalog import load_robot
 from gcbench.robots.gltf.meshes import dominant, triangles_of
 from gcbench.robots.gltf.reader import load_gltf
-from gcbench.robots.model.articulated_model import ArticulatedModel, ModelState, forward_kinematics
-from gcbench.robots.model.skinning import deformed
+from gcbench.robots.model import ArticulatedModel, ModelState, deformed, forward_kinematics
 from gcbench.robots.motion.trajectory import default_scored_joints
 from scipy.spatial import cKDTree
 

@@ -12,10 +12,9 @@ import pytest
 from gcbench.errors import ModelError
 from gcbench.robots.files.paths import asset_finder
 from gcbench.robots.geometry.normals import face_normals, smooth_corners
-from gcbench.robots.meshes.library import MeshLibrary
-from gcbench.robots.meshes.primitives import box, capsule, cylinder, sphere
-from gcbench.robots.model.articulated_model import Material
-from gcbench.robots.model.surface import TriangleSurface, moved, surface, visuals_of_part
+from gcbench.robots.meshes import MeshLibrary
+from gcbench.robots.meshes.solids import box, capsule, cylinder, sphere
+from gcbench.robots.model import Material, TriangleSurface, moved, surface, visuals_of_part
 from gcbench.robots.model.texture import linear_from_srgb
 from PIL import Image
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from gcbench.errors import ModelError
 from gcbench.robots.meshes.solids import SIDES, bar, block, circle, hull, plate, rod, rounded
-from gcbench.robots.model.surface import TriangleSurface
+from gcbench.robots.model import TriangleSurface
 
 
 def volume(solid: TriangleSurface) -> float:

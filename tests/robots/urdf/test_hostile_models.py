@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from gcbench.errors import ModelError
 from gcbench.robots.files import paths as references
-from gcbench.robots.meshes import library as mesh
-from gcbench.robots.model.articulated_model import ArticulatedModel
+from gcbench.robots.meshes import MeshLibrary, MeshLimits
+from gcbench.robots.model import ArticulatedModel
 from gcbench.robots.urdf.reader import load_urdf
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -259,16 +259,15 @@ def test_nodes_that_double_themselves_are_stopped(tmp_path: Path) -> None:
     refuse(tmp_path / "m.urdf", "nodes", with_mesh("a.dae"))
 
 
-def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sizes_are_bounded(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(OBJ * 3)
     path = tmp_path / "m.urdf"
     path.write_text(with_mesh("a.obj"))
-    monkeypatch.setattr(mesh, "MAX_TRIANGLES", 2)
-    refuse(path, "more than 2 triangles")
-    monkeypatch.setattr(mesh, "MAX_TRIANGLES", 100)
-    monkeypatch.setattr(mesh, "MAX_TOTAL_BYTES", 10)
-    refuse(path, "exceed 10 bytes")
-    monkeypatch.undo()
+    finder = references.asset_finder(path)
+    for limits, reason in ((MeshLimits(triangles=2), "more than 2 triangles"),
+                           (MeshLimits(total_bytes=10), "exceed 10 bytes")):
+        with pytest.raises(ModelError, match=reason):
+            MeshLibrary(finder, limits).surfaces("a.obj")
     with pytest.raises(ModelError, match="larger than 10 bytes"):
         references.read_file(path, 10)
 

@@ -14,7 +14,7 @@ from gcbench import GcbenchError
 from gcbench.errors import ModelError
 from gcbench.robots.appliances.generator import write_appliance
 from gcbench.robots.catalog import load_robot, robot_urdf
-from gcbench.robots.model.articulated_model import ArticulatedModel, forward_kinematics
+from gcbench.robots.model import ArticulatedModel, forward_kinematics
 from gcbench.robots.urdf import partnet
 from gcbench.robots.urdf.partnet import part_names, scored_joints
 from PIL import Image

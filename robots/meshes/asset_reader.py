@@ -1,0 +1,110 @@
+"""The files of one model, read within limits: what the readers of mesh formats are given."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import ModelError
+from ..files import TEXTURES, Asset, AssetFinder, MissingAssetError, read_file
+from ..model import decode_texture
+
+
+@dataclass(frozen=True)
+class MeshLimits:
+    """The largest model that is read."""
+
+    triangles: int = 5_000_000
+    instances: int = 20_000
+    """Pieces of meshes in one file."""
+    total_bytes: int = 2**30
+    """Of all files together."""
+
+
+class AssetReader:
+    """Reads the mesh and texture files of one model.
+
+    Attributes:
+        finder: Resolves references to files.
+        limits: What all files together must not exceed.
+        notes: Textures and other files that are missing or cannot be used, as keys.
+    """
+
+    def __init__(self, finder: AssetFinder, limits: MeshLimits | None = None) -> None:
+        self.finder = finder
+        self.limits = limits or MeshLimits()
+        self.notes: dict[str, None] = {}
+        self._textures: dict[Path, NDArray[np.uint8]] = {}
+        self._bytes = 0
+
+    def read(self, asset: Asset) -> bytes:
+        """Return the bytes of a file.
+
+        Raises:
+            ModelError: If it cannot be read, or if all files together exceed the limit.
+        """
+        data = read_file(asset.path)
+        self._bytes += len(data)
+        if self._bytes > self.limits.total_bytes:
+            raise ModelError(
+                f"{asset.path}: the model's files exceed {self.limits.total_bytes} bytes")
+        return data
+
+    def texture(self, reference: str) -> NDArray[np.uint8]:
+        """Return the texture [h w 3|4] sRGB that a URDF names by `reference`.
+
+        Raises:
+            ModelError: If it is missing or cannot be read.
+        """
+        return self._decode(self.finder.find(reference, TEXTURES))
+
+    def nested_texture(self, asset: Asset, reference: str) -> NDArray[np.uint8] | None:
+        """Return the texture [h w 3|4] that a mesh file names; None and a note on failure."""
+        try:
+            return self._decode(self.finder.nested(asset, reference, TEXTURES))
+        except ModelError as error:
+            self.note_failure(asset, f"texture {last_part(reference)!r}", error)
+            return None
+
+    def note(self, text: str) -> None:
+        """Record a note, once."""
+        self.notes[text] = None
+
+    def note_failure(self, asset: Asset, what: str, error: ModelError) -> None:
+        """Note that something which a mesh file names is missing or cannot be used."""
+        reason = "is missing" if isinstance(error, MissingAssetError) else "cannot be used"
+        self.note(f"{asset.path.name}: {what} {reason}")
+
+    def _decode(self, asset: Asset) -> NDArray[np.uint8]:
+        if asset.path not in self._textures:
+            self._textures[asset.path] = decode_texture(self.read(asset), str(asset.path))
+        return self._textures[asset.path]
+
+
+@contextmanager
+def quiet() -> Generator[None]:
+    """Suppress the warnings and log lines of mesh libraries; errors and notes report problems."""
+    loggers = [logging.getLogger(name) for name in ("trimesh", "yourdfpy.urdf", "collada")]
+    before = [logger.disabled for logger in loggers]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            for logger in loggers:
+                logger.disabled = True
+            with np.errstate(all="ignore"):
+                yield
+        finally:
+            for logger, disabled in zip(loggers, before, strict=True):
+                logger.disabled = disabled
+
+
+def last_part(reference: str) -> str:
+    """Return the file name in a reference, which notes show without its folders."""
+    return reference.replace("\\", "/").rsplit("/", 1)[-1][:80]
