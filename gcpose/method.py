@@ -17,8 +17,8 @@ from .images import (
     dis_flow,
     fine_dis_flow,
     flow_named,
-    measure,
-    smoothed,
+    surfaces_from_depth,
+    surfaces_from_noisy_depth,
     training_of,
 )
 from .numerics import together
@@ -70,15 +70,19 @@ class GCPose:
         known = knowledge(observation)
         rgb, settings = observation.rgb, self.settings.rgbd
         if observation.depth is None:
-            found = estimate_rgb(observation, known, self.fine_flow, self.depth)
+            found = estimate_rgb(observation, known, self.fine_flow, self.depth, self.settings.rgb,
+                                 self.settings.images)
             return found or unmoved(observation, known, settings.sigma_static)
         if rgb is None or len(observation.depth) < 2:
             return unmoved(observation, known, settings.sigma_static)
         noise = observation.depth_noise
         if noise > 0:
-            surfaces = smoothed(observation.depth, rgb, observation.intrinsics, noise, self.flow)
+            surfaces = surfaces_from_noisy_depth(
+                observation.depth, rgb, observation.intrinsics, noise, self.flow,
+                self.settings.images)
         else:
-            surfaces = measure(observation.depth, observation.intrinsics)
+            surfaces = surfaces_from_depth(
+                observation.depth, observation.intrinsics, self.settings.images)
         where = lively(surfaces, rgb, settings.labels)
         if np.count_nonzero(where[0]) < settings.min_moving_pixels:
             return unmoved(observation, known, settings.sigma_static)

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from .images import ImageSettings
 from .numerics import SettingsRecord
+from .rgb import RgbSettings
 from .rgbd import RgbdSettings
 
 
@@ -17,3 +19,7 @@ class Settings(SettingsRecord):
 
     rgbd: RgbdSettings = field(default_factory=RgbdSettings)
     """With depth."""
+    rgb: RgbSettings = field(default_factory=RgbSettings)
+    """On plain video."""
+    images: ImageSettings = field(default_factory=ImageSettings)
+    """Of what is measured in images, for both."""

@@ -171,7 +171,7 @@ def subpackages() -> list[Path]:
 
 
 LOADED_BY_NAME = {
-    "gcpose.networks", "gcpose.training", "gcpose.images.raft_flow", "renderer.dataset.torch"
+    "gcpose.networks", "gcpose.training", "gcpose.images.network_flow", "renderer.dataset.torch"
 }
 """What needs an extra: its modules are imported where they are used."""
 

@@ -1,18 +1,21 @@
-"""What images say: flow, depth, surfaces, patches, regions."""
+"""Measurements of images: flow, depth, foreground, texture, patches, surfaces, neighborhoods.
+
+`network_flow` needs PyTorch and is imported on use.
+"""
 
 from __future__ import annotations
 
-from .denoise import smoothed
 from .depth import Depth, depth_named
-from .flow import dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
-from .flow_types import Flow
-from .patches import match
-from .regions import Candidates, order_from_base, smooth
-from .still_camera import CONTRAST, Footage, footage
-from .surfaces import Surfaces, measure, rays
+from .flow import Flow, dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
+from .patches import PatchSearch, PredictedPatches, find_patches
+from .regions import Candidates, geodesic_rank, smooth_costs
+from .settings import ImageSettings
+from .still_camera import VideoEvidence, video_evidence
+from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 
 __all__ = [
-    "CONTRAST", "Candidates", "Depth", "Flow", "Footage", "Surfaces", "depth_named",
-    "dis_flow", "fine_dis_flow", "flow_named", "footage", "for_cuts_of", "match", "measure",
-    "order_from_base", "rays", "smooth", "smoothed", "training_of",
+    "Candidates", "Depth", "Flow", "ImageSettings", "PatchSearch", "PredictedPatches", "Surfaces",
+    "VideoEvidence", "depth_named", "dis_flow", "find_patches", "fine_dis_flow", "flow_named",
+    "for_cuts_of", "geodesic_rank", "smooth_costs", "surfaces_from_depth",
+    "surfaces_from_noisy_depth", "training_of", "video_evidence",
 ]

@@ -1,8 +1,6 @@
-"""Depth from one image, behind an interface; its scale is not known."""
+"""Depth from single images behind an interface; its scale is unknown."""
 
-# torch is an extra: without it there is nothing to check types against.
-# pyright: reportMissingImports=false, reportUnknownVariableType=false
-
+# pyright: basic
 from __future__ import annotations
 
 from pathlib import Path
@@ -12,52 +10,57 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import ConfigError
 
 
 class Depth(Protocol):
-    """A network, as a rule."""
+    """Depth from single images, usually by a network."""
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """[H W] depth, up to one factor, of an image [H W 3]."""
+        """Return the depth [H W] of an image [H W 3], up to scale."""
         ...
 
 
 def depth_named(name: str) -> Depth | None:
-    """What `--depth` names: "none", or "mono:FOLDER" with Monodepth2's encoder.pth and depth.pth.
+    """Return the depth of a name: "none", or "mono:FOLDER" with Monodepth2's weights.
 
-    Raises GcbenchError for another name, files that do not fit, or where PyTorch is missing.
+    The folder holds encoder.pth and depth.pth.
+
+    Raises:
+        ConfigError: If the name is unknown, or a file is missing or does not fit.
+        MethodError: If PyTorch is missing.
     """
     kind, _, folder = name.partition(":")
     if name == "none":
         return None
     if kind == "mono" and folder:
-        return _mono(Path(folder))
+        return _load_monodepth2(Path(folder))
     if kind == "mono":
-        raise GcbenchError(
-            "mono needs Monodepth2's weights, which are not ours to give: --depth mono:FOLDER, "
-            "with encoder.pth and depth.pth in it"
+        raise ConfigError(
+            "mono needs Monodepth2's weights, which are not distributed with gcbench: "
+            "--depth mono:FOLDER, with encoder.pth and depth.pth in it"
         )
-    raise GcbenchError(f"no depth {name!r}; there are none and mono:FOLDER")
+    raise ConfigError(f"no depth {name!r}; there are none and mono:FOLDER")
 
 
-def _mono(folder: Path, device: str = "auto") -> Depth:
-    from ..networks.monodepth2 import HEIGHT, WIDTH, Decoder, Encoder, depth_from_disparity
-    from ..networks.torch_runtime import device_named, padded, torch, unit
+def _load_monodepth2(folder: Path, device: str = "auto") -> Depth:
+    from ..networks import monodepth2
+    from ..networks.torch_runtime import device_named, padded, torch, unit_range
     from ..networks.weights import read_weights
 
     place = device_named(device)
-    encoder, decoder = Encoder(), Decoder()
+    encoder, decoder = monodepth2.DepthEncoder(), monodepth2.DepthDecoder()
     for network, file in ((encoder, "encoder.pth"), (decoder, "depth.pth")):
         network.load_state_dict(read_weights(folder / file, network.state_dict(), "Monodepth2"))
         network.to(place).eval()
+    size = (monodepth2.IMAGE_WIDTH, monodepth2.IMAGE_HEIGHT)
 
     def depth(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-        small = cv2.resize(rgb, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-        image = padded(unit(np.asarray(small, np.uint8)), 1)
+        small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+        image = padded(unit_range(np.asarray(small, np.uint8)), 1).to(place)
         with torch.no_grad():
-            out = depth_from_disparity(decoder(encoder(image.to(place))))[0, 0].cpu().numpy()
-        size = (rgb.shape[1], rgb.shape[0])
-        return np.asarray(cv2.resize(out, size, interpolation=cv2.INTER_LINEAR), np.float32)
+            out = monodepth2.depth_from_disparity(decoder(encoder(image)))[0, 0].cpu().numpy()
+        full = (rgb.shape[1], rgb.shape[0])
+        return np.asarray(cv2.resize(out, full, interpolation=cv2.INTER_LINEAR), np.float32)
 
     return depth

@@ -1,31 +1,42 @@
-"""Optical flow, behind an interface: whatever maps two images to displacements will do."""
+"""Optical flow behind an interface: any function from two images to displacements."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
-from .flow_types import Flow
+from ...errors import ConfigError
+
+
+class Flow(Protocol):
+    """A learned or classical optical flow."""
+
+    def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the displacement (du, dv) [H W 2], px, of each pixel of image a [H W 3] to b."""
+        ...
 
 
 def for_cuts_of(flow: Flow, height: int, width: int) -> Flow:
-    """The flow for cuts of images of that size: a network sees them as small as whole ones."""
+    """Return the flow for crops of images of a size, px.
+
+    A network sees crops at the resolution at which it sees whole images.
+    """
     sized: Callable[[int, int], Flow] | None = getattr(flow, "for_cuts_of", None)
     return flow if sized is None else sized(height, width)
 
 
 def dis_flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """OpenCV's dense inverse search."""
+    """Return the flow [H W 2], px, by OpenCV's dense inverse search (Kroeger et al., ECCV 2016)."""
     return _dis(cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM), rgb_a, rgb_b)
 
 
 def fine_dis_flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The same down to single pixels: better on small parts, and six times slower."""
+    """Return the same at full resolution: better on small parts, and six times slower."""
     estimator = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     estimator.setFinestScale(0)
     estimator.setPatchStride(2)
@@ -41,36 +52,7 @@ def _dis(
     return np.asarray(estimator.calc(a, b, start), np.float32)
 
 
-def flow_named(name: str) -> Flow:
-    """The flow that `--flow` names: "dis", "dis-fine", "raft[:WEIGHTS]" or "flownet2:CHECKPOINT".
-
-    Raises GcbenchError for another name, a file that does not fit, or where PyTorch is missing.
-    """
-    kind, _, file = name.partition(":")
-    if kind in _CLASSICAL and not file:
-        return _CLASSICAL[kind]
-    if kind == "raft":
-        from .raft_flow import SHIPPED, raft_flow
-
-        return raft_flow(Path(file) if file else SHIPPED)
-    if kind == "flownet2":
-        if not file:
-            raise GcbenchError(
-                "flownet2 needs its checkpoint, which is not ours to give: "
-                "--flow flownet2:FlowNet2_checkpoint.pth.tar"
-            )
-        from .flownet2_flow import flownet2_flow
-
-        return flownet2_flow(Path(file))
-    raise GcbenchError(
-        f"no flow {name!r}; there are {', '.join(_CLASSICAL)}, raft, raft:WEIGHTS and "
-        "flownet2:CHECKPOINT"
-    )
-
-
 _CLASSICAL: dict[str, Flow] = {"dis": dis_flow, "dis-fine": fine_dis_flow}
-
-
 _TRAINED = {
     "raft": "supervised: flow of synthetic video",
     "flownet2": "supervised: FlyingChairs and FlyingThings3D",
@@ -78,8 +60,36 @@ _TRAINED = {
 }
 
 
+def flow_named(name: str) -> Flow:
+    """Return the flow of a name: "dis", "dis-fine", "raft[:WEIGHTS]" or "flownet2:CHECKPOINT".
+
+    Raises:
+        ConfigError: If the name is unknown, or a file is missing or does not fit.
+        MethodError: If PyTorch is missing.
+    """
+    kind, _, file = name.partition(":")
+    if kind in _CLASSICAL and not file:
+        return _CLASSICAL[kind]
+    if kind == "raft":
+        from . import network_flow
+
+        return network_flow.load_raft(Path(file) if file else network_flow.SHIPPED)
+    if kind == "flownet2":
+        if not file:
+            raise ConfigError(
+                "flownet2 needs its checkpoint, which is not distributed with gcbench: "
+                "--flow flownet2:FlowNet2_checkpoint.pth.tar"
+            )
+        from . import network_flow
+
+        return network_flow.load_flownet2(Path(file))
+    raise ConfigError(
+        f"no flow {name!r}; there are {', '.join(_CLASSICAL)}, raft, raft:WEIGHTS and "
+        "flownet2:CHECKPOINT"
+    )
+
+
 def training_of(*names: str) -> str:
-    """What a row says of the networks that `--flow` and `--depth` name: what their official
-    weights, or ours, were trained on."""
+    """Return the training data of the networks with these names of `--flow` and `--depth`."""
     kinds = [name.partition(":")[0] for name in names]
     return "; ".join(_TRAINED[k] for k in kinds if k in _TRAINED) or "none"

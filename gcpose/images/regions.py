@@ -1,4 +1,4 @@
-"""Neighbourhoods of pixels and of points."""
+"""Neighborhoods of pixels and of points."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import cdist
 
 from ...robots.geometry import Array
-
-_NEAR, _NOISY = (5, 5), 5.0  # window of a label's costs; standard deviation of a noisy one's
+from .settings import ImageSettings
 
 
 @dataclass(frozen=True)
@@ -27,44 +26,46 @@ class Candidates:
     normal: Array
     """[N 3]"""
     stride: int
-    """Pixels from one to the next."""
+    """Pixels from one to the next"""
+    settings: ImageSettings
 
 
-def smooth(cost: Array, grid: Candidates, noisy: bool = False) -> Array:
-    """Mean of the costs [N L] over the candidates around each, on the grid.
+def smooth_costs(cost: Array, grid: Candidates, noisy: bool = False) -> Array:
+    """Return the mean of costs [N L] over the candidates around each, on the grid.
 
-    Noise needs far more of them, and blurs the parts' borders less than it helps.
+    Noisy costs need a wider window, which blurs the borders of parts less than it helps.
     """
-    at = grid.pixel // grid.stride
+    at, settings = grid.pixel // grid.stride, grid.settings
     shape = (int(at[:, 1].max()) + 1, int(at[:, 0].max()) + 1)
     image = np.zeros((*shape, cost.shape[1] + 1), np.float32)
     image[at[:, 1], at[:, 0], :-1] = cost
     image[at[:, 1], at[:, 0], -1] = 1.0
-
-    around = cv2.BORDER_CONSTANT
+    border, window = cv2.BORDER_CONSTANT, (settings.label_window, settings.label_window)
     total = np.stack([
-        cv2.GaussianBlur(c, (0, 0), _NOISY, borderType=around) if noisy
-        else cv2.blur(c, _NEAR, borderType=around)
+        cv2.GaussianBlur(c, (0, 0), settings.noisy_label_sigma, borderType=border) if noisy
+        else cv2.blur(c, window, borderType=border)
         for c in np.ascontiguousarray(image.transpose(2, 0, 1))
     ], axis=2)
     mean = total[..., :-1] / np.maximum(total[..., -1:], 1e-6)
     return mean[at[:, 1], at[:, 0]].astype(np.float64)
 
 
-def order_from_base(points: Array, still: Array) -> Array:
-    """[N] rank in 0..1 of moving points by their way along the surface from the still ones.
+def geodesic_rank(points: Array, static: Array, settings: ImageSettings) -> Array:
+    """Return the rank [N] in 0..1 of moving points by their geodesic distance from static ones.
 
-    points [N 3], still [M 3]. Hops count by their squared length, so that the way follows the
-    body and jumps gaps only where it must.
+    points [N 3], static [M 3]. Steps count by their squared length, so that paths follow the body
+    and cross gaps only where they must.
     """
-    pick = np.linspace(0, len(points) - 1, min(len(points), 500)).astype(int)
+    most = settings.rank_points
+    pick = np.linspace(0, len(points) - 1, min(len(points), most)).astype(int)
     some = points[pick]
-    if len(still):
-        to_still = cdist(some, still[:: max(1, len(still) // 1000)]).min(axis=1)
+    if len(static):
+        step = max(1, len(static) // settings.rank_static_points)
+        to_static = cdist(some, static[::step]).min(axis=1)
     else:
-        to_still = np.zeros(len(some))
+        to_static = np.zeros(len(some))
     graph = cdist(some, some) ** 2
-    source = to_still <= np.quantile(to_still, 0.02)
-    way = dijkstra(graph + 1e-12, indices=np.flatnonzero(source), min_only=True)
-    rank = np.argsort(np.argsort(way)) / max(1, len(some) - 1)
+    source = to_static <= np.quantile(to_static, settings.rank_source_share)
+    length = dijkstra(graph + 1e-12, indices=np.flatnonzero(source), min_only=True)
+    rank = np.argsort(np.argsort(length)) / max(1, len(some) - 1)
     return rank[cdist(points, some).argmin(axis=1)]

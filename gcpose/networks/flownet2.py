@@ -1,27 +1,24 @@
-"""FlowNet2 (Ilg et al., CVPR 2017): the flow network of the paper, for who has its weights.
+"""FlowNet2 (Ilg et al., CVPR 2017), the flow network of the paper.
 
-Written from the paper and what is known of the official PyTorch checkpoint: module names, sizes and
-orders are those of its 162,518,834 parameters, which are for research only and not ours to give.
+Names, shapes and order of its 162,518,834 parameters are those of the official PyTorch checkpoint,
+which is licensed for research only and not distributed with gcbench.
 """
 
-# torch is an extra: without it there is nothing to check types against.
-# pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUntypedBaseClass=false
-# pyright: reportUnknownParameterType=false
-
+# pyright: basic
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from .torch_runtime import F, Tensor, nn, torch, warped
 
-MULTIPLE = 64
-"""Sides of the images must be multiples of this."""
-_SCALE = 20.0  # px in a unit of the inner networks' flow
-_STEPS, _STEP = 10, 2  # of displacement to each side in the correlation, and its size in cells
+FLOWNET2_MULTIPLE = 64
+"""Sides of the images must be multiples of this, px."""
+_SCALE = 20.0  # px, unit of the inner networks' flow
+_STEPS, _STEP = 10, 2  # displacements to each side in the correlation; size of one, cells
 
 
 class FlowNet2(nn.Module):
-    """Five networks: one that correlates, two that correct it, one for small motion, a fusion."""
+    """Five networks: one correlates features, two correct it, one sees small motion, one fuses."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -32,28 +29,29 @@ class FlowNet2(nn.Module):
         self.flownetfusion = _Fusion()
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
-        """Flow [B 2 H W] px from images a to b [B 3 H W] in 0..1."""
-        mean = torch.stack([a, b]).mean((0, 3, 4))[..., None, None]  # of the pair, each channel
+        """Return the flow [B 2 H W] px from images a to b [B 3 H W] in 0..1."""
+        mean = torch.stack([a, b]).mean((0, 3, 4))[..., None, None]  # of each channel over the pair
         a, b = a - mean, b - mean
         pair = torch.cat([a, b], 1)
         flow = _bilinear(_SCALE * self.flownetc(a, b))
-        flow = _bilinear(_SCALE * self.flownets_1(_judged(a, b, flow)))
-        large = _nearest(_SCALE * self.flownets_2(_judged(a, b, flow)))
-        small = _nearest(self.flownets_d(pair) / _SCALE)  # divided: so it was trained
-        missed = [_length(a - warped(b, f)) for f in (small, large)]
+        flow = _bilinear(_SCALE * self.flownets_1(_with_residual(a, b, flow)))
+        large = _nearest(_SCALE * self.flownets_2(_with_residual(a, b, flow)))
+        small = _nearest(self.flownets_d(pair) / _SCALE)  # as in training
+        residual = [_length(a - warped(b, f)) for f in (small, large)]
         return self.flownetfusion(
-            torch.cat([a, small, large, _length(small), _length(large), *missed], 1)
+            torch.cat([a, small, large, _length(small), _length(large), *residual], 1)
         )
 
 
 class _Decoding(nn.Module):
-    """From coarse to fine: at each level the features there, those from below, and their flow."""
+    """A decoder from coarse to fine: each level has skip features, those of the coarser level, and
+    its flow."""
 
     def levels(self, sizes: Sequence[tuple[int, int, int, int]], top: tuple[int, int],
                between: bool, bias: bool = True) -> None:
-        """Modules for `sizes`: level, channels that go in, that come out, that stand between.
+        """Add modules for `sizes`: level, input, output and intermediate channels.
 
-        `top` is the level above and its channels.
+        `top` is the coarser level and its channels.
         """
         self._levels = [size[0] for size in sizes]
         level, channels = top
@@ -69,8 +67,8 @@ class _Decoding(nn.Module):
                             nn.Conv2d(middle if between else inputs, 2, 3, 1, 1))
             channels = inputs
 
-    def decoded(self, top: Tensor, skips: Sequence[Tensor]) -> Tensor:
-        """The finest flow, from the coarsest features and those of each level."""
+    def decode(self, top: Tensor, skips: Sequence[Tensor]) -> Tensor:
+        """Return the finest flow from the coarsest features and the skip features of each level."""
         x, flow = top, self.get_submodule(f"predict_flow{self._levels[0] + 1}")(top)
         for level, skip in zip(self._levels, skips, strict=True):
             up = self.get_submodule(f"upsampled_flow{level + 1}_to_{level}")(flow)
@@ -84,20 +82,20 @@ _LEVELS = ((5, 1026, 512, 512), (4, 770, 256, 256), (3, 386, 128, 128), (2, 194,
 
 
 class _Deep(_Decoding):
-    """What three of the networks share: levels 3 to 6."""
+    """Levels 3 to 6, which three of the networks share."""
 
-    def deep(self, inputs: int, between: bool = False, bias: bool = True) -> None:
+    def add_deep_levels(self, inputs: int, between: bool = False, bias: bool = True) -> None:
         self.conv3_1 = _convolution(inputs, 256)
         self.conv4, self.conv4_1 = _convolution(256, 512, 3, 2), _convolution(512, 512)
         self.conv5, self.conv5_1 = _convolution(512, 512, 3, 2), _convolution(512, 512)
         self.conv6, self.conv6_1 = _convolution(512, 1024, 3, 2), _convolution(1024, 1024)
         self.levels(_LEVELS, (6, 1024), between, bias)
 
-    def through(self, second: Tensor, third: Tensor) -> Tensor:
+    def run_deep_levels(self, second: Tensor, third: Tensor) -> Tensor:
         third = self.conv3_1(third)
         fourth = self.conv4_1(self.conv4(third))
         fifth = self.conv5_1(self.conv5(fourth))
-        return self.decoded(self.conv6_1(self.conv6(fifth)), [fifth, fourth, third, second])
+        return self.decode(self.conv6_1(self.conv6(fifth)), [fifth, fourth, third, second])
 
 
 class _Correlating(_Deep):
@@ -105,13 +103,13 @@ class _Correlating(_Deep):
         super().__init__()
         self.conv1, self.conv2 = _convolution(3, 64, 7, 2), _convolution(64, 128, 5, 2)
         self.conv3, self.conv_redir = _convolution(128, 256, 5, 2), _convolution(256, 32, 1)
-        self.deep(473)
+        self.add_deep_levels(473)
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
         second = self.conv2(self.conv1(a))
         third, other = self.conv3(second), self.conv3(self.conv2(self.conv1(b)))
         matches = F.leaky_relu(correlation(third, other), 0.1)
-        return self.through(second, torch.cat([self.conv_redir(third), matches], 1))
+        return self.run_deep_levels(second, torch.cat([self.conv_redir(third), matches], 1))
 
 
 class _Simple(_Deep):
@@ -119,11 +117,11 @@ class _Simple(_Deep):
         super().__init__()
         self.conv1, self.conv2 = _convolution(12, 64, 7, 2), _convolution(64, 128, 5, 2)
         self.conv3 = _convolution(128, 256, 5, 2)
-        self.deep(256, bias=False)
+        self.add_deep_levels(256, bias=False)
 
     def forward(self, x: Tensor) -> Tensor:
         second = self.conv2(self.conv1(x))
-        return self.through(second, self.conv3(second))
+        return self.run_deep_levels(second, self.conv3(second))
 
 
 class _Small(_Deep):
@@ -133,11 +131,11 @@ class _Small(_Deep):
         self.conv1, self.conv1_1 = _convolution(64, 64, 3, 2), _convolution(64, 128)
         self.conv2, self.conv2_1 = _convolution(128, 128, 3, 2), _convolution(128, 128)
         self.conv3 = _convolution(128, 256, 3, 2)
-        self.deep(256, between=True)
+        self.add_deep_levels(256, between=True)
 
     def forward(self, x: Tensor) -> Tensor:
         second = self.conv2_1(self.conv2(self.conv1_1(self.conv1(self.conv0(x)))))
-        return self.through(second, self.conv3(second))
+        return self.run_deep_levels(second, self.conv3(second))
 
 
 class _Fusion(_Decoding):
@@ -151,11 +149,11 @@ class _Fusion(_Decoding):
     def forward(self, x: Tensor) -> Tensor:
         full = self.conv0(x)
         half = self.conv1_1(self.conv1(full))
-        return self.decoded(self.conv2_1(self.conv2(half)), [half, full])
+        return self.decode(self.conv2_1(self.conv2(half)), [half, full])
 
 
 def correlation(a: Tensor, b: Tensor) -> Tensor:
-    """[B 441 h w] means over the channels of a(x) b(x + d), d = -20, -18 .. 20, rows first."""
+    """Return the channel means [B 441 h w] of a(x) b(x + d), d = -20, -18 .. 20, rows first."""
     _, _, h, w = a.shape
     edge = _STEPS * _STEP
     wide = F.pad(b, (edge, edge, edge, edge))
@@ -165,8 +163,8 @@ def correlation(a: Tensor, b: Tensor) -> Tensor:
     )
 
 
-def _judged(a: Tensor, b: Tensor, flow: Tensor) -> Tensor:
-    """[B 12 H W] the pair, what the flow makes of b, the flow, and where that is not a."""
+def _with_residual(a: Tensor, b: Tensor, flow: Tensor) -> Tensor:
+    """[B 12 H W] the pair, b warped by the flow, the flow, and the difference from a."""
     there = warped(b, flow)
     return torch.cat([a, b, there, flow / _SCALE, _length(a - there)], 1)
 

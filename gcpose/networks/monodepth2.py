@@ -1,33 +1,30 @@
-"""Monodepth2 (Godard et al., ICCV 2019): depth from one image, for who has its weights.
+"""Monodepth2 (Godard et al., ICCV 2019): depth from one image.
 
-Written from the paper and what is known of the official checkpoint's tensors. Those are for
-non-commercial use, and not ours to give.
+Names and shapes of its parameters are those of the official checkpoint, which is licensed for
+non-commercial use and not distributed with gcbench.
 """
 
-# torch is an extra: without it there is nothing to check types against.
-# pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUntypedBaseClass=false
-# pyright: reportUnknownParameterType=false
-
+# pyright: basic
 from __future__ import annotations
 
 from .torch_runtime import F, Tensor, nn, torch
 
-WIDTH, HEIGHT = 640, 192
-"""px that it was trained with."""
-_NEAR, _FAR = 0.1, 100.0
+IMAGE_WIDTH, IMAGE_HEIGHT = 640, 192
+"""Size of the training images, px."""
+_NEAR, _FAR = 0.1, 100.0  # range of depth, of unknown unit
 _ENCODED = (64, 64, 128, 256, 512)
 _DECODED = (16, 32, 64, 128, 256)
 
 
-class Encoder(nn.Module):
-    """A ResNet-18 without its classifier; `encoder.pth`."""
+class DepthEncoder(nn.Module):
+    """A ResNet-18 without its classifier (`encoder.pth`)."""
 
     def __init__(self) -> None:
         super().__init__()
         self.encoder = _ResNet()
 
     def forward(self, image: Tensor) -> list[Tensor]:
-        """Features at 1/2, 1/4 .. 1/32 of an image [B 3 H W] in 0..1."""
+        """Return features at 1/2, 1/4 .. 1/32 of an image [B 3 H W] in 0..1."""
         return self.encoder((image - 0.45) / 0.225)
 
 
@@ -69,8 +66,8 @@ class _Block(nn.Module):
         return F.relu(self.bn2(self.conv2(F.relu(self.bn1(self.conv1(x))))) + around)
 
 
-class Decoder(nn.Module):
-    """Features to disparities; `depth.pth`."""
+class DepthDecoder(nn.Module):
+    """Disparity from features (`depth.pth`)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,12 +76,12 @@ class Decoder(nn.Module):
         for level in (4, 3, 2, 1, 0):
             outputs = _DECODED[level]
             skip = _ENCODED[level - 1] if level else 0
-            blocks += [_Rounded(channels, outputs), _Rounded(outputs + skip, outputs)]
+            blocks += [_EluConv(channels, outputs), _EluConv(outputs + skip, outputs)]
             channels = outputs
-        self.decoder = nn.ModuleList([*blocks, *(_Reflected(n, 1) for n in _DECODED[:4])])
+        self.decoder = nn.ModuleList([*blocks, *(_ReflectConv(n, 1) for n in _DECODED[:4])])
 
     def forward(self, features: list[Tensor]) -> Tensor:
-        """Disparity [B 1 H W] in 0..1, at the resolution of the image."""
+        """Return the disparity [B 1 H W] in 0..1, at the resolution of the image."""
         x = features[-1]
         for level in (4, 3, 2, 1, 0):
             first = 2 * (4 - level)
@@ -94,7 +91,7 @@ class Decoder(nn.Module):
         return torch.sigmoid(self.decoder[10](x))
 
 
-class _Reflected(nn.Module):
+class _ReflectConv(nn.Module):
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
         self.conv = nn.Conv2d(inputs, outputs, 3, padding=1, padding_mode="reflect")
@@ -103,15 +100,15 @@ class _Reflected(nn.Module):
         return self.conv(x)
 
 
-class _Rounded(nn.Module):
+class _EluConv(nn.Module):
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
-        self.conv = _Reflected(inputs, outputs)
+        self.conv = _ReflectConv(inputs, outputs)
 
     def forward(self, x: Tensor) -> Tensor:
         return F.elu(self.conv(x))
 
 
 def depth_from_disparity(disparity: Tensor) -> Tensor:
-    """Depth between 0.1 and 100, of no known scale, from what the decoder says in 0..1."""
+    """Return depth in 0.1..100, of unknown scale, from the decoder's disparity in 0..1."""
     return 1.0 / (1.0 / _FAR + (1.0 / _NEAR - 1.0 / _FAR) * disparity)

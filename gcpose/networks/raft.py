@@ -1,15 +1,12 @@
-"""A small recurrent network for optical flow (after RAFT, Teed and Deng 2020).
+"""A small recurrent network for optical flow, after RAFT (Teed and Deng, ECCV 2020).
 
-Features at a quarter of the resolution; a window of correlations around each cell at two scales
-(20 and 40 px to each side); a gated unit that looks them up where the flow points, and corrects
-it, a few times, beginning with none; a convex upsampling. Plain surfaces say nothing inside: the
-context is a U-Net, so that outlines are heard of far away from them.
+Features are at a quarter of the resolution, with a window of correlations around each cell at two
+scales (20 and 40 px to each side). Starting from zero flow, a gated unit looks up correlations
+where the flow points and corrects it, several times; a convex combination upsamples it. Plain
+surfaces have no texture inside: the context network is a U-Net, so that outlines reach far.
 """
 
-# torch is an extra: without it there is nothing to check types against.
-# pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUntypedBaseClass=false
-# pyright: reportUnknownParameterType=false, reportUnknownLambdaType=false
-
+# pyright: basic
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -17,35 +14,35 @@ from typing import NamedTuple
 from .torch_runtime import F, Tensor, nn, torch
 
 CELL = 4
-"""Pixels along a cell of features."""
-MULTIPLE = 16
-"""Sides of the images must be multiples of this."""
+"""Side of a cell of features, px."""
+RAFT_MULTIPLE = 16
+"""Sides of the images must be multiples of this, px."""
 REACH = 5
-"""Cells from the middle of a window of correlations to its edge."""
+"""Cells from the center of a window of correlations to its edge."""
 _DILATIONS = (1, 2)
 _LOOK = 3  # cells around where the flow points
 _HIDDEN, _FEATURES, _GROUPS = 64, 64, 8
 
 
-class Refined(NamedTuple):
-    """What the network makes of a pair."""
+class RaftOutput(NamedTuple):
+    """Output of the network for a pair of images."""
 
     coarse: list[Tensor]
     """[B 2 H/4 W/4] after each iteration, in cells"""
     fine: Tensor
     """[B 2 H W] px, after the last"""
     correlation: Tensor
-    """[B H/4 W/4 11 11] of each cell with those around it in the other image, rows first"""
+    """[B H/4 W/4 11 11] of each cell with the cells around it in the other image, rows first"""
 
 
 class Raft(nn.Module):
-    """About 1.2 million parameters."""
+    """The network, with about 1.2 million parameters."""
 
     def __init__(self) -> None:
         super().__init__()
         looked = len(_DILATIONS) * (2 * _LOOK + 1) ** 2
-        self.features = Encoder(3, _FEATURES)
-        self.context = Context(9, 3, 2 * _HIDDEN)
+        self.features = FeatureEncoder(3, _FEATURES)
+        self.context = ContextEncoder(9, 3, 2 * _HIDDEN)
         self.seen = nn.Conv2d(looked, 80, 1)
         self.moved = nn.Conv2d(2, 32, 3, padding=1)
         self.both = nn.Conv2d(112, 62, 3, padding=1)
@@ -58,11 +55,11 @@ class Raft(nn.Module):
         self.mask = nn.Sequential(
             nn.Conv2d(_HIDDEN, 64, 3, padding=1), nn.ReLU(), nn.Conv2d(64, 9 * CELL**2, 1)
         )
-        for parameter in self.step.parameters():  # untrained, it sees no motion
+        for parameter in self.step.parameters():  # an untrained network returns zero flow
             nn.init.zeros_(parameter)
 
-    def forward(self, a: Tensor, b: Tensor, iterations: int = 6) -> Refined:
-        """Flow from images a to b [B 3 H W] in 0..1."""
+    def forward(self, a: Tensor, b: Tensor, iterations: int = 6) -> RaftOutput:
+        """Return the flow from images a to b [B 3 H W] in 0..1."""
         a, b = 2 * a - 1, 2 * b - 1
         changed = F.avg_pool2d((b - a).abs(), CELL)
         flow = torch.zeros_like(changed[:, :2])
@@ -70,13 +67,13 @@ class Raft(nn.Module):
             torch.cat([a, b, 2 * (b - a)], 1), changed
         ).split(_HIDDEN, 1)
         hidden, known = torch.tanh(hidden), self.known(F.relu(context))
-        fa, fb = _normalised(self.features(torch.cat([a, b]))).chunk(2)
-        windows = [correlations(fa, _blurred(fb) if d > 1 else fb, d) for d in _DILATIONS]
+        fa, fb = _normalize(self.features(torch.cat([a, b]))).chunk(2)
+        windows = [correlations(fa, _blur(fb) if d > 1 else fb, d) for d in _DILATIONS]
         coarse: list[Tensor] = []
         for _ in range(iterations):
             flow = flow.detach()
-            seen = torch.cat([look(w, flow / d) for w, d in zip(windows, _DILATIONS, strict=True)],
-                             1)
+            seen = torch.cat(
+                [look_up(w, flow / d) for w, d in zip(windows, _DILATIONS, strict=True)], 1)
             motion = torch.cat([F.relu(self.seen(seen)), F.relu(self.moved(flow))], 1)
             motion = torch.cat([F.relu(self.both(motion)), flow], 1)
             keep, use = torch.sigmoid(
@@ -84,14 +81,14 @@ class Raft(nn.Module):
             ).chunk(2, 1)
             news = self.news(torch.cat([use * hidden, motion], 1)) + known[:, 2 * _HIDDEN :]
             hidden = (1 - keep) * hidden + keep * torch.tanh(news)
-            around = _enlarged(F.relu(self.wide(F.avg_pool2d(hidden, 2))), hidden)
+            around = _enlarge(F.relu(self.wide(F.avg_pool2d(hidden, 2))), hidden)
             flow = flow + self.step(F.relu(self.near(hidden) + around)).float()
             coarse.append(flow)
-        return Refined(coarse, upsampled(flow, self.mask(hidden).float() / 4), windows[0])
+        return RaftOutput(coarse, upsample_flow(flow, self.mask(hidden).float() / 4), windows[0])
 
 
 class Residual(nn.Module):
-    """Two convolutions around which the input goes."""
+    """Two convolutions with a skip connection."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
         super().__init__()
@@ -106,7 +103,7 @@ class Residual(nn.Module):
         return F.relu(self.around(x) + self.norms[1](self.second(y)))
 
 
-class Encoder(nn.Module):
+class FeatureEncoder(nn.Module):
     """Features at a quarter of the resolution."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
@@ -120,12 +117,12 @@ class Encoder(nn.Module):
         return self.out(self.body(F.relu(self.norm(self.stem(x)))))
 
 
-class Context(nn.Module):
-    """The same, with what is known at that resolution, and a view from twice and four times it."""
+class ContextEncoder(nn.Module):
+    """The same with further inputs at that resolution, as a U-Net of three levels."""
 
     def __init__(self, inputs: int, coarse: int, outputs: int) -> None:
         super().__init__()
-        self.encoder = Encoder(inputs, 64)
+        self.encoder = FeatureEncoder(inputs, 64)
         self.coarse = nn.Conv2d(coarse, 64, 3, padding=1)
         self.down = nn.ModuleList([Residual(64, 64, 2), Residual(64, 80, 2)])
         self.up = nn.ModuleList([nn.Conv2d(64, 64, 1), nn.Conv2d(80, 64, 1)])
@@ -136,12 +133,12 @@ class Context(nn.Module):
         quarter = F.relu(self.encoder(images) + self.coarse(coarse))
         eighth = self.down[0](quarter)
         sixteenth = self.down[1](eighth)
-        eighth = self.mix[1](eighth + _enlarged(self.up[1](sixteenth), eighth))
-        return self.out(self.mix[0](quarter + _enlarged(self.up[0](eighth), quarter)))
+        eighth = self.mix[1](eighth + _enlarge(self.up[1](sixteenth), eighth))
+        return self.out(self.mix[0](quarter + _enlarge(self.up[0](eighth), quarter)))
 
 
 def correlations(fa: Tensor, fb: Tensor, dilation: int) -> Tensor:
-    """[B h w n n] products of features [B C h w] of each cell in a with those of b around it.
+    """Return products [B h w n n] of features [B C h w] of each cell of a with those of b near it.
 
     n = 2 REACH + 1 steps of `dilation` cells, rows first; zero outside of the image.
     """
@@ -158,10 +155,11 @@ def correlations(fa: Tensor, fb: Tensor, dilation: int) -> Tensor:
     return torch.stack(rows, 2).reshape(batch, h, w, n, n) / channels**0.5
 
 
-def look(windows: Tensor, flow: Tensor) -> Tensor:
-    """[B m*m h w] correlations around where the flow [B 2 h w] points, m = 2 _LOOK + 1.
+def look_up(windows: Tensor, flow: Tensor) -> Tensor:
+    """Return correlations [B m*m h w] around where the flow [B 2 h w] points, m = 2 _LOOK + 1.
 
-    `windows` [B h w n n] as of `correlations`, the flow in its steps; bilinear, zero outside.
+    `windows` [B h w n n] are those of `correlations`, the flow is in their steps; bilinear, zero
+    outside.
     """
     batch, h, w, n, _ = windows.shape
     size = 2 * _LOOK + 2
@@ -180,8 +178,8 @@ def look(windows: Tensor, flow: Tensor) -> Tensor:
     return found.reshape(batch, h, w, -1).permute(0, 3, 1, 2)
 
 
-def upsampled(flow: Tensor, mask: Tensor) -> Tensor:
-    """[B 2 H W] px: each pixel a convex combination of the nine cells around it.
+def upsample_flow(flow: Tensor, mask: Tensor) -> Tensor:
+    """Return the flow [B 2 H W] px, at each pixel a convex combination of nine cells around it.
 
     flow [B 2 h w] in cells, mask [B 9*16 h w] logits.
     """
@@ -192,8 +190,8 @@ def upsampled(flow: Tensor, mask: Tensor) -> Tensor:
     return out.permute(0, 1, 4, 2, 5, 3).reshape(batch, 2, CELL * h, CELL * w)
 
 
-def _normalised(features: Tensor) -> Tensor:
-    """Centred, and of unit variance in each channel: else training rests at zero for long."""
+def _normalize(features: Tensor) -> Tensor:
+    """Center each channel and scale it to unit variance; training starts much sooner with it."""
     features = features.float()
     a, b = features.chunk(2)
     both = torch.stack([a, b])
@@ -202,9 +200,9 @@ def _normalised(features: Tensor) -> Tensor:
     return ((both - mean) / scale).flatten(0, 1)
 
 
-def _blurred(x: Tensor) -> Tensor:
+def _blur(x: Tensor) -> Tensor:
     return F.avg_pool2d(x, 3, 1, 1, count_include_pad=False)
 
 
-def _enlarged(x: Tensor, like: Tensor) -> Tensor:
+def _enlarge(x: Tensor, like: Tensor) -> Tensor:
     return F.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=False)

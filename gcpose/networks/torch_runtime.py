@@ -1,30 +1,29 @@
-"""PyTorch, where it is, and images as its networks take them."""
+"""PyTorch if it is installed, its devices, and images as tensors."""
 
-# torch is an extra: without it there is nothing to check types against.
-# pyright: reportMissingImports=false, reportUnknownVariableType=false
-# pyright: reportUnknownParameterType=false
-
+# pyright: basic
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, MethodError
 
 try:
     import torch
     import torch.nn.functional as F  # noqa: N812
     from torch import Tensor, nn
 except ImportError as error:
-    raise GcbenchError("a network needs PyTorch: pip install 'gcbench[learn]'") from error
+    raise MethodError("a network needs PyTorch: pip install 'gcbench[learn]'") from error
 
-__all__ = ["F", "Tensor", "device_named", "nn", "padded", "torch", "unit", "warped"]
+__all__ = ["F", "Tensor", "device_named", "nn", "padded", "torch", "unit_range",
+           "warped"]
 
 
 def device_named(name: str) -> torch.device:
-    """"cpu", "cuda", "mps", ... or "auto": "cuda" if there is one, else "cpu".
+    """Return the device "cpu", "cuda", "mps", ...; "auto" is "cuda" if there is one, else "cpu".
 
-    Raises GcbenchError where there is none.
+    Raises:
+        ConfigError: If this machine has no such device.
     """
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
@@ -32,23 +31,23 @@ def device_named(name: str) -> torch.device:
         return torch.zeros(1, device=name).device
     except (RuntimeError, AssertionError, NotImplementedError) as error:
         reason = str(error).splitlines()[0]
-        raise GcbenchError(f"--device {name}: {reason}; cpu works everywhere") from error
+        raise ConfigError(f"--device {name}: {reason}; cpu works everywhere") from error
 
 
-def unit(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Grey levels as 0..1."""
+def unit_range(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return an image of 8 bits with values in 0..1."""
     return np.multiply(image, 1 / 255, dtype=np.float32)
 
 
 def padded(image: NDArray[np.float32], multiple: int) -> torch.Tensor:
-    """[1 C H' W'] of an image [H W C], its edge repeated to whole multiples."""
+    """Return a tensor [1 C H' W'] of an image [H W C], its edge repeated to multiples of a size."""
     below, right = -image.shape[0] % multiple, -image.shape[1] % multiple
     whole = np.pad(image, ((0, below), (0, right), (0, 0)), mode="edge")
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(whole, 2, 0)))[None]
 
 
 def warped(image: torch.Tensor, flow: torch.Tensor) -> torch.Tensor:
-    """The image [B C H W] as seen at x + flow(x) [B 2 H W] px, its edge repeated outside."""
+    """Return the image [B C H W] sampled at x + flow(x) [B 2 H W] px, its edge repeated outside."""
     _, _, h, w = image.shape
     v, u = torch.meshgrid(
         torch.arange(h, device=flow.device), torch.arange(w, device=flow.device), indexing="ij"

@@ -2,7 +2,8 @@
 
 EM: a pixel belongs to the part whose essential matrix its flow fits best, by the Sampson distance
 (the algebraic loss as printed is least where the matrix is least); a part's matrix follows from its
-pixels by the eight-point algorithm. With depth the parts' motions follow by PnP.
+pixels by the eight-point algorithm (Longuet-Higgins, 1981). With depth the parts' motions follow by
+PnP.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,94 +19,108 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ...robots.motion import chain_angles, chain_rotations, logarithm
-from ..images import order_from_base
+from ..images import ImageSettings, geodesic_rank
 from ..numerics import Image
-from ..rgb import Spots
-
-_INLIER = 1.0  # px, of a flow that fits a matrix
-_WIDTH = 9.0  # px2, beyond which flow is simply wrong
-_ROUNDS = 10  # of EM, at most
-_FEWEST = 8  # points of a part
-_OUT = 2  # parts that may be no joint's: 262 ways for six joints
-_OFF = np.radians(3.0)  # from what the chain allows, of a part that is one of it
-_SMALL = 5e-3  # cost of a turn by _OFF: of joints that explain a part alike, those that turn less
-_REPROJECTED = 3.0  # px, of a point that fits a motion
+from ..rgb import SampledPixels
+from .settings import PaperSettings
 
 
 @dataclass(frozen=True)
-class Pair:
-    """The N points that two frames match, and their parts."""
+class MatchedParts:
+    """N points that are matched between two frames, and their parts."""
 
     pixel: NDArray[np.int64]
-    """[N 2] in the first frame"""
+    """[N 2] (u, v) in the first frame"""
     ray: Array
     """[N 3] of these, at depth 1"""
     there: Array
-    """[N 3] in the second"""
+    """[N 3] in the second frame, at depth 1"""
     label: NDArray[np.int64]
     """[N] 1..J"""
     essential: Array
     """[J 3 3]: there^T E ray = 0"""
 
 
-def sampson(essential: Array, ray: Array, there: Array) -> Array:
-    """[N] squared distance of matches [N 3] from what an essential matrix [3 3] allows, to first
-    order, at focal length 1."""
-    line = ray @ essential.T
-    back = there @ essential
-    below = line[:, 0] ** 2 + line[:, 1] ** 2 + back[:, 0] ** 2 + back[:, 1] ** 2
-    return (there * line).sum(axis=1) ** 2 / np.maximum(below, 1e-18)
+def sampson_distance(essential: Any, ray: Any, there: Any, tiny: float = 1e-18) -> Any:
+    """Return the signed Sampson distance [N] of matches [N 3] at focal length 1.
+
+    It is the distance from the nearest match that fits the essential matrix ([3 3] or [N 3 3]), to
+    first order (Hartley and Zisserman, Multiple View Geometry, 2nd ed., eq. 11.9). Arguments are
+    NumPy arrays or PyTorch tensors; `tiny` bounds the squared denominator.
+    """
+    line = (essential @ ray[..., None])[..., 0]
+    back = (essential.swapaxes(-1, -2) @ there[..., None])[..., 0]
+    square = (line[..., :2] ** 2).sum(-1) + (back[..., :2] ** 2).sum(-1)
+    return (there * line).sum(-1) / square.clip(min=tiny) ** 0.5
 
 
-def pair_of(
-    points: Spots, flow: Image, intrinsics: Array, joints: int, base: Array
-) -> Pair | None:
-    """The parts between a frame and the next, ordered from the base [3] outward; None where too
-    few points are seen. `points` are of the first frame, flow [h w 2] leads to the second."""
-    if len(points.frame) < _FEWEST:
-        return None
-    focal = float(intrinsics[0, 0])
-    u, v = points.pixel.T
-    there = points.ray.copy()
-    there[:, :2] += flow[v, u] / focal
-    if points.part is not None:
-        return given_parts(points, there, joints)
-    essential = first_matrices(points.ray, there, joints, _INLIER / focal)
-    label = np.zeros(len(u), np.int64)
-    for i in range(_ROUNDS):
-        square = focal**2 * np.stack([sampson(e, points.ray, there) for e in essential], axis=1)
-        before, label = label, points.average(np.minimum(square, _WIDTH)).argmin(axis=1)
-        if i and (label == before).all():
-            break
-        for j in range(joints):
-            mine = (label == j) & (square[:, j] < _WIDTH)
-            if mine.sum() >= _FEWEST:
-                essential[j] = eight_point(points.ray[mine], there[mine])
-    rank = order_from_base(points.ray, base[None])
-    far = [rank[label == j].mean() if (label == j).any() else 1.0 for j in range(joints)]
-    order = np.argsort(far, kind="stable")
-    label = 1 + np.argsort(order)[label]
-    return Pair(points.pixel, points.ray, there, label, essential[order])
+@dataclass(frozen=True)
+class PartMatcher:
+    """Finds the parts between a frame and the next."""
+
+    focal: float
+    """px"""
+    joints: int
+    settings: PaperSettings
+    images: ImageSettings
+
+    def match(self, points: SampledPixels, base: Array, flow: Image) -> MatchedParts | None:
+        """Return the matched parts, ordered from the base [3] outward; None with too few points.
+
+        `points` are of the first frame, flow [h w 2] px leads to the second.
+        """
+        s = self.settings
+        if len(points.frame) < s.min_points:
+            return None
+        u, v = points.pixel.T
+        there = points.ray.copy()
+        there[:, :2] += flow[v, u] / self.focal
+        if points.part is not None:
+            return self._match_given(points, there)
+        essential = first_matrices(points.ray, there, self.joints, s.inlier / self.focal, s)
+        label = np.zeros(len(u), np.int64)
+        for i in range(s.max_rounds):
+            square = self.focal**2 * np.stack(
+                [sampson_distance(e, points.ray, there) ** 2 for e in essential], axis=1)
+            cost = points.average(np.minimum(square, s.outlier_cost))
+            before, label = label, cost.argmin(axis=1)
+            if i and (label == before).all():
+                break
+            for j in range(self.joints):
+                mine = (label == j) & (square[:, j] < s.outlier_cost)
+                if mine.sum() >= s.min_points:
+                    essential[j] = eight_point(points.ray[mine], there[mine])
+        rank = geodesic_rank(points.ray, base[None], self.images)
+        far = [rank[label == j].mean() if (label == j).any() else 1.0 for j in range(self.joints)]
+        order = np.argsort(far, kind="stable")
+        label = 1 + np.argsort(order)[label]
+        return MatchedParts(points.pixel, points.ray, there, label, essential[order])
+
+    def _match_given(self, points: SampledPixels, there: Array) -> MatchedParts:
+        """The same for an oracle's parts."""
+        assert points.part is not None
+        s = self.settings
+        essential = np.zeros((self.joints, 3, 3))
+        for j in range(self.joints):
+            mine = points.part == j + 1
+            if mine.sum() >= s.min_points:
+                essential[j] = first_matrices(
+                    points.ray[mine], there[mine], 1, s.oracle_inlier, s)[0]
+        return MatchedParts(points.pixel, points.ray, there, points.part, essential)
 
 
-def given_parts(points: Spots, there: Array, joints: int) -> Pair:
-    """The same for an oracle's parts."""
-    assert points.part is not None
-    essential = np.zeros((joints, 3, 3))
-    for j in range(joints):
-        mine = points.part == j + 1
-        if mine.sum() >= _FEWEST:
-            essential[j] = first_matrices(points.ray[mine], there[mine], 1, 1e-4)[0]
-    return Pair(points.pixel, points.ray, there, points.part, essential)
+def first_matrices(
+    ray: Array, there: Array, joints: int, inlier: float, settings: PaperSettings
+) -> Array:
+    """Return essential matrices [J 3 3] by RANSAC, each of the points that those before do not fit.
 
-
-def first_matrices(ray: Array, there: Array, joints: int, inlier: float) -> Array:
-    """[J 3 3] essential matrices by RANSAC, each of what those before it do not explain."""
+    `inlier` is the largest distance of a match that fits, at focal length 1.
+    """
     out = np.zeros((joints, 3, 3))
     left = np.ones(len(ray), bool)
     cv2.setRNGSeed(0)
     for j in range(joints):
-        if left.sum() < _FEWEST:
+        if left.sum() < settings.min_points:
             left[:] = True
         a, b = (np.ascontiguousarray(x[left, :2]) for x in (ray, there))
         found, fits = cv2.findEssentialMat(a, b, np.eye(3), cv2.RANSAC, 0.999, inlier)
@@ -117,7 +133,7 @@ def first_matrices(ray: Array, there: Array, joints: int, inlier: float) -> Arra
 
 
 def eight_point(ray: Array, there: Array) -> Array:
-    """[3 3] the essential matrix of at least eight matches [N 3]."""
+    """Return the essential matrix [3 3] of at least eight matches [N 3]; zeros if there is none."""
     found = cv2.findFundamentalMat(ray[:, :2], there[:, :2], cv2.FM_8POINT)[0]
     if np.shape(found) != (3, 3):
         return np.zeros((3, 3))
@@ -126,12 +142,12 @@ def eight_point(ray: Array, there: Array) -> Array:
     return out
 
 
-def rotations(pair: Pair) -> list[Array | None]:
-    """[3 3] of each part from the first frame to the second; None where it cannot be known."""
+def rotations(parts: MatchedParts, settings: PaperSettings) -> list[Array | None]:
+    """Return the rotation [3 3] of each part between the frames; None with too few points."""
     out: list[Array | None] = []
-    for j, essential in enumerate(pair.essential):
-        mine = pair.label == j + 1
-        if mine.sum() < _FEWEST or not essential.any():
+    for j, essential in enumerate(parts.essential):
+        mine = parts.label == j + 1
+        if mine.sum() < settings.min_points or not essential.any():
             out.append(None)
             continue
         both = cv2.decomposeEssentialMat(essential)[:2]  # half a turn apart
@@ -139,21 +155,23 @@ def rotations(pair: Pair) -> list[Array | None]:
     return out
 
 
-def rotations_with_depth(pair: Pair, inverse_depth: Array, focal: float) -> list[Array | None]:
-    """The same by PnP, from the points' inverse depths [N]."""
+def rotations_with_depth(
+    parts: MatchedParts, inverse_depth: Array, focal: float, settings: PaperSettings
+) -> list[Array | None]:
+    """Return the same by PnP with the points' inverse depths [N]."""
     out: list[Array | None] = []
-    points = pair.ray / inverse_depth[:, None]
+    points = parts.ray / inverse_depth[:, None]
     cv2.setRNGSeed(0)
-    for j in range(len(pair.essential)):
-        mine = pair.label == j + 1
-        if mine.sum() < _FEWEST:
+    for j in range(len(parts.essential)):
+        mine = parts.label == j + 1
+        if mine.sum() < settings.min_points:
             out.append(None)
             continue
-        here, there = points[mine], np.ascontiguousarray(pair.there[mine, :2])
+        here, there = points[mine], np.ascontiguousarray(parts.there[mine, :2])
         good, turn, shift, fits = cv2.solvePnPRansac(
-            here, there, np.eye(3), None, reprojectionError=_REPROJECTED / focal
+            here, there, np.eye(3), None, reprojectionError=settings.pnp_inlier / focal
         )
-        if not good or np.size(fits) < _FEWEST:
+        if not good or np.size(fits) < settings.min_points:
             out.append(None)
             continue
         some = np.asarray(fits, np.int64).ravel()
@@ -162,11 +180,14 @@ def rotations_with_depth(pair: Pair, inverse_depth: Array, focal: float) -> list
     return out
 
 
-def orders(joints: int) -> list[NDArray[np.int64]]:
-    """The joints [J] that parts in order from the base may have, -1 for a part that is left out,
-    at most `_OUT`: two that are found may be of one link, and none of another."""
+def joint_orders(joints: int, most: int) -> list[NDArray[np.int64]]:
+    """Return the joints [J] that parts in order from the base may belong to.
+
+    At most `most` parts are left out, marked by -1: two parts that are found may be of one link,
+    and another link may have none.
+    """
     out = []
-    for n in range(joints, max(0, joints - _OUT - 1), -1):
+    for n in range(joints, max(0, joints - most - 1), -1):
         for some in combinations(range(joints), n):
             for mine in combinations(range(joints), n):
                 out.append(np.full(joints, -1))
@@ -174,39 +195,66 @@ def orders(joints: int) -> list[NDArray[np.int64]]:
     return out
 
 
-def accumulated(
-    pairs: Sequence[Pair | None], steps: Sequence[Sequence[Array | None]], direction: Array,
-    parent: NDArray[np.int64], allowed: Sequence[NDArray[np.int64]],
-) -> tuple[Array, list[NDArray[np.int64]]]:
-    """[T J] displacements from the parts' rotations in the camera frame between frames, and [J]
-    the joints of each pair's parts, of those `allowed`.
+@dataclass(frozen=True)
+class Axes:
+    """Known axes of a chain that turns."""
 
-    direction [J 3] of the axes at frame 0. The chain explains all rotations of a step together,
-    each by its share of the points: the turn of a part that is not seen is read off what hangs
-    on it.
+    direction: Array
+    """[J 3] at frame 0"""
+    parent: NDArray[np.int64]
+    """[J]"""
+
+
+def accumulate_angles(
+    pairs: Sequence[MatchedParts | None], steps: Sequence[Sequence[Array | None]], axes: Axes,
+    orders: Sequence[NDArray[np.int64]], settings: PaperSettings,
+) -> tuple[Array, list[NDArray[np.int64]]]:
+    """Sum up angles from the parts' rotations in the camera frame between frames.
+
+    The chain explains all rotations of a step together, each weighted by its share of the points:
+    the turn of a part that is not seen follows from the parts that it carries.
+
+    Args:
+        pairs: Matched parts of T-1 pairs of frames.
+        steps: Rotations of their parts.
+        axes: The axes.
+        orders: Joints [J] that the parts may belong to (see `joint_orders`).
+        settings: Settings.
+
+    Returns:
+        Displacements [T J], rad, and the joints [J] of each pair's parts.
     """
-    joints = len(direction)
-    angle, joint = np.zeros((len(steps) + 1, joints)), []
-    slides = np.zeros(joints, bool)
+    joints = len(axes.direction)
+    angle = np.zeros((len(steps) + 1, joints))
+    chosen: list[NDArray[np.int64]] = []
     for k, (pair, found) in enumerate(zip(pairs, steps, strict=True)):
         best, angle[k + 1] = np.inf, angle[k]
-        joint.append(allowed[0])
+        chosen.append(orders[0])
         if pair is None:
             continue
         share = np.bincount(pair.label - 1, minlength=joints) / len(pair.label)
-        before = chain_rotations(direction, slides, parent, angle[k])
-        for order in allowed:
+        for order in orders:
             rotation, weight = np.tile(np.eye(3), (joints, 1, 1)), np.zeros(joints)
             for r, j, much in zip(found, order, share, strict=True):
                 if r is not None and j >= 0:
                     rotation[j], weight[j] = r, much
-            trust = weight[:, None, None] * np.eye(3)
-            now = chain_angles(rotation, trust, direction, slides, parent, angle[k], angle[k])
-            turned = chain_rotations(direction, slides, parent, now) @ before.swapaxes(1, 2)
-            rest = rotation @ turned.swapaxes(1, 2)
-            off = np.array([np.linalg.norm(logarithm(r)) for r in rest])
-            cost = weight @ (np.minimum(off, _OFF) / _OFF) ** 2 - weight.sum()
-            cost += _SMALL * (((now - angle[k]) / _OFF) ** 2).sum()
+            now, cost = _fit_step(rotation, weight, axes, angle[k], settings)
             if cost < best:
-                best, angle[k + 1], joint[k] = cost, now, order
-    return angle, joint
+                best, angle[k + 1], chosen[k] = cost, now, order
+    return angle, chosen
+
+
+def _fit_step(
+    rotation: Array, weight: Array, axes: Axes, before: Array, settings: PaperSettings
+) -> tuple[Array, float]:
+    """Angles [J] after a step of rotations [J 3 3] with weights [J], and their cost."""
+    slides = np.zeros(len(before), bool)
+    trust = weight[:, None, None] * np.eye(3)
+    now = chain_angles(rotation, trust, axes.direction, slides, axes.parent, before, before)
+    at_first, at_last = (chain_rotations(axes.direction, slides, axes.parent, a)
+                         for a in (before, now))
+    rest = rotation @ (at_last @ at_first.swapaxes(1, 2)).swapaxes(1, 2)
+    off = np.array([np.linalg.norm(logarithm(r)) for r in rest])
+    scale = settings.max_deviation
+    cost = weight @ (np.minimum(off, scale) / scale) ** 2 - weight.sum()
+    return now, float(cost + settings.turn_cost * (((now - before) / scale) ** 2).sum())

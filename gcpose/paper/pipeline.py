@@ -1,225 +1,320 @@
 """The paper's pipeline as it is written, in the steps of its ablation (Table 3).
 
-`gcpose-flow`: parts by EM on the flow between two frames, an essential matrix for each, the angles
-that explain their rotations, added up. `gcpose-epipolar`: with a flow network that is tuned to the
-video. `gcpose-depth`: with depth, motions by PnP and bundle adjustment over all frames.
+`gcpose-flow`: parts by EM on the flow between two frames, an essential matrix for each, and the sum
+of the angles that explain their rotations. `gcpose-epipolar`: with a flow network that is tuned to
+the video. `gcpose-depth`: with depth, motions by PnP and bundle adjustment over all frames.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
-from ..chain import Articulation, ChainSettings, axes, hinges, knowledge
+from ..chain import Articulation, Known, axes, hinges, knowledge
 from ..images import (
+    Depth,
     Flow,
-    Footage,
+    VideoEvidence,
     depth_named,
     fine_dis_flow,
     flow_named,
-    footage,
     for_cuts_of,
     training_of,
+    video_evidence,
 )
 from ..numerics import Image
-from ..rgb import Guess, Rays, RayTracker, Spots, ends, observed
-from .epipolar import Pair, accumulated, orders, pair_of, rotations, rotations_with_depth
+from ..rgb import (
+    BundleWeights,
+    InverseDepthPoints,
+    SampledPixels,
+    VideoHypothesis,
+    VideoTracker,
+    base_candidates,
+    measure_flow,
+)
+from .epipolar import (
+    Axes,
+    MatchedParts,
+    PartMatcher,
+    accumulate_angles,
+    joint_orders,
+    rotations,
+    rotations_with_depth,
+)
+from .settings import PublishedSettings
 
-_POINTS = 400  # of each frame
-_SCALES = (20.0, 20.0, 10.0, 10.0, 6.0, 6.0, 4.0, 4.0)  # of the bundle adjustment
-_ITERATIONS, _SIDE = 3, 240  # of the network that is tuned: sooner done, and errs by 6 % more
-_RELIEF = 0.1  # standard deviation of estimated inverse depths about 1
-_EXACT = 0.01  # of measured ones, and what the noise adds
+_DEFAULT = PublishedSettings()
 
 
 class FlowOnly:
-    """Sec. 3.2 and 3.3 on the flow as it is."""
+    """Sec. 3.2 and 3.3 with a flow as it is."""
 
     name = "gcpose-flow"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
     version = "4"
 
-    def __init__(self, flow: str = "") -> None:
-        """The name of a flow (see flow.py); default: OpenCV's DIS.
+    def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
+        """Make the method with a flow by name (see `flow_named`); default: OpenCV's DIS.
 
-        Raises GcbenchError for names that are none, or files that are missing.
+        Raises:
+            GcbenchError: If the name is unknown or a file is missing.
         """
         self.flow: Flow = flow_named(flow) if flow else fine_dis_flow
-        if flow:
-            self.name += f" flow={flow.partition(':')[0]}"
-        self.training = training_of(flow)
+        self.settings, self.training = settings, training_of(flow)
+        self.name += _suffix(settings, flow=flow)
 
     def estimate(self, observation: Observation) -> Estimate:
-        """Angles added up over consecutive frames.
+        """Return the angles, summed over consecutive frames.
 
-        Raises GcbenchError for a joint that slides: without scale its step cannot be known.
+        Raises:
+            MethodError: If a joint slides: without scale its step is unknown.
         """
-        known, still = knowledge(observation), unmoved(observation)
-        if known.prismatic.any():
-            j = int(np.flatnonzero(known.prismatic)[0]) + 1
-            raise GcbenchError(f"{self.name} measures turns, and joint {j} slides; use gcpose")
-        seen = self.seen(observation)
-        if seen is None or known.direction is None:
-            return still
-        s = RayTracker(seen, known)
-        points = [s.points((k,), _POINTS) for k in range(seen.frames)]
-        bases = [ends(s, p, k)[0] if len(p.frame) else np.zeros(3) for k, p in enumerate(points)]
-        seen = self.refined(observation, seen, points, bases)
-        s = RayTracker(seen, known)
-        pairs = [pair_of(points[k], seen.flow[k], seen.intrinsics, s.joints, bases[k])
-                 for k in range(seen.frames - 1)]
-        angle = self.angles(observation, s, points, pairs, bases[0])
-        return Estimate(angle) if np.isfinite(angle).all() else still
-
-    def seen(self, observation: Observation) -> Footage | None:
-        """What the images show."""
-        assert observation.rgb is not None
-        flow = self.flow if observation.flow is None else observation.flow
-        return footage(observation.rgb, observation.intrinsics, flow, part=observation.part)
-
-    def refined(
-        self, observation: Observation, seen: Footage, points: list[Spots], bases: list[Array]
-    ) -> Footage:
-        """The same with a better flow."""
-        return seen
-
-    def angles(
-        self, observation: Observation, s: RayTracker, points: list[Spots],
-        pairs: list[Pair | None], base: Array,
-    ) -> Array:
-        """[T J] displacements."""
-        assert s.known.direction is not None
-        steps = [[None] * s.joints if p is None else rotations(p) for p in pairs]
-        return accumulated(pairs, steps, s.known.direction, s.known.parent,
-                           allowed(observation))[0]
+        video = _observe(observation, self.name, self.flow, None, self.settings)
+        if video is None:
+            return static_estimate(observation)
+        return _finite(observation, _angles_by_flow(video)[0])
 
 
-class Epipolar(FlowOnly):
+class Epipolar:
     """The same with a flow network that is tuned to the video by the epipolar constraint.
 
-    Default: the network whose weights come with gcbench. It takes a little over
-    a minute of a core for a sequence.
+    Default: the network whose weights come with gcbench. It takes a little over a minute of a core
+    for a sequence.
     """
 
     name = "gcpose-epipolar"
+    inputs: tuple[Inputs, ...] = ("rgb",)
+    knowledge: tuple[Knowledge, ...] = ("axes",)
     version = "6"
 
-    def __init__(self, flow: str = "") -> None:
-        """The name of a flow that is a network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".
+    def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
+        """Make the method with a flow network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".
 
-        Raises GcbenchError for others, files that are missing, or where PyTorch is.
+        Raises:
+            GcbenchError: If the flow is no network, a file is missing, or PyTorch is.
         """
-        super().__init__(flow)
-        from ..images.raft_flow import raft_flow
-        from .fine_tune import tuned
+        self.name += _suffix(settings, flow=flow)
+        self.settings, self.network = settings, _network(flow, self.name, settings)
+        self.training = _tuned_training(flow)
 
-        if not flow:
-            self.flow = raft_flow(iterations=_ITERATIONS, side=_SIDE)
-        self.network: Any = self.flow
-        if not hasattr(self.flow, "network"):
-            raise GcbenchError(f"{self.name}: no network to tune; use raft:WEIGHTS or "
-                               "flownet2:CHECKPOINT")
-        self.tuned = tuned
-        self.training = f"{training_of(flow or 'raft')}; self-supervised on the video"
+    def estimate(self, observation: Observation) -> Estimate:
+        """Return the angles, summed over consecutive frames.
 
-    def refined(
-        self, observation: Observation, seen: Footage, points: list[Spots], bases: list[Array]
-    ) -> Footage:
-        """The same with the tuned network's flow, but for an oracle's."""
-        rgb = observation.rgb
-        if rgb is None or observation.flow is not None:
-            return seen
-        height, width = seen.moving.shape[1:]
-        left, top = seen.corner
-        cut = np.ascontiguousarray(rgb[:, top : top + height, left : left + width])
-
-        def parts(k: int, flow: Image) -> Pair | None:
-            return pair_of(points[k], flow, seen.intrinsics, observation.n_joints, bases[k])
-
-        focal = float(seen.intrinsics[0, 0])
-        network: Any = for_cuts_of(self.network, *rgb.shape[1:3])
-        return replace(seen, flow=self.tuned(network, cut, seen.moving, focal, parts))
+        Raises:
+            MethodError: If a joint slides: without scale its step is unknown.
+        """
+        video = _observe(observation, self.name, self.network, None, self.settings)
+        if video is None:
+            return static_estimate(observation)
+        return _finite(observation, _angles_by_flow(_tune(video, self.network))[0])
 
 
-class WithDepth(Epipolar):
+class WithDepth:
     """The same with depth: measured, or a network's."""
 
     name = "gcpose-depth"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
+    knowledge: tuple[Knowledge, ...] = ("axes",)
+    version = "6"
 
-    def __init__(self, flow: str = "", depth: str = "") -> None:
-        """Also the name of a depth network (see depth.py), without which `rgb` is no track."""
-        super().__init__(flow)
+    def __init__(
+        self, flow: str = "", depth: str = "", settings: PublishedSettings = _DEFAULT
+    ) -> None:
+        """Make the method with a flow network and a depth network (see `depth_named`).
+
+        Without a depth network it does not support the inputs `rgb`.
+
+        Raises:
+            GcbenchError: If the flow is no network, a file is missing, or PyTorch is.
+        """
+        self.name += _suffix(settings, flow=flow, depth=depth)
+        self.settings, self.network = settings, _network(flow, self.name, settings)
+        self.training = _tuned_training(flow)
         self.depth = depth_named(depth) if depth else None
         if self.depth is None:
             self.inputs = ("rgbd", "rgbd-noise")
             self.hint = "with --depth mono:FOLDER (Monodepth2's weights) rgb, too"
         if depth not in ("", "none"):
-            self.name += f" depth={depth.partition(':')[0]}"
             self.training = f"{training_of(depth)}; {self.training}"
 
-    def seen(self, observation: Observation) -> Footage | None:
-        """What the images show, with depth.
+    def estimate(self, observation: Observation) -> Estimate:
+        """Return the angles after bundle adjustment over all frames (Sec. 3.4).
 
-        Raises GcbenchError if there is none.
+        Raises:
+            MethodError: If a joint slides, or there is no depth.
         """
         depth = self.depth if observation.depth is None else observation.depth
         if depth is None:
-            raise GcbenchError(f"{self.name} needs depth: --depth mono:FOLDER with Monodepth2's "
-                               "weights, or --inputs rgbd")
-        assert observation.rgb is not None
-        flow = self.flow if observation.flow is None else observation.flow
-        return footage(observation.rgb, observation.intrinsics, flow, depth, observation.part)
-
-    def angles(
-        self, observation: Observation, s: RayTracker, points: list[Spots],
-        pairs: list[Pair | None], base: Array,
-    ) -> Array:
-        """[T J] displacements after bundle adjustment with the accumulated points (Sec. 3.4)."""
-        assert s.known.direction is not None
-        focal = float(s.seen.intrinsics[0, 0])
-        steps = [[None] * s.joints if p is None else rotations_with_depth(p, q.expected, focal)
-                 for p, q in zip(pairs, points[:-1], strict=True)]
-        angle, joint = accumulated(pairs, steps, s.known.direction, s.known.parent,
-                                   allowed(observation))
-        keys = [k for k, p in enumerate(pairs) if p is not None]
-        if not keys or keys[0]:
-            return angle
-        cloud = s.points(tuple(keys), _POINTS)
-        label = np.concatenate([joint[k][p.label - 1] + 1 for k, p in enumerate(pairs)
-                                if p is not None])
-        first = points[0]
-        at = hinges(first.ray / first.expected[:, None], label[: len(first.frame)], base,
-                    s.known.parent, ChainSettings())
-        twist = np.concatenate([axes(s.known, j, l[None], at[j : j + 1])
-                                for j, l in enumerate(s.known.direction)])
-        state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
-        mine = label > 0
-        rays = Rays.unseen(cloud.frame[mine], cloud.ray[mine], label[mine], cloud.expected[mine])
-        guess = Guess(state, rays, base, np.inf, np.zeros((0, 0)))
-        spread = _RELIEF
-        if observation.depth is not None:
-            seen = observation.depth[observation.depth > 0]
-            spread = float(np.hypot(_EXACT, observation.depth_noise / max(1e-6, np.median(seen))))
-        for scale in _SCALES:
-            rays = observed(s.seen, guess.state, guess.rays)
-            guess = s.fitted(guess, rays, (scale,), 1.0, spread)
-        return guess.state.angle
+            raise MethodError(f"{self.name} needs depth: --depth mono:FOLDER with Monodepth2's "
+                              "weights, or --inputs rgbd")
+        video = _observe(observation, self.name, self.network, depth, self.settings)
+        if video is None:
+            return static_estimate(observation)
+        return _finite(observation, _angles_by_depth(_tune(video, self.network)))
 
 
-def allowed(observation: Observation) -> list[NDArray[np.int64]]:
-    """Which joints parts may belong to: parts of an oracle are known."""
-    joints = observation.n_joints
-    return orders(joints) if observation.part is None else [np.arange(joints)]
+def _suffix(settings: PublishedSettings, **options: str) -> str:
+    """What options and changed settings add to a method's name."""
+    chosen = {k: v.partition(":")[0] for k, v in options.items() if v not in ("", "none")}
+    return "".join(f" {k}={v}" for k, v in (chosen | settings.changes()).items())
 
 
-def unmoved(observation: Observation) -> Estimate:
-    """No motion, where nothing is seen to move."""
+def _network(flow: str, name: str, settings: PublishedSettings) -> Any:
+    """The flow network of a name."""
+    from ..images import network_flow
+
+    paper = settings.paper
+    network = flow_named(flow) if flow else network_flow.load_raft(
+        iterations=paper.tuning_iterations, side=paper.tuning_side)
+    if not hasattr(network, "network"):
+        raise ConfigError(f"{name}: no network to tune; use raft:WEIGHTS or flownet2:CHECKPOINT")
+    return network
+
+
+def _tuned_training(flow: str) -> str:
+    return f"{training_of(flow or 'raft')}; self-supervised on the video"
+
+
+# -- the stages -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Video:
+    """A sequence and its sampled pixels."""
+
+    observation: Observation
+    tracker: VideoTracker
+    points: list[SampledPixels]
+    """Of each frame"""
+    bases: list[Array]
+    """[3] of each frame, at depth 1"""
+    settings: PublishedSettings
+
+    @property
+    def evidence(self) -> VideoEvidence:
+        return self.tracker.evidence
+
+    def match(self, k: int, flow: Image) -> MatchedParts | None:
+        """Parts between frame k and the next."""
+        matcher = PartMatcher(float(self.evidence.intrinsics[0, 0]), self.tracker.joints,
+                              self.settings.paper, self.settings.images)
+        return matcher.match(self.points[k], self.bases[k], flow)
+
+
+def _observe(
+    observation: Observation, name: str, flow: Flow, depth: Depth | Image | None,
+    settings: PublishedSettings,
+) -> _Video | None:
+    """Measure the images and sample pixels; None where nothing moves or axes are unknown."""
+    known: Known = knowledge(observation)
+    if known.prismatic.any():
+        j = int(np.flatnonzero(known.prismatic)[0]) + 1
+        raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
+    assert observation.rgb is not None
+    evidence = video_evidence(
+        observation.rgb, observation.intrinsics,
+        flow if observation.flow is None else observation.flow, depth, observation.part,
+        settings.images)
+    if evidence is None or known.direction is None:
+        return None
+    tracker = VideoTracker(evidence, known, settings.rgb)
+    points = [tracker.sample((k,), settings.paper.max_points) for k in range(evidence.frames)]
+    bases = [base_candidates(tracker, p, k)[0] if len(p.frame) else np.zeros(3)
+             for k, p in enumerate(points)]
+    return _Video(observation, tracker, points, bases, settings)
+
+
+def _tune(video: _Video, network: Any) -> _Video:
+    """Replace the flow by the tuned network's, unless it is an oracle's."""
+    from .fine_tune import tune_flow
+
+    rgb, evidence = video.observation.rgb, video.evidence
+    if rgb is None or video.observation.flow is not None:
+        return video
+    height, width = evidence.moving.shape[1:]
+    left, top = evidence.corner
+    crop = np.ascontiguousarray(rgb[:, top : top + height, left : left + width])
+    flow = tune_flow(
+        for_cuts_of(network, *rgb.shape[1:3]), crop, evidence.moving,
+        float(evidence.intrinsics[0, 0]), video.match, video.settings.paper)
+    tracker = VideoTracker(replace(evidence, flow=flow), video.tracker.known, video.settings.rgb)
+    return replace(video, tracker=tracker)
+
+
+def _match_all(video: _Video) -> list[MatchedParts | None]:
+    return [video.match(k, flow) for k, flow in enumerate(video.evidence.flow)]
+
+
+def _accumulate(
+    video: _Video, pairs: list[MatchedParts | None], steps: list[list[Array | None]]
+) -> tuple[Array, list[Array]]:
+    """Displacements [T J], and the joints [J] of each pair's parts."""
+    known, paper = video.tracker.known, video.settings.paper
+    assert known.direction is not None
+    joints = video.tracker.joints
+    given = video.observation.part is not None  # parts of an oracle are in order
+    orders = [np.arange(joints)] if given else joint_orders(joints, paper.max_left_out)
+    return accumulate_angles(pairs, steps, Axes(known.direction, known.parent), orders, paper)
+
+
+def _angles_by_flow(video: _Video) -> tuple[Array, list[Array]]:
+    """Displacements [T J] by essential matrices (Sec. 3.3)."""
+    pairs, none = _match_all(video), [None] * video.tracker.joints
+    steps = [none if p is None else rotations(p, video.settings.paper) for p in pairs]
+    return _accumulate(video, pairs, steps)
+
+
+def _angles_by_depth(video: _Video) -> Array:
+    """Displacements [T J] by PnP, then bundle adjustment of all points (Sec. 3.4)."""
+    tracker, paper = video.tracker, video.settings.paper
+    focal = float(tracker.evidence.intrinsics[0, 0])
+    pairs, none = _match_all(video), [None] * tracker.joints
+    steps = [none if p is None else rotations_with_depth(p, q.expected, focal, paper)
+             for p, q in zip(pairs, video.points[:-1], strict=True)]
+    angle, joint = _accumulate(video, pairs, steps)
+    keys = [k for k, p in enumerate(pairs) if p is not None]
+    if not keys or keys[0]:
+        return angle
+    label = np.concatenate([joint[k][p.label - 1] + 1 for k, p in enumerate(pairs)
+                            if p is not None])
+    hypothesis = _hypothesis(video, angle, keys, label)
+    sigma, depth = paper.estimated_depth_sigma, video.observation.depth
+    if depth is not None:
+        noise = video.observation.depth_noise / max(1e-6, np.median(depth[depth > 0]))
+        sigma = float(np.hypot(paper.measured_depth_sigma, noise))
+    for scale in paper.bundle_scales:
+        points = measure_flow(
+            tracker.evidence, hypothesis.state, hypothesis.points, tracker.settings)
+        hypothesis = tracker.adjust(hypothesis, points, BundleWeights((scale,), sigma))
+    return hypothesis.state.angle
+
+
+def _hypothesis(video: _Video, angle: Array, keys: list[int], label: Array) -> VideoHypothesis:
+    """Displacements [T J] and labeled points [N] of key frames, with axes at the first hinges."""
+    tracker, known, first = video.tracker, video.tracker.known, video.points[0]
+    assert known.direction is not None
+    cloud = tracker.sample(tuple(keys), video.settings.paper.max_points)
+    at = hinges(first.ray / first.expected[:, None], label[: len(first.frame)], video.bases[0],
+                known.parent, tracker.settings.chain)
+    twist = np.concatenate([axes(known, j, direction[None], at[j : j + 1])
+                            for j, direction in enumerate(known.direction)])
+    mine = label > 0
+    points = InverseDepthPoints.unmeasured(
+        cloud.frame[mine], cloud.ray[mine], label[mine], cloud.expected[mine])
+    state = Articulation(twist, angle, known.prismatic, known.parent)
+    return VideoHypothesis(state, points, video.bases[0], np.inf, np.zeros((0, 0)))
+
+
+def _finite(observation: Observation, angle: Array) -> Estimate:
+    return Estimate(angle) if np.isfinite(angle).all() else static_estimate(observation)
+
+
+def static_estimate(observation: Observation) -> Estimate:
+    """Return the estimate of no motion."""
     return Estimate(np.zeros((len(observation.times), observation.n_joints)))

@@ -1,12 +1,17 @@
-"""GC-Pose on plain video."""
+"""GC-Pose on plain video: motion of a chain from images without depth, up to scale."""
 
 from __future__ import annotations
 
-from .evidence import observed
-from .labels import Spots
+from .bundle import BundleWeights
+from .evidence import measure_flow
+from .labels import SampledPixels
 from .pipeline import estimate_rgb
-from .points import Rays
-from .strategies import ends
-from .tracker import Guess, RayTracker
+from .points import InverseDepthPoints
+from .settings import RgbSettings
+from .strategies import base_candidates
+from .tracker import VideoHypothesis, VideoTracker
 
-__all__ = ["Guess", "RayTracker", "Rays", "Spots", "ends", "estimate_rgb", "observed"]
+__all__ = [
+    "BundleWeights", "InverseDepthPoints", "RgbSettings", "SampledPixels", "VideoHypothesis",
+    "VideoTracker", "base_candidates", "estimate_rgb", "measure_flow",
+]

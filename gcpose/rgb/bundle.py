@@ -1,9 +1,10 @@
 """Bundle adjustment without depth (Sec. 3.4): displacements, axes and the depth of every point.
 
-A point is a pixel of a key frame and an unknown inverse depth; the chain takes it to the other
-frames, where the flow says how it goes on. Each residual touches the unknowns through the twists of
-its part and through the point's own depth; depths are eliminated (Schur's complement), so that a
-step costs little more than with depth known. Scale is free: depths are about 1.
+A point is a pixel of a key frame with an unknown inverse depth; the chain moves it to the other
+frames, where flow and patches measure it. Each residual depends on the twists of its part and on
+the point's own depth. Depths are eliminated by Schur's complement (Triggs et al., "Bundle
+adjustment - a modern synthesis", 2000), so that a step costs little more than with known depth.
+Scale is free: depths are about 1.
 """
 
 from __future__ import annotations
@@ -14,27 +15,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse
-from ..chain import (
-    Articulation,
-    ChainSettings,
-    Hinges,
-    axis_basis,
-    closeness,
-    displaced,
-    relative,
-    smoothness,
-)
+from ..chain import Articulation, Hinges, axis_basis, closeness, displaced, relative, smoothness
 from .kernels import accumulate
-from .points import Rays
-
-_STEP = 0.15  # largest change of an unknown in an iteration, rad or m
-_NEAREST, _FARTHEST = 2.5, 0.4  # of inverse depths
-_ROUGH = 0.1  # standard deviation of a point's inverse depth from those of its neighbours
+from .points import InverseDepthPoints
+from .settings import RgbSettings
 
 
 @dataclass(frozen=True)
-class Fit:
-    """What an adjustment leaves."""
+class BundleSetup:
+    """What an adjustment knows of camera and joints."""
+
+    intrinsics: Array
+    """[3 3] px"""
+    axis_dof: int
+    """Free parameters of an axis: 0, 2 or 4"""
+    hinges: Hinges
+
+
+@dataclass(frozen=True)
+class BundleWeights:
+    """Scales and priors of an adjustment."""
+
+    scales: tuple[float, ...]
+    """Robust scale of each iteration, in standard deviations of the residuals"""
+    depth_sigma: float
+    """Standard deviation of inverse depths about the expected ones"""
+    prior: float = 1.0
+    """Weight of the priors on motion and axes"""
+
+
+@dataclass(frozen=True)
+class BundleFit:
+    """Result of an adjustment."""
 
     state: Articulation
     inverse_depth: Array
@@ -43,97 +55,130 @@ class Fit:
     """[U U] of displacements and axes, depths eliminated"""
 
 
-def adjust_rays(
-    state: Articulation,
-    rays: Rays,
-    intrinsics: Array,
-    freedom: int,
-    scales: tuple[float, ...],
-    hinges: Hinges,
-    belief: float = 1.0,
-    spread: float = 0.5,
-) -> Fit:
-    """Gauss-Newton, an iteration for each of `scales` (standard deviations that are believed).
+@dataclass(frozen=True)
+class _Equations:
+    """Normal equations of U displacements and axes, and of N inverse depths."""
 
-    `belief` is the weight of what is believed beforehand of the motion and the axes, `spread` the
-    standard deviation of inverse depths: loose in the end, for they err together.
+    matrix: Array
+    """[U U]"""
+    vector: Array
+    """[U]"""
+    coupling: Array
+    """[N U]"""
+    h: Array
+    """[N]"""
+    g: Array
+    """[N]"""
+
+
+def adjust_points(
+    state: Articulation, points: InverseDepthPoints, setup: BundleSetup, weights: BundleWeights,
+    settings: RgbSettings,
+) -> BundleFit:
+    """Adjust an articulation and the depths of its points to the points' measurements.
+
+    Gauss-Newton, one iteration for each robust scale.
     """
     frames, joints = state.angle.shape
     held = (frames - 1) * joints
-    depth = rays.inverse_depth.copy()
+    depth = points.inverse_depth.copy()
     hessian = np.zeros((0, 0))
-    blocks = _roughness(rays)
-    for scale in scales:
+    blocks = _smoothness_blocks(points, settings)
+    low, high = settings.min_inverse_depth, settings.max_inverse_depth
+    for scale in weights.scales:
         basis = tuple(
-            axis_basis(state.twist[j], bool(state.prismatic[j]), hinges.point[j], freedom)
+            axis_basis(state.twist[j], bool(state.prismatic[j]), setup.hinges.point[j],
+                       setup.axis_dof)
             for j in range(joints)
         )
-        matrix, vector, coupling, h, g = _assemble(
-            state, replace(rays, inverse_depth=depth), intrinsics, basis, scale
-        )
-        prior = smoothness(state.angle, frames - 1, ChainSettings())
-        matrix[:held, :held] += belief * prior.matrix
-        vector[:held] += belief * prior.vector
-        near = closeness(state, basis, hinges)
-        matrix[held:, held:] += belief * near.matrix
-        vector[held:] += belief * near.vector
-        h = h + 1 / spread**2
-        g = g + (rays.expected - depth) / spread**2
-        by_depth = np.empty_like(coupling)
-        alone = np.empty_like(g)
-        for mine, rough in blocks:
-            square = rough + np.diag(h[mine])
-            both = np.linalg.solve(
-                square, np.column_stack([coupling[mine], g[mine] - rough @ depth[mine]]))
-            by_depth[mine], alone[mine] = both[:, :-1], both[:, -1]
-        hessian = matrix - coupling.T @ by_depth
-        right = vector - coupling.T @ alone
-        damping = 1e-4 * np.diag(matrix) + 1e-6
+        moved = replace(points, inverse_depth=depth)
+        equations = _assemble(state, moved, setup.intrinsics, basis, scale)
+        _add_priors(equations, state, basis, setup.hinges, weights.prior, settings)
+        by_depth, alone = _solve_depths(equations, moved, blocks, weights.depth_sigma)
+        hessian = equations.matrix - equations.coupling.T @ by_depth
+        right = equations.vector - equations.coupling.T @ alone
+        damping = settings.damping * np.diag(equations.matrix) + 1e-6
         step = np.linalg.solve(hessian + np.diag(damping), right)
-        step *= min(1.0, _STEP / max(1e-12, float(np.abs(step).max())))
+        step *= min(1.0, settings.max_step / max(1e-12, float(np.abs(step).max())))
         change = alone - by_depth @ step
-        depth = np.clip(depth + np.clip(change, -0.1, 0.1), _FARTHEST, _NEAREST)
+        most = settings.max_depth_step
+        depth = np.clip(depth + np.clip(change, -most, most), low, high)
         angle = state.angle.copy()
         angle[1:] += step[:held].reshape(frames - 1, joints)
         state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
-    return Fit(state, depth, hessian)
+    return BundleFit(state, depth, hessian)
 
 
-def _roughness(rays: Rays) -> list[tuple[NDArray[np.intp], Array]]:
-    """Of each key frame its points, and the matrix [n n] of what it costs where neighbours on one
-    part have unlike depths."""
+def _add_priors(
+    equations: _Equations, state: Articulation, basis: tuple[Array, ...], hinges: Hinges,
+    weight: float, settings: RgbSettings,
+) -> None:
+    """Add the priors on smooth motion and on axes near their hinges, in place."""
+    frames, joints = state.angle.shape
+    held = (frames - 1) * joints
+    prior = smoothness(state.angle, frames - 1, settings.chain)
+    equations.matrix[:held, :held] += weight * prior.matrix
+    equations.vector[:held] += weight * prior.vector
+    near = closeness(state, basis, hinges)
+    equations.matrix[held:, held:] += weight * near.matrix
+    equations.vector[held:] += weight * near.vector
+
+
+def _solve_depths(
+    equations: _Equations, points: InverseDepthPoints,
+    blocks: list[tuple[NDArray[np.intp], Array]], sigma: float,
+) -> tuple[Array, Array]:
+    """Changes of the depths: [N U] by the other unknowns, and [N] where those stay."""
+    depth = points.inverse_depth
+    h = equations.h + 1 / sigma**2
+    g = equations.g + (points.expected - depth) / sigma**2
+    by_depth, alone = np.empty_like(equations.coupling), np.empty_like(g)
+    for mine, smooth in blocks:
+        square = smooth + np.diag(h[mine])
+        both = np.linalg.solve(square, np.column_stack(
+            [equations.coupling[mine], g[mine] - smooth @ depth[mine]]))
+        by_depth[mine], alone[mine] = both[:, :-1], both[:, -1]
+    return by_depth, alone
+
+
+def _smoothness_blocks(
+    points: InverseDepthPoints, settings: RgbSettings
+) -> list[tuple[NDArray[np.intp], Array]]:
+    """Of each key frame its points, and the matrix [n n] of the prior that neighbors on one part
+    have equal depths."""
     out: list[tuple[NDArray[np.intp], Array]] = []
-    for k in np.unique(rays.frame):
-        mine = np.flatnonzero(rays.frame == k)
-        rough = np.zeros((len(mine), len(mine)))
-        if rays.near is not None:
-            near = rays.near[mine][:, mine].toarray()
-            near *= rays.label[mine, None] == rays.label[mine]
-            near /= np.maximum(1.0, near.sum(axis=1, keepdims=True)) * _ROUGH**2
+    for k in np.unique(points.frame):
+        mine = np.flatnonzero(points.frame == k)
+        smooth = np.zeros((len(mine), len(mine)))
+        if points.neighbors is not None:
+            near = points.neighbors[mine][:, mine].toarray()
+            near *= points.label[mine, None] == points.label[mine]
+            near /= (np.maximum(1.0, near.sum(axis=1, keepdims=True))
+                     * settings.neighbor_depth_sigma**2)
             near = (near + near.T) / 2
-            rough = np.diag(near.sum(axis=1)) - near
-        out.append((mine, rough))
+            smooth = np.diag(near.sum(axis=1)) - near
+        out.append((mine, smooth))
     return out
 
 
 def _assemble(
-    state: Articulation, rays: Rays, intrinsics: Array, basis: tuple[Array, ...], scale: float
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Matrix [U U], vector [U], coupling with the depths [N U], and their h, g [N]."""
+    state: Articulation, points: InverseDepthPoints, intrinsics: Array, basis: tuple[Array, ...],
+    scale: float,
+) -> _Equations:
+    """Sum the points' equations over frames, in terms of displacements and axes."""
     frames, joints = state.angle.shape
     motion = state.motions(frames)
     derivative = state.derivatives(motion, basis)
     size = derivative.shape[2]
-    keys = np.unique(rays.frame)
-    key = np.searchsorted(keys, rays.frame)
+    keys = np.unique(points.frame)
+    key = np.searchsorted(keys, points.frame)
     from_key = np.stack([motion @ inverse(motion[k]) for k in keys])
     a, b, c, h, g = accumulate(
-        rays.ray, rays.inverse_depth, rays.label, key, from_key,
-        float(intrinsics[0, 0]), intrinsics[:2, 2].astype(np.float64),
-        rays.step, rays.step_information, rays.spot, rays.spot_information, scale,
-    )  # fmt: skip
+        points.ray, points.inverse_depth, points.label, key, from_key,
+        float(intrinsics[0, 0]), intrinsics[:2, 2].astype(np.float64), points.flow,
+        points.flow_information, points.place, points.place_information, scale)
     matrix, vector = np.zeros((size, size)), np.zeros(size)
-    coupling = np.zeros((len(rays.ray), size))
+    coupling = np.zeros((len(points.ray), size))
     for k, frame in enumerate(keys):
         each = relative(derivative, from_key[k], derivative[frame : frame + 1]).swapaxes(2, 3)
         each[frame] = 0.0
@@ -144,6 +189,6 @@ def _assemble(
             flat = pair.reshape(-1, size)
             matrix += flat.T @ (a[k, p] @ pair).reshape(-1, size)
             vector += flat.T @ b[k, p].reshape(-1)
-            mine = (key == k) & (rays.label == p)
+            mine = (key == k) & (points.label == p)
             coupling[mine] = c[mine].reshape(np.count_nonzero(mine), 12 * frames) @ flat
-    return matrix, vector, coupling, h, g
+    return _Equations(matrix, vector, coupling, h, g)

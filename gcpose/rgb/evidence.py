@@ -1,6 +1,6 @@
-"""What the footage says of a hypothesis' points: flow where they are, and patches found again.
+"""Measurements of a hypothesis' points: flow at their places, and patches found again.
 
-Flow is dense and drifts; patches are few, and tell where a point is for good.
+Flow is dense and drifts. Patches are few and do not drift.
 """
 
 from __future__ import annotations
@@ -12,77 +12,84 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..chain import Articulation
-from ..images import CONTRAST, Footage, match
-from .costs import FLOW_RATE, FLOW_SIGMA
-from .points import Rays, places, warps
-
-REACH = 3.0  # px, from where a patch is expected
-SPAN = 3  # frames from a patch's own within which it is looked for
-_SHARE = 0.2  # of its pixels, of those whose flow errs independently
-_RADIUS = 3  # px, of a patch: larger ones hold more than one part
-_MODEL, _MODEL_RATE = 0.1, 0.02  # px, what a patch errs by, and more with each frame
-_EVEN = 2.0  # grey levels a pixel: weaker gradients are shading
-_WRONG, _LOST = 9.0, 4.0  # cost of a patch that is elsewhere, and of one that is not found
+from ..images import PatchSearch, PredictedPatches, VideoEvidence, find_patches
+from .points import InverseDepthPoints, predict_places, predict_warps
+from .settings import RgbSettings
 
 
-def observed(seen: Footage, state: Articulation, rays: Rays) -> Rays:
-    """The points with the flow at their places."""
-    at = places(state, rays, seen.intrinsics)[:, :-1]
+def measure_flow(
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints,
+    settings: RgbSettings,
+) -> InverseDepthPoints:
+    """Return the points with the flow at their predicted places, without patches."""
+    at = predict_places(state, points, evidence.intrinsics)[:, :-1]
     n, last = at.shape[:2]
     t = np.arange(last)[None]
-    u, v, good = moving_at(seen, at, t)
-    step = seen.flow[t, v, u].astype(np.float64)
-    hold = seen.hold[t, v, u].astype(np.float64)
-    weight = _SHARE * good / (FLOW_SIGMA**2 + FLOW_RATE**2 * (step**2).sum(axis=2))
-    information = hold[..., [0, 1, 1, 2]].reshape(n, last, 2, 2)
+    u, v, good = moving_pixels(evidence, at, t)
+    flow = evidence.flow[t, v, u].astype(np.float64)
+    confidence = evidence.texture_confidence[t, v, u].astype(np.float64)
+    variance = settings.flow_sigma**2 + settings.flow_rate**2 * (flow**2).sum(axis=2)
+    weight = settings.flow_share * good / variance
+    information = confidence[..., [0, 1, 1, 2]].reshape(n, last, 2, 2)
     return replace(
-        rays, step=step, step_information=information * weight[..., None, None],
-        spot=np.zeros((n, last + 1, 2)), spot_information=np.zeros((n, last + 1, 2, 2)),
-    )  # fmt: skip
+        points, flow=flow, flow_information=information * weight[..., None, None],
+        place=np.zeros((n, last + 1, 2)), place_information=np.zeros((n, last + 1, 2, 2)))
 
 
-def matched(
-    seen: Footage, state: Articulation, rays: Rays, reach: float = REACH, span: int = SPAN
-) -> Rays:
-    """The points with the places where the patches around them are found in the frames near their
-    own, within `reach` px of where the hypothesis expects them."""
-    at, warp = places(state, rays, seen.intrinsics), warps(state, rays)
+def measure_patches(
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints, reach: float,
+    span: int, settings: RgbSettings,
+) -> InverseDepthPoints:
+    """Return the points with the places of their patches, without flow.
+
+    A patch is searched in the `span` frames before and after its own, within `reach` px of its
+    predicted place.
+    """
+    at = predict_places(state, points, evidence.intrinsics)
     n, frames = at.shape[:2]
-    wanted = nearby(rays, frames, span) & moving_at(seen, at, np.arange(frames)[None])[2]
-    found, information = match(
-        seen.look, at[np.arange(n), rays.frame], rays.frame, at, warp, wanted, _RADIUS, reach,
-        _MODEL, _MODEL_RATE, CONTRAST, _EVEN,
-    )  # fmt: skip
+    wanted = frames_nearby(points, frames, span)
+    wanted &= moving_pixels(evidence, at, np.arange(frames)[None])[2]
+    place, information = find_patches(
+        evidence.appearance,
+        PredictedPatches(at[np.arange(n), points.frame], points.frame, at,
+                         predict_warps(state, points, settings), wanted),
+        PatchSearch(settings.patch_radius, reach, settings.patch_sigma, settings.patch_rate),
+        evidence.settings,
+    )
     return replace(
-        rays, step=np.zeros((n, frames - 1, 2)), step_information=np.zeros((n, frames - 1, 2, 2)),
-        spot=found, spot_information=information,
-    )  # fmt: skip
+        points, flow=np.zeros((n, frames - 1, 2)), place=place, place_information=information,
+        flow_information=np.zeros((n, frames - 1, 2, 2)))
 
 
-def misfit(seen: Footage, state: Articulation, rays: Rays) -> float:
-    """Mean cost of patches, those that are not found included."""
-    rays = matched(seen, state, rays)
-    away = rays.spot - places(state, rays, seen.intrinsics)
-    square = np.einsum("nti,ntij,ntj->nt", away, rays.spot_information, away)
-    found = rays.spot_information[..., 0, 0] + rays.spot_information[..., 1, 1] > 0
-    cost = np.where(found, _WRONG * square / (_WRONG + square), _LOST)
-    return float(cost[nearby(rays, cost.shape[1], SPAN)].mean())
+def patch_misfit(
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints,
+    settings: RgbSettings,
+) -> float:
+    """Return the mean cost of the patches, including those that are not found."""
+    span = settings.patch_span
+    points = measure_patches(evidence, state, points, settings.patch_reach, span, settings)
+    away = points.place - predict_places(state, points, evidence.intrinsics)
+    square = np.einsum("nti,ntij,ntj->nt", away, points.place_information, away)
+    found = points.place_information[..., 0, 0] + points.place_information[..., 1, 1] > 0
+    limit = settings.patch_outlier_cost
+    cost = np.where(found, limit * square / (limit + square), settings.patch_missing_cost)
+    return float(cost[frames_nearby(points, cost.shape[1], span)].mean())
 
 
-def nearby(rays: Rays, frames: int, span: int) -> NDArray[np.bool_]:
-    """[N T] whether a frame is one of the `span` on either side of the point's own."""
-    gap = np.abs(np.arange(frames)[None] - rays.frame[:, None])
+def frames_nearby(points: InverseDepthPoints, frames: int, span: int) -> NDArray[np.bool_]:
+    """Return whether each frame is within `span` of each point's own, but not it [N T]."""
+    gap = np.abs(np.arange(frames)[None] - points.frame[:, None])
     return (gap > 0) & (gap <= span)
 
 
-def moving_at(
-    seen: Footage, at: Array, frame: NDArray[np.int64]
+def moving_pixels(
+    evidence: VideoEvidence, at: Array, frame: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """[N T] columns and lines of places [N T 2] px in frames [1 T], 0 outside of the image; and
-    whether something that moves is seen there."""
-    height, width = seen.moving.shape[1:]
+    """Return columns and rows [N T] of places [N T 2] px in frames [1 T], and whether they are in
+    the moving foreground; 0 and False outside of the image."""
+    height, width = evidence.moving.shape[1:]
     pixel = np.rint(np.clip(at, -2, 1e4)).astype(np.int64)
     u, v = pixel[..., 0], pixel[..., 1]
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     u, v = np.where(inside, u, 0), np.where(inside, v, 0)
-    return u, v, inside & seen.moving[frame, v, u]
+    return u, v, inside & evidence.moving[frame, v, u]

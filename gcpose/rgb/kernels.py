@@ -1,4 +1,4 @@
-"""Normal equations of the bundle adjustment without depth, as machine code (see compiled.py)."""
+"""Compiled normal equations of bundle adjustment without depth."""
 
 from __future__ import annotations
 
@@ -12,92 +12,51 @@ from ..numerics import compiled
 @compiled
 def accumulate(
     ray: Array, inverse_depth: Array, label: NDArray[np.int64], key: NDArray[np.int64],
-    relative: Array, focal: float, centre: Array, step_obs: Array, step_info: Array,
-    spot_obs: Array, spot_info: Array, scale: float,
-) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Normal equations of N points over T frames.
+    relative: Array, focal: float, center: Array, flow: Array, flow_info: Array, place: Array,
+    place_info: Array, scale: float,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Accumulate the normal equations of N points over T frames.
 
-    ray [N 3] (z = 1), key [N] index into `relative` [K T P 4 4] (frame from key frame).
-    step_obs [N T-1 2] px flow at the point's place in frame t, step_info [N T-1 2 2];
-    spot_obs [N T 2] px place in frame t, spot_info [N T 2 2].
+    ray [N 3] (z = 1), key [N] index into `relative` [K T P 4 4] (frame from key frame);
+    flow [N T-1 2] px at the point's place in frame t, flow_info [N T-1 2 2]; place [N T 2] px in
+    frame t, place_info [N T 2 2]. Residuals are weighted by Geman and McClure's robust weight at
+    `scale` standard deviations.
+
     Returns matrix [K P T 12 12] (twists of t and t + 1), b [K P T 12], c [N T 12] (twists by
     depth), h [N], g [N].
     """
     n, frames = len(ray), relative.shape[1]
     keys, parts = relative.shape[0], relative.shape[2]
-    matrix = np.zeros((keys, parts, frames, 12, 12))
-    b = np.zeros((keys, parts, frames, 12))
-    c = np.zeros((n, frames, 12))
-    h = np.zeros(n)
-    g = np.zeros(n)
-    slope = np.zeros((frames, 2, 6))
-    by_depth = np.zeros((frames, 2))
-    at = np.zeros((frames, 2))
-    bad = np.zeros(frames)
-    row = np.zeros((2, 12))
+    matrix, b = np.zeros((keys, parts, frames, 12, 12)), np.zeros((keys, parts, frames, 12))
+    c, h, g = np.zeros((n, frames, 12)), np.zeros(n), np.zeros(n)
+    slope, by_depth = np.zeros((frames, 2, 6)), np.zeros((frames, 2))
+    at, bad = np.zeros((frames, 2)), np.zeros(frames)
+    row, r, d = np.zeros((2, 12)), np.zeros(2), np.zeros(2)
     for i in range(n):
         k, p = key[i], label[i]
-        q = inverse_depth[i]
         for t in range(frames):
-            motion = relative[k, t, p]
-            # scaled point: (R ray + q T), depth of 1/q
-            x0 = motion[0, 0] * ray[i, 0] + motion[0, 1] * ray[i, 1] + motion[0, 2] * ray[i, 2]
-            y0 = motion[1, 0] * ray[i, 0] + motion[1, 1] * ray[i, 1] + motion[1, 2] * ray[i, 2]
-            z0 = motion[2, 0] * ray[i, 0] + motion[2, 1] * ray[i, 1] + motion[2, 2] * ray[i, 2]
-            x, y, z = x0 + q * motion[0, 3], y0 + q * motion[1, 3], z0 + q * motion[2, 3]
-            bad[t] = 1.0 if z < 0.05 else 0.0
-            z = max(z, 0.05)
-            u, v = x / z, y / z
-            at[t, 0], at[t, 1] = focal * u + centre[0], focal * v + centre[1]
-            by_depth[t, 0] = focal * (motion[0, 3] - u * motion[2, 3]) / z
-            by_depth[t, 1] = focal * (motion[1, 3] - v * motion[2, 3]) / z
-            # twist on the point (x, y, z) / q
-            qz = q / z
-            slope[t, 0, 0], slope[t, 0, 1] = -focal * u * v, focal * (1 + u * u)
-            slope[t, 0, 2] = -focal * v
-            slope[t, 1, 0], slope[t, 1, 1] = -focal * (1 + v * v), focal * u * v
-            slope[t, 1, 2] = focal * u
-            slope[t, 0, 3], slope[t, 0, 4], slope[t, 0, 5] = focal * qz, 0.0, -focal * u * qz
-            slope[t, 1, 3], slope[t, 1, 4], slope[t, 1, 5] = 0.0, focal * qz, -focal * v * qz
-        for kind in range(2):
-            for t in range(frames - 1 if kind == 0 else frames):
-                if kind == 0:
-                    w00, w01 = step_info[i, t, 0, 0], step_info[i, t, 0, 1]
-                    w11 = step_info[i, t, 1, 1]
-                    if w00 + w11 <= 0 or bad[t] + bad[t + 1] > 0:
-                        continue
-                    r0 = step_obs[i, t, 0] - (at[t + 1, 0] - at[t, 0])
-                    r1 = step_obs[i, t, 1] - (at[t + 1, 1] - at[t, 1])
-                    d0 = by_depth[t + 1, 0] - by_depth[t, 0]
-                    d1 = by_depth[t + 1, 1] - by_depth[t, 1]
-                else:
-                    w00, w01 = spot_info[i, t, 0, 0], spot_info[i, t, 0, 1]
-                    w11 = spot_info[i, t, 1, 1]
-                    if w00 + w11 <= 0 or bad[t] > 0:
-                        continue
-                    r0 = spot_obs[i, t, 0] - at[t, 0]
-                    r1 = spot_obs[i, t, 1] - at[t, 1]
-                    d0, d1 = by_depth[t, 0], by_depth[t, 1]
-                e = (w00 * r0 * r0 + 2 * w01 * r0 * r1 + w11 * r1 * r1) / (scale * scale)
-                robust = 1.0 / ((1.0 + e) * (1.0 + e))
-                w00, w01, w11 = w00 * robust, w01 * robust, w11 * robust
-                a0, a1 = w00 * r0 + w01 * r1, w01 * r0 + w11 * r1
-                h[i] += w00 * d0 * d0 + 2 * w01 * d0 * d1 + w11 * d1 * d1
-                g[i] += a0 * d0 + a1 * d1
-                size = 12 if kind == 0 else 6
+            bad[t] = _linearize(relative[k, t, p], ray[i], inverse_depth[i], focal, center,
+                                at[t], by_depth[t], slope[t])
+        for t in range(frames - 1):
+            w = flow_info[i, t]
+            if w[0, 0] + w[1, 1] <= 0 or bad[t] + bad[t + 1] > 0:
+                continue
+            for a in range(2):
+                r[a] = flow[i, t, a] - (at[t + 1, a] - at[t, a])
+                d[a] = by_depth[t + 1, a] - by_depth[t, a]
                 for m in range(6):
-                    if kind == 0:
-                        row[0, m], row[1, m] = -slope[t, 0, m], -slope[t, 1, m]
-                        row[0, 6 + m], row[1, 6 + m] = slope[t + 1, 0, m], slope[t + 1, 1, m]
-                    else:
-                        row[0, m], row[1, m] = slope[t, 0, m], slope[t, 1, m]
-                for m in range(size):
-                    s0 = w00 * row[0, m] + w01 * row[1, m]
-                    s1 = w01 * row[0, m] + w11 * row[1, m]
-                    b[k, p, t, m] += a0 * row[0, m] + a1 * row[1, m]
-                    c[i, t, m] += s0 * d0 + s1 * d1
-                    for l in range(m + 1):
-                        matrix[k, p, t, m, l] += s0 * row[0, l] + s1 * row[1, l]
+                    row[a, m], row[a, 6 + m] = -slope[t, a, m], slope[t + 1, a, m]
+            dh, dg = _add_residual(row, 12, r, d, w, scale, matrix[k, p, t], b[k, p, t], c[i, t])
+            h[i], g[i] = h[i] + dh, g[i] + dg
+        for t in range(frames):
+            w = place_info[i, t]
+            if w[0, 0] + w[1, 1] <= 0 or bad[t] > 0:
+                continue
+            for a in range(2):
+                r[a], d[a] = place[i, t, a] - at[t, a], by_depth[t, a]
+            dh, dg = _add_residual(
+                slope[t], 6, r, d, w, scale, matrix[k, p, t], b[k, p, t], c[i, t])
+            h[i], g[i] = h[i] + dh, g[i] + dg
     for k in range(keys):
         for p in range(parts):
             for t in range(frames):
@@ -105,3 +64,52 @@ def accumulate(
                     for l in range(m):
                         matrix[k, p, t, l, m] = matrix[k, p, t, m, l]
     return matrix, b, c, h, g
+
+
+@compiled
+def _linearize(
+    motion: Array, ray: Array, q: float, focal: float, center: Array, at: Array, by_depth: Array,
+    slope: Array,
+) -> float:
+    """Write a point's place [2] under a motion, px, its derivative [2] by inverse depth, and that
+    [2 6] by a twist of its part; return 1 where the point is behind the camera."""
+    # scaled point: (R ray + q T), depth of 1/q
+    x0 = motion[0, 0] * ray[0] + motion[0, 1] * ray[1] + motion[0, 2] * ray[2]
+    y0 = motion[1, 0] * ray[0] + motion[1, 1] * ray[1] + motion[1, 2] * ray[2]
+    z0 = motion[2, 0] * ray[0] + motion[2, 1] * ray[1] + motion[2, 2] * ray[2]
+    x, y, z = x0 + q * motion[0, 3], y0 + q * motion[1, 3], z0 + q * motion[2, 3]
+    bad = 1.0 if z < 0.05 else 0.0
+    z = max(z, 0.05)
+    u, v = x / z, y / z
+    at[0], at[1] = focal * u + center[0], focal * v + center[1]
+    by_depth[0] = focal * (motion[0, 3] - u * motion[2, 3]) / z
+    by_depth[1] = focal * (motion[1, 3] - v * motion[2, 3]) / z
+    # twist on the point (x, y, z) / q
+    qz = q / z
+    slope[0, 0], slope[0, 1], slope[0, 2] = -focal * u * v, focal * (1 + u * u), -focal * v
+    slope[1, 0], slope[1, 1], slope[1, 2] = -focal * (1 + v * v), focal * u * v, focal * u
+    slope[0, 3], slope[0, 4], slope[0, 5] = focal * qz, 0.0, -focal * u * qz
+    slope[1, 3], slope[1, 4], slope[1, 5] = 0.0, focal * qz, -focal * v * qz
+    return bad
+
+
+@compiled
+def _add_residual(
+    row: Array, size: int, r: Array, d: Array, w: Array, scale: float, matrix: Array, b: Array,
+    c: Array,
+) -> tuple[float, float]:
+    """Add a residual r [2] with information w [2 2], its derivatives row [2 size] by twists and
+    d [2] by depth; return the terms of the depth's own equation."""
+    w00, w01, w11 = w[0, 0], w[0, 1], w[1, 1]
+    e = (w00 * r[0] * r[0] + 2 * w01 * r[0] * r[1] + w11 * r[1] * r[1]) / (scale * scale)
+    robust = 1.0 / ((1.0 + e) * (1.0 + e))
+    w00, w01, w11 = w00 * robust, w01 * robust, w11 * robust
+    a0, a1 = w00 * r[0] + w01 * r[1], w01 * r[0] + w11 * r[1]
+    for m in range(size):
+        s0 = w00 * row[0, m] + w01 * row[1, m]
+        s1 = w01 * row[0, m] + w11 * row[1, m]
+        b[m] += a0 * row[0, m] + a1 * row[1, m]
+        c[m] += s0 * d[0] + s1 * d[1]
+        for l in range(m + 1):
+            matrix[m, l] += s0 * row[0, l] + s1 * row[1, l]
+    return (w00 * d[0] * d[0] + 2 * w01 * d[0] * d[1] + w11 * d[1] * d[1], a0 * d[0] + a1 * d[1])

@@ -1,7 +1,7 @@
-"""Parts of a video without depth (Sec. 3.2, EM): which part's motion explains a pixel best.
+"""Part labels without depth (Sec. 3.2, EM).
 
-What speaks for a part (see ray_costs.py) is averaged over neighbours and along tracks, and parts
-follow one another from the base outward.
+Label costs (see `costs`) are averaged over neighbors and along tracks; parts are expected to follow
+one another from the base outward.
 """
 
 from __future__ import annotations
@@ -14,83 +14,89 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
-from ...robots.geometry import Array
-from ..images import Footage, rays
-
-_NEAR = 12  # neighbours that share a label
-_AROUND = 1.5  # cells within which a pixel of another key frame shows the same
-_OUT_OF_ORDER = 0.2  # cost of a label that does not follow the way from the base outward
+from ...robots.geometry import Array, pinhole
+from ..images import VideoEvidence
+from .settings import RgbSettings
 
 
-@dataclass(frozen=True)
-class Spots:
-    """N pixels of key frames that are worth following."""
+@dataclass(frozen=True, eq=False)
+class SampledPixels:
+    """N pixels of K key frames, each with texture to follow."""
 
     frame: NDArray[np.int64]
-    """[N]"""
+    """[N] key frame"""
     pixel: NDArray[np.int64]
-    """[N 2]"""
+    """[N 2] (u, v)"""
     ray: Array
     """[N 3] at depth 1"""
     expected: Array
-    """[N] inverse depth, if nothing else is known"""
+    """[N] prior mean of the inverse depth"""
     part: NDArray[np.int64] | None
     """[N] 1..J, if it is given"""
-    near: csr_array
-    """[N N] 1 for a pixel's neighbours"""
+    neighbors: csr_array
+    """[N N] 1 for a pixel's neighbors and itself"""
     nearest: NDArray[np.int32]
-    """[K h w] in each key frame the pixel that is nearest to each, -1 where none is near"""
+    """[K h w] index of the pixel that is nearest to each place of a key frame, -1 where none is
+    near"""
 
     def average(self, values: Array) -> Array:
-        """Means [N C] of values [N C] over each pixel's neighbourhood."""
-        total: Array = self.near @ values
-        return total / np.maximum(1.0, self.near.sum(axis=1))[:, None]
+        """Return the means [N C] of values [N C] over each pixel's neighbors."""
+        total: Array = self.neighbors @ values
+        return total / np.maximum(1.0, self.neighbors.sum(axis=1))[:, None]
 
 
-def spots(seen: Footage, frames: tuple[int, ...], most: int) -> Spots:
-    """About `most` pixels of each key frame: the most distinct one of each cell."""
-    pixel: list[NDArray[np.int64]] = []
-    frame: list[NDArray[np.int64]] = []
-    blocks: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
-    first = 0
-    around: list[NDArray[np.int32]] = []
-    for k in frames:
-        # its rim is as likely background, and more textured
-        mask = cv2.erode(seen.moving[k].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        cell = max(2, int(np.ceil(np.sqrt(np.count_nonzero(mask) / most))))
-        score = np.where(mask, seen.hold[k, ..., 0] + seen.hold[k, ..., 2], -1.0)
-        h, w = score.shape[0] // cell, score.shape[1] // cell
-        cells = score[: h * cell, : w * cell].reshape(h, cell, w, cell).swapaxes(1, 2)
-        cells = cells.reshape(h, w, -1)
-        best = cells.argmax(axis=2)
-        v, u = np.nonzero(cells.max(axis=2) >= 0)
-        inside = best[v, u]
-        here = np.stack([u * cell + inside % cell, v * cell + inside // cell], axis=1)
-        pixel.append(here)
-        frame.append(np.full(len(here), k))
-        if len(here):
-            _, others = KDTree(here).query(here, min(_NEAR, len(here)))
-            others = np.asarray(others, np.int64).reshape(len(here), -1)
-            row = np.repeat(np.arange(len(here)), others.shape[1])
-            blocks.append((row + first, others.ravel() + first))
-            index = nearest_of(here, mask.shape, _AROUND * cell)
-            around.append(np.where(index >= 0, index + np.int32(first), index))
-        first += len(here)
-    pixels = np.concatenate(pixel)
-    row = np.concatenate([b[0] for b in blocks]) if blocks else np.zeros(0, np.int64)
-    column = np.concatenate([b[1] for b in blocks]) if blocks else np.zeros(0, np.int64)
-    near = csr_array((np.ones(len(row)), (row, column)), shape=(first, first))
-    at = (np.concatenate(frame), pixels[:, 1], pixels[:, 0])
-    expected = np.ones(first) if seen.relief is None else seen.relief[at].astype(np.float64)
-    part = None if seen.part is None else np.maximum(1, seen.part[at].astype(np.int64))
-    nearest = np.stack(around) if around else np.zeros((0, *seen.moving.shape[1:]), np.int32)
-    return Spots(at[0], pixels, rays(seen.intrinsics, pixels), expected, part, near, nearest)
+def sample_pixels(
+    evidence: VideoEvidence, frames: tuple[int, ...], most: int, settings: RgbSettings
+) -> SampledPixels:
+    """Sample about `most` pixels of each key frame: the one with most texture of each cell."""
+    found = [_sample_frame(evidence, k, most) for k in frames]
+    first = np.cumsum([0, *(len(pixel) for pixel, _ in found)])
+    row, column, nearest = [], [], []
+    for at, (here, cell) in zip(first, found, strict=False):
+        if not len(here):
+            continue
+        _, others = KDTree(here).query(here, min(settings.label_neighbors, len(here)))
+        others = np.asarray(others, np.int64).reshape(len(here), -1)
+        row.append(np.repeat(np.arange(len(here)), others.shape[1]) + at)
+        column.append(others.ravel() + at)
+        index = nearest_sample(here, evidence.moving.shape[1:], settings.same_pixel_cells * cell)
+        nearest.append(np.where(index >= 0, index + np.int32(at), index))
+    none = [np.zeros(0, np.int64)]
+    rows, columns = np.concatenate(row or none), np.concatenate(column or none)
+    pixels = np.concatenate([pixel for pixel, _ in found])
+    at = (np.repeat(frames, np.diff(first)), pixels[:, 1], pixels[:, 0])
+    depth, part = evidence.inverse_depth, evidence.part
+    return SampledPixels(
+        at[0], pixels, pinhole.pixel_rays(evidence.intrinsics, pixels),
+        np.ones(len(pixels)) if depth is None else depth[at].astype(np.float64),
+        None if part is None else np.maximum(1, part[at].astype(np.int64)),
+        csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(pixels), len(pixels))),
+        np.stack(nearest) if nearest else np.zeros((0, *evidence.moving.shape[1:]), np.int32),
+    )
 
 
-def nearest_of(
+def _sample_frame(
+    evidence: VideoEvidence, frame: int, most: int
+) -> tuple[NDArray[np.int64], int]:
+    """Pixels [N 2] of a frame, and the side of the cells that they are from, px."""
+    # the rim of the foreground may be background, which often has more texture
+    mask = cv2.erode(evidence.moving[frame].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    cell = max(2, int(np.ceil(np.sqrt(np.count_nonzero(mask) / most))))
+    confidence = evidence.texture_confidence[frame]
+    score = np.where(mask, confidence[..., 0] + confidence[..., 2], -1.0)
+    h, w = score.shape[0] // cell, score.shape[1] // cell
+    cells = score[: h * cell, : w * cell].reshape(h, cell, w, cell).swapaxes(1, 2)
+    cells = cells.reshape(h, w, -1)
+    best = cells.argmax(axis=2)
+    v, u = np.nonzero(cells.max(axis=2) >= 0)
+    inside = best[v, u]
+    return np.stack([u * cell + inside % cell, v * cell + inside // cell], axis=1), cell
+
+
+def nearest_sample(
     pixels: NDArray[np.int64], shape: tuple[int, ...], reach: float
 ) -> NDArray[np.int32]:
-    """[h w] index of the nearest of pixels [N 2], -1 where none is within `reach` px."""
+    """Return the index [h w] of the nearest of pixels [N 2], -1 where none is within `reach` px."""
     marks = np.ones(shape, np.uint8)
     marks[pixels[:, 1], pixels[:, 0]] = 0
     away, found = cv2.distanceTransformWithLabels(
@@ -101,11 +107,11 @@ def nearest_of(
     return np.where(np.asarray(away) < reach, index[mark], np.int32(-1))
 
 
-def along_tracks(points: Spots, cost: Array, place: Array) -> Array:
-    """[N J] costs averaged over neighbours, and over what each part takes a pixel to.
+def average_along_tracks(points: SampledPixels, cost: Array, place: Array) -> Array:
+    """Return label costs [N J] averaged over neighbors and along each part's tracks.
 
-    place [N K J 2] px, of each pixel in each key frame if it is on part j: what is seen there would
-    be the same part.
+    place [N K J 2] px, of each pixel in each key frame if it is on part j: the pixel seen there
+    would be on the same part.
     """
     keys, height, width = points.nearest.shape
     pixel = np.rint(np.clip(place, -2, 1e4)).astype(np.int64)
@@ -122,18 +128,24 @@ def along_tracks(points: Spots, cost: Array, place: Array) -> Array:
     return cost
 
 
-def labelled(points: Spots, cost: Array, rank: Array) -> NDArray[np.int64]:
-    """[N] labels 0..J-1 of least cost [N J], most of which follow one another from the base
-    outward: rank [N] is 0..1 on the way, which a folded chain does not keep to."""
-    order = along_chain(cost, rank, points.frame)
+def assign_labels(
+    points: SampledPixels, cost: Array, rank: Array, order_cost: float
+) -> NDArray[np.int64]:
+    """Return the labels 0..J-1 [N] of least cost [N J].
+
+    Rank [N] is 0..1 from the base outward. A folded chain does not keep to it, so that a label out
+    of order costs `order_cost` and is not forbidden.
+    """
+    order = ordered_labels(cost, rank, points.frame)
     out = np.arange(cost.shape[1]) != order[:, None]
-    return points.average(cost + _OUT_OF_ORDER * out).argmin(axis=1)
+    return points.average(cost + order_cost * out).argmin(axis=1)
 
 
-def along_chain(cost: Array, rank: Array, frame: NDArray[np.int64]) -> NDArray[np.int64]:
-    """[N] labels 0..J-1 that follow one another from the base outward, of least cost.
+def ordered_labels(cost: Array, rank: Array, frame: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the labels 0..J-1 [N] of least cost [N J] that follow one another by rank.
 
-    cost [N J], rank [N] in 0..1 from the base outward, key frame of each [N].
+    Dynamic programming over the points of each key frame [N], by rank [N] in 0..1 from the base
+    outward.
     """
     out = np.zeros(len(rank), np.int64)
     joints = cost.shape[1]
@@ -158,9 +170,11 @@ def along_chain(cost: Array, rank: Array, frame: NDArray[np.int64]) -> NDArray[n
     return out
 
 
-def disorder(label: NDArray[np.int64], rank: Array, frame: NDArray[np.int64]) -> float:
-    """Share of the pairs of a frame's points that are labelled against their rank [N] from the
-    base outward: two parts that are taken for each other explain as much, but not in this order."""
+def label_inversions(label: NDArray[np.int64], rank: Array, frame: NDArray[np.int64]) -> float:
+    """Return the share of the pairs of a frame's points that are labeled against their rank [N].
+
+    Two parts that are mistaken for each other explain the images equally well, but not in order.
+    """
     against, pairs = 0, 0
     for k in np.unique(frame):
         mine = np.flatnonzero(frame == k)

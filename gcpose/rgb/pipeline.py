@@ -1,8 +1,8 @@
 """GC-Pose from plain video: the stages of the paper (Fig. 2) without depth.
 
 Parts and motion come from flow under the chain, first between few frames, then over all of them
-(Sec. 3.2 and 3.3); bundle adjustment with every point's unknown depth makes them agree (Sec. 3.4).
-Scale cannot be seen, and nothing here depends on it.
+(Sec. 3.2 and 3.3). Bundle adjustment with an unknown depth for every point refines them (Sec. 3.4).
+Scale cannot be observed, and nothing here depends on it.
 """
 
 from __future__ import annotations
@@ -13,58 +13,67 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ...errors import GcbenchError
+from ...errors import MethodError
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array
 from ..chain import Known, screws_of
-from ..images import Depth, Flow, Footage, footage
-from .points import Rays, places
-from .search import search_rays
-from .tracker import Guess
-
-# of standard deviations: 10 on three arms, times 1.5 as their points became 300 instead of 130
-_CALIBRATION, _FLOOR = 15.0, np.radians(0.4)
-_CLUELESS = 1.0  # standard deviation of a displacement that nothing was seen of, rad or m
-_STRIDE = 2  # px between those whose part is looked up
+from ..images import Depth, Flow, ImageSettings, VideoEvidence, video_evidence
+from .points import predict_places
+from .search import search_video
+from .settings import RgbSettings
+from .tracker import VideoHypothesis
 
 
 def estimate_rgb(
-    observation: Observation, known: Known, flow: Flow, depth: Depth | None
+    observation: Observation, known: Known, flow: Flow, depth: Depth | None,
+    settings: RgbSettings, image_settings: ImageSettings,
 ) -> Estimate | None:
-    """Sec. 3.2 to 3.4 on one sequence; None where nothing is seen to move.
+    """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4).
 
-    Raises GcbenchError if pixels are not square.
+    Args:
+        observation: The sequence; its own flow, if given, replaces `flow`.
+        known: Joints and what is known of their axes.
+        flow: Optical flow.
+        depth: Depth of an image up to scale, as a prior of the points' depths; or None.
+        settings: Settings of the estimator.
+        image_settings: Settings of what is measured in the images.
+
+    Returns:
+        The estimate; None where nothing is seen to move.
+
+    Raises:
+        MethodError: If pixels are not square.
     """
     rgb, k = observation.rgb, observation.intrinsics
     if rgb is None or len(rgb) < 2:
         return None
     if not np.isclose(k[0, 0], k[1, 1], rtol=1e-3):
-        raise GcbenchError(f"gcpose on rgb needs square pixels, not focal lengths {k[0, 0]:g} and "
-                           f"{k[1, 1]:g} px; resize the images first")
+        raise MethodError(f"gcpose on rgb needs square pixels, not focal lengths {k[0, 0]:g} and "
+                          f"{k[1, 1]:g} px; resize the images first")
     given = flow if observation.flow is None else observation.flow
-    seen = footage(rgb, k, given, depth, observation.part)
-    if seen is None:
+    evidence = video_evidence(rgb, k, given, depth, observation.part, image_settings)
+    if evidence is None:
         return None
-    far = distance(known, seen)
-    known = replace(known, base=standing(observation, seen))
-    guess = search_rays(seen, scaled(known, 1 / far))
-    if guess is None:
+    distance = object_distance(known, evidence)
+    known = replace(known, base=base_from_world(observation, evidence))
+    best = search_video(evidence, scale_axes(known, 1 / distance), settings)
+    if best is None:
         return None
-    angle = np.where(known.prismatic, far * guess.state.angle, guess.state.angle)
-    sigma = deviations(guess)
+    angle = np.where(known.prismatic, distance * best.state.angle, best.state.angle)
+    sigma = calibrated_deviation(best, settings)
     if not (np.isfinite(angle).all() and np.isfinite(sigma).all()):
         return None
     screw = None if known.line is None else screws_of(known.line, known.prismatic)
-    part = parts(seen, guess, rgb.shape[:3])
+    part = label_images(evidence, best, rgb.shape[:3], settings.part_stride)
     return Estimate(angle, screw, part, sigma)
 
 
-def distance(known: Known, seen: Footage) -> float:
-    """How far away the object is, if its axes tell; else 1."""
+def object_distance(known: Known, evidence: VideoEvidence) -> float:
+    """Return the distance of the object by its known axes, m; 1 if none is known."""
     if known.line is None or known.prismatic.all():
         return 1.0
-    v, u = np.nonzero(seen.moving[0])
-    k = seen.intrinsics
+    v, u = np.nonzero(evidence.moving[0])
+    k = evidence.intrinsics
     ray = np.array([(u.mean() - k[0, 2]) / k[0, 0], (v.mean() - k[1, 2]) / k[1, 1], 1.0])
     found: list[float] = []
     for line in known.line[~known.prismatic]:  # where each axis passes the line of sight
@@ -74,9 +83,11 @@ def distance(known: Known, seen: Footage) -> float:
     return float(np.clip(np.median(found), 0.05, 100.0))
 
 
-def standing(observation: Observation, seen: Footage) -> Array | None:
-    """[3] at depth 1, where a machine of several joints stands: at the world's origin, as far as
-    that is known and near what moves. Known axes say more: folded arms may hide where they begin.
+def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array | None:
+    """Return the base point [3] at depth 1 of a serial chain of several joints, or None.
+
+    It is the world's origin, if that is known and near what moves. Where axes are known they are
+    better evidence: a folded arm may hide its base.
     """
     world, parent = observation.cam_from_world, observation.parents
     if world is None or observation.axis_line is not None:
@@ -86,45 +97,49 @@ def standing(observation: Observation, seen: Footage) -> Array | None:
     origin = world[:3, 3]
     if origin[2] <= 0:
         return None
-    v, u = np.nonzero(seen.moving.any(axis=0))
-    at = (seen.intrinsics @ origin)[:2] / origin[2]
+    v, u = np.nonzero(evidence.moving.any(axis=0))
+    at = (evidence.intrinsics @ origin)[:2] / origin[2]
     away = np.hypot(u - at[0], v - at[1]).min()
     return origin / origin[2] if away < max(np.ptp(u), np.ptp(v)) else None
 
 
-def scaled(known: Known, by: float) -> Known:
-    """The same joints in another unit of length."""
+def scale_axes(known: Known, factor: float) -> Known:
+    """Return the same joints in another unit of length."""
     if known.line is None:
         return known
     line = known.line.copy()
-    line[~known.prismatic, 3:] *= by
+    line[~known.prismatic, 3:] *= factor
     return replace(known, line=line)
 
 
-def deviations(guess: Guess) -> Array:
-    """[T J] standard deviations that two thirds of the errors lie within."""
-    out = np.zeros_like(guess.state.angle)
-    out[1:] = np.minimum(np.hypot(_CALIBRATION * guess.deviation(), _FLOOR), _CLUELESS)
+def calibrated_deviation(hypothesis: VideoHypothesis, settings: RgbSettings) -> Array:
+    """Return standard deviations [T J] within which two thirds of the errors lie."""
+    out = np.zeros_like(hypothesis.state.angle)
+    sigma = np.hypot(settings.sigma_factor * hypothesis.deviation(), settings.sigma_floor)
+    out[1:] = np.minimum(sigma, settings.sigma_unknown)
     return out
 
 
-def parts(seen: Footage, guess: Guess, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """[T H W] labels: those of the nearest points, which are moved from the nearest key frame."""
+def label_images(
+    evidence: VideoEvidence, hypothesis: VideoHypothesis, shape: tuple[int, ...], stride: int
+) -> NDArray[np.uint8]:
+    """Return the parts [T H W] of all images: those of the nearest points, moved from the nearest
+    key frame."""
     out = np.zeros(shape, np.uint8)
-    rays: Rays = guess.rays
-    at = places(guess.state, rays, seen.intrinsics)
-    left, top = seen.corner
-    height, width = seen.moving.shape[1:]
-    keys = np.unique(rays.frame)
-    for t in range(seen.frames):
+    points = hypothesis.points
+    at = predict_places(hypothesis.state, points, evidence.intrinsics)
+    left, top = evidence.corner
+    height, width = evidence.moving.shape[1:]
+    keys = np.unique(points.frame)
+    for t in range(evidence.frames):
         key = keys[np.abs(keys - t).argmin()]
-        mine = rays.frame == key
-        v, u = np.nonzero(seen.moving[t, ::_STRIDE, ::_STRIDE])
+        mine = points.frame == key
+        v, u = np.nonzero(evidence.moving[t, ::stride, ::stride])
         if not (mine.any() and len(u)):
             continue
-        _, nearest = KDTree(at[mine, t]).query(np.stack([u, v], axis=1) * _STRIDE)
-        small = np.zeros((height // _STRIDE + 1, width // _STRIDE + 1), np.uint8)
-        small[v, u] = rays.label[mine][nearest]
-        full = small.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)[:height, :width]
-        out[t, top : top + height, left : left + width] = full * seen.moving[t]
+        _, nearest = KDTree(at[mine, t]).query(np.stack([u, v], axis=1) * stride)
+        small = np.zeros((height // stride + 1, width // stride + 1), np.uint8)
+        small[v, u] = points.label[mine][nearest]
+        full = small.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
+        out[t, top : top + height, left : left + width] = full * evidence.moving[t]
     return out

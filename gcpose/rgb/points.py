@@ -1,4 +1,4 @@
-"""Points of key frames without depth: where a chain takes them, and how they look there."""
+"""Points of key frames with unknown depth: their places and distortion under an articulation."""
 
 from __future__ import annotations
 
@@ -10,96 +10,98 @@ from scipy.sparse import csr_array
 
 from ...robots.geometry import Array, inverse
 from ..chain import Articulation
-
-_NOISE = 0.03  # of inverse depths, from a plane through their neighbours'
-_STEEP, _STEEPEST = 2.0, 4.0  # slopes of inverse depth, by ray: usual, and the most there is
+from .settings import RgbSettings
 
 
 @dataclass(frozen=True)
-class Rays:
-    """N pixels of key frames, and what the T frames say of them."""
+class InverseDepthPoints:
+    """N pixels of key frames with an inverse depth each (Civera et al., T-RO 2008), and what T
+    frames measure of them."""
 
     frame: NDArray[np.int64]
-    """[N] key frame of each"""
+    """[N] key frame"""
     ray: Array
     """[N 3] at depth 1"""
     label: NDArray[np.int64]
-    """[N] 1..J"""
+    """[N] part 1..J"""
     inverse_depth: Array
     """[N] in the key frame; scale is free: about 1"""
     expected: Array
-    """[N] what is believed of it beforehand"""
-    step: Array
-    """[N T-1 2] px, flow where the point is in each frame"""
-    step_information: Array
-    """[N T-1 2 2] 1/px2"""
-    spot: Array
-    """[N T 2] px, where the point was found in each frame"""
-    spot_information: Array
-    """[N T 2 2] 1/px2"""
-    near: csr_array | None = None
-    """[N N] 1 for neighbours in a key frame, whose depths are alike on one part"""
+    """[N] prior mean of the inverse depth"""
+    flow: Array
+    """[N T-1 2] px, flow at the point's place in each frame"""
+    flow_information: Array
+    """[N T-1 2 2] 1/px^2"""
+    place: Array
+    """[N T 2] px, where the point's patch was found in each frame"""
+    place_information: Array
+    """[N T 2 2] 1/px^2"""
+    neighbors: csr_array | None = None
+    """[N N] 1 for neighbors in a key frame, whose depths are alike on one part"""
 
     @classmethod
-    def unseen(
+    def unmeasured(
         cls, frame: NDArray[np.int64], ray: Array, label: NDArray[np.int64], expected: Array
-    ) -> Rays:
-        """Those of which nothing is measured yet."""
+    ) -> InverseDepthPoints:
+        """Return points at their expected depths, without measurements."""
         none = np.zeros(0)
         return cls(frame, ray, label, expected, expected, none, none, none, none)
 
 
-def carried(state: Articulation, rays: Rays) -> Array:
-    """[N T 4 4] motion of each point's part from its key frame to each frame."""
+def motions_from_key(state: Articulation, points: InverseDepthPoints) -> Array:
+    """Return the motion [N T 4 4] of each point's part from its key frame to each frame."""
     motion = state.motions(len(state.angle))
-    keys, key = np.unique(rays.frame, return_inverse=True)
-    return (motion @ inverse(motion[keys])[:, None])[key, :, rays.label]
+    keys, key = np.unique(points.frame, return_inverse=True)
+    return (motion @ inverse(motion[keys])[:, None])[key, :, points.label]
 
 
-def places(state: Articulation, rays: Rays, intrinsics: Array) -> Array:
-    """[N T 2] px, where each point is in each frame."""
-    return _seen(carried(state, rays), rays)[0] * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+def predict_places(state: Articulation, points: InverseDepthPoints, intrinsics: Array) -> Array:
+    """Return the place [N T 2], px, of each point in each frame."""
+    at = _project(motions_from_key(state, points), points)[0]
+    return at * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
 
 
-def warps(state: Articulation, rays: Rays) -> Array:
-    """[N T 2 2], how a point's surroundings in its key frame are distorted in each frame.
+def predict_warps(state: Articulation, points: InverseDepthPoints, settings: RgbSettings) -> Array:
+    """Return the distortion [N T 2 2] of each point's surroundings from its key frame.
 
-    They lie in a plane (see `slopes`): of its points inverse depth is linear in the ray.
+    The surroundings lie in a plane (see `inverse_depth_slopes`), on which inverse depth is linear
+    in the ray.
     """
-    motion = carried(state, rays)
-    at, depth = _seen(motion, rays)
-    by_ray = motion[..., :3, :2] + motion[..., :3, 3:] * slopes(rays)[:, None, None]
+    motion = motions_from_key(state, points)
+    at, depth = _project(motion, points)
+    slope = inverse_depth_slopes(points, settings)
+    by_ray = motion[..., :3, :2] + motion[..., :3, 3:] * slope[:, None, None]
     return (by_ray[..., :2, :] - at[..., None] * by_ray[..., 2:, :]) / depth[..., None]
 
 
-def _seen(motion: Array, rays: Rays) -> tuple[Array, Array]:
-    """[N T 2] at depth 1, and [N T 1] depth, of the depth in the key frame."""
-    moved = np.einsum("ntab,nb->nta", motion[..., :3, :3], rays.ray)
-    moved += rays.inverse_depth[:, None, None] * motion[..., :3, 3]
+def _project(motion: Array, points: InverseDepthPoints) -> tuple[Array, Array]:
+    """Places [N T 2] at depth 1, and depths [N T 1] in units of the depth in the key frame."""
+    moved = np.einsum("ntab,nb->nta", motion[..., :3, :3], points.ray)
+    moved += points.inverse_depth[:, None, None] * motion[..., :3, 3]
     depth = np.maximum(moved[..., 2:], 0.05)
     return moved[..., :2] / depth, depth
 
 
-def slopes(rays: Rays) -> Array:
-    """[N 2] by how much inverse depth grows with the ray's x and y, on the part of each point.
+def inverse_depth_slopes(points: InverseDepthPoints, settings: RgbSettings) -> Array:
+    """Return the slope [N 2] of inverse depth by the ray's x and y on the part of each point.
 
-    Of a plane through what is near, as far as that tells more than that slopes are small.
+    A plane is fitted to the neighbors on the same part, with a prior towards slope 0.
     """
-    if rays.near is None:
-        return np.zeros((len(rays.ray), 2))
-    pair = csr_array(rays.near @ rays.near).tocoo()
+    if points.neighbors is None:
+        return np.zeros((len(points.ray), 2))
+    pair = csr_array(points.neighbors @ points.neighbors).tocoo()
     i, j = pair.row, pair.col
-    alike = rays.label[i] == rays.label[j]
+    alike = points.label[i] == points.label[j]
     i, j = i[alike], j[alike]
-    value = np.column_stack([rays.ray[:, :2], rays.inverse_depth])
+    value = np.column_stack([points.ray[:, :2], points.inverse_depth])
     size = len(value)
     count = np.maximum(1, np.bincount(i, minlength=size))
     mean = np.stack([np.bincount(i, value[j, c], size) for c in range(3)], axis=1) / count[:, None]
     off = value[j] - mean[i]
     xx, xy, yy, xq, yq = (np.bincount(i, off[:, a] * off[:, b], size)
                           for a, b in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2)))
-    little = (_NOISE / _STEEP) ** 2
-    xx, yy = xx + little, yy + little
+    prior = (settings.plane_depth_sigma / settings.slope_sigma) ** 2
+    xx, yy = xx + prior, yy + prior
     slope = np.stack([yy * xq - xy * yq, xx * yq - xy * xq], axis=1) / (xx * yy - xy**2)[:, None]
     steep = np.linalg.norm(slope, axis=1, keepdims=True)
-    return slope * np.minimum(1.0, _STEEPEST / np.maximum(steep, _STEEPEST))
+    return slope * np.minimum(1.0, settings.max_slope / np.maximum(steep, settings.max_slope))

@@ -1,53 +1,64 @@
-"""The choice among hypotheses without depth: many ways, few survivors, what fits patches best."""
+"""Search without depth: many initial hypotheses, refined in stages; patches decide in the end."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..chain import Known
-from ..images import Footage
+from ..images import VideoEvidence
 from ..numerics import together
-from .strategies import by_sweeps, distinct, tilted, traded
-from .tracker import Guess, RayTracker
-
-_MANY, _DENSE, _FEW = 130, 300, 220  # points of a key frame: to search, in the end, for trades
-_SECOND, _TRADED, _TILTED = 6, 3, 3  # solutions that go on, or are tried otherwise
-_LAST = 3  # that are fitted to the most points
-_BY_FLOW = 0.2  # weight of the flow's word beside the patches'
-_DISORDER = 1.5  # of parts that do not follow one another along the chain
-_UNSURE = 0.1  # cost of an angle's standard deviation that is e times as large
-_SURE = 0.004  # rad, below which that says nothing: a wrong motion may be as sure of itself
-_UNHINGED = 0.1  # of an axis that passes far from where its part begins
-_FIRST_REACH, _REACH = 6.0, 3.0  # px, from where a patch is expected
+from .bundle import BundleWeights
+from .settings import RgbSettings
+from .strategies import (
+    exchange_parallel_turns,
+    initialize_by_sweeps,
+    select_distinct,
+    vary_door_plane,
+)
+from .tracker import VideoHypothesis, VideoTracker
 
 
-def search_rays(seen: Footage, known: Known) -> Guess | None:
-    """The best articulation; None where too little is seen to move."""
-    s = RayTracker(seen, known)
-    last = seen.frames - 1
-    keys = tuple(range(0, last + 1, 2))
-    many, dense = s.points(keys, _MANY), s.points(keys, _DENSE)
-    few = s.points((last // 4 * 2,), _FEW)  # one of the key frames
-    found = [s.relabel(g, many) for g in by_sweeps(s)]
+def search_video(
+    evidence: VideoEvidence, known: Known, settings: RgbSettings
+) -> VideoHypothesis | None:
+    """Return the best articulation; None where too few moving pixels are seen."""
+    tracker, s = VideoTracker(evidence, known, settings), settings
+    last = evidence.frames - 1
+    keys = tuple(range(0, last + 1, s.final_key_frame_step))
+    many, dense = tracker.sample(keys, s.max_points), tracker.sample(keys, s.final_points)
+    step = s.final_key_frame_step
+    few = tracker.sample((last // (2 * step) * step,), s.exchange_points)  # the middle key frame
+    found = [tracker.relabel(h, many) for h in initialize_by_sweeps(tracker)]
     if not found:
         return None
-    found += [t for g in distinct(found, _TILTED) for t in tilted(g)]
-    found = together(lambda g: s.sharpened(g, many, 2, _FIRST_REACH), found)
-    found = together(lambda g: s.sharpened(g, many, 3, _REACH), distinct(found, _SECOND, by=judged))
-    best = min(found, key=judged)
-    others = traded(s, best, few, _TRADED)
-    others = [s.settle(s.relabel(g, many), many, 1, (6.0, 4.0)) for g in others]
-    found += together(lambda g: s.sharpened(g, many, 3, _FIRST_REACH), others)
-    found = [s.relabel(g, dense) for g in distinct(found, _LAST, by=judged, differ=1.0)]
-    found = together(lambda g: s.sharpened(g, dense, 3, _REACH), found)
-    return min(found, key=judged)
+
+    def best(found: list[VideoHypothesis], most: int, **by: float) -> list[VideoHypothesis]:
+        return select_distinct(found, most, s, key=lambda h: score_hypothesis(h, s), **by)
+
+    found += [t for h in select_distinct(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
+    found = together(lambda h: tracker.refine_by_patches(h, many, 2, s.patch_reach_first), found)
+    found = together(lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach),
+                     best(found, s.refined_kept))
+    others = exchange_parallel_turns(
+        tracker, min(found, key=lambda h: score_hypothesis(h, s)), few, s.exchanged_kept)
+    weights = BundleWeights(s.settle_scales, s.depth_sigma_bundle)
+    others = [tracker.refine_by_flow(tracker.relabel(h, many), many, 1, weights) for h in others]
+    found += together(lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach_first), others)
+    found = [tracker.relabel(h, dense) for h in best(found, s.final_kept, labels=1.0)]
+    found = together(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), found)
+    return min(found, key=lambda h: score_hypothesis(h, s))
 
 
-def judged(guess: Guess) -> float:
-    """By patches, which are few but do not err to one side, and by the flow; of two that explain
-    both, the one whose parts are in order and turn about where they begin, and that tells every
-    joint: what parts show nothing of may turn in any way."""
-    unsure = float(np.log(np.maximum(guess.deviation()[-1], _SURE)).sum())
-    seen = guess.cost + _BY_FLOW * guess.flow_cost
-    order = _DISORDER * guess.disorder + _UNHINGED * guess.unhinged
-    return seen + order + _UNSURE * unsure
+def score_hypothesis(hypothesis: VideoHypothesis, settings: RgbSettings) -> float:
+    """Return the score of a hypothesis, the lower the better.
+
+    Patches count most: they are few but unbiased. Of hypotheses that explain patches and flow
+    equally well, the best has its parts in order, axes near their hinges, and every joint well
+    determined: a joint whose parts show nothing may turn by any angle.
+    """
+    s = settings
+    sigma = float(np.log(np.maximum(hypothesis.deviation()[-1], s.min_sigma)).sum())
+    images = hypothesis.cost + s.score_flow * hypothesis.flow_cost
+    chain = (s.score_inversions * hypothesis.label_inversions
+             + s.score_offset * hypothesis.axis_offset)
+    return images + chain + s.score_sigma * sigma

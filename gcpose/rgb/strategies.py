@@ -1,4 +1,4 @@
-"""Ways to an articulation without depth: many first guesses, tracked through the video."""
+"""Initial and alternative hypotheses without depth."""
 
 from __future__ import annotations
 
@@ -9,142 +9,162 @@ import numpy as np
 
 from ...robots.geometry import Array, inverse
 from ..chain import Articulation, spread, thinned, unlike
-from ..images import order_from_base
+from ..images import geodesic_rank
 from ..numerics import together
-from .flow_sweep import swept_rays
-from .labels import Spots
-from .parallel_axes import feet, shared
-from .points import Rays
-from .tracker import Guess, RayTracker
-
-_FEW, _FEWEST = 220, 20  # points of a key frame, and that are worth a search
-_SPANS, _SWEPT = (2, 3), 30  # frames that sweeps look ahead, and what is kept of each
-_BEGUN, _HALFWAY, _ALL = 40, 24, 10  # that go on to the next stage
-_HALF = 8  # frames after which the worse are left
-_APART = 0.07, 0.2  # of two guesses, rad or m: while there are many, and in the end
-_DIFFER = 0.05  # share of the labels in which two guesses are unlike
-_PARALLEL, _PLACES = 0.98, 16  # cosine; where a hinge may be
-_TILTS, _SEEN_ALONG = 8, 0.15  # planes through a door's axis; sine that they are seen at
-_SHARES = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
+from .bundle import BundleWeights
+from .flow_sweep import sweep_flow
+from .labels import SampledPixels
+from .parallel_axes import candidate_feet, keep_total_turn, redistribute
+from .points import InverseDepthPoints
+from .settings import RgbSettings
+from .tracker import VideoHypothesis, VideoTracker
 
 
-def by_sweeps(s: RayTracker) -> list[Guess]:
-    """From joints' first steps (see beam.py), tracked frame by frame."""
-    last = s.seen.frames - 1
-    points = s.points((0,), _FEW)
-    if len(points.frame) < _FEWEST:
+def initialize_by_sweeps(tracker: VideoTracker) -> list[VideoHypothesis]:
+    """Return hypotheses from sweeps over the first frames, tracked through the video."""
+    s, last = tracker.settings, tracker.evidence.frames - 1
+    points = tracker.sample((0,), s.sweep_points)
+    if len(points.frame) < s.min_points:
         return []
-    spans = sorted({min(span, last) for span in _SPANS})
-    found = [g for some in together(lambda span: swept(s, points, span), spans) for g in some]
-    start = min(max(spans) + 1, last)
-    found = together(lambda g: s.nearer(s.extended(g, start), points),
-                     distinct(found, _BEGUN, _APART[0]))
-    found = together(lambda g: s.followed(g, min(_HALF, last)),
-                     distinct(found, _HALFWAY, _APART[0]))
-    return together(lambda g: s.followed(g, last), distinct(found, _ALL, _APART[0]))
+    spans = sorted({min(span, last) for span in s.sweep_spans})
+    found = [h for some in together(lambda span: sweep_hypotheses(tracker, points, span), spans)
+             for h in some]
+    start, apart = min(max(spans) + 1, last), s.distinct_motion_first
+    found = together(lambda h: tracker.refine_tracked(tracker.extend(h, start), points),
+                     select_distinct(found, s.first_kept, s, motion=apart))
+    found = together(lambda h: tracker.track(h, min(s.half_frame, last)),
+                     select_distinct(found, s.half_kept, s, motion=apart))
+    return together(lambda h: tracker.track(h, last),
+                    select_distinct(found, s.tracked_kept, s, motion=apart))
 
 
-def swept(s: RayTracker, points: Spots, to: int) -> list[Guess]:
-    """The best chains over frames 0 and `to`, with labels from either end."""
-    beam = unlike(swept_rays(s.seen, s.known, points, to), _SWEPT)
+def sweep_hypotheses(
+    tracker: VideoTracker, points: SampledPixels, to: int
+) -> list[VideoHypothesis]:
+    """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
+    known, settings = tracker.known, tracker.settings
+    beam = unlike(sweep_flow(tracker.evidence, known, points, to, settings), settings.sweep_kept)
     one = np.ones(len(points.frame), np.int64)
-    rays = Rays.unseen(points.frame, points.ray, one, points.expected)
-    bases, out = ends(s, points, 0), list[Guess]()
+    start = InverseDepthPoints.unmeasured(points.frame, points.ray, one, points.expected)
+    bases = base_candidates(tracker, points, 0)
+    out: list[VideoHypothesis] = []
     for twist, end in zip(beam.twist, beam.angle, strict=True):
         angle = np.linspace(0 * end, end, to + 1)
-        state = Articulation(twist, angle, s.known.prismatic, s.known.parent)
-        out += [s.relabel(Guess(state, rays, base, np.inf, np.zeros((0, 0))), points)
-                for base in bases]
+        state = Articulation(twist, angle, known.prismatic, known.parent)
+        out += [tracker.relabel(
+            VideoHypothesis(state, start, base, cost=np.inf, hessian=np.zeros((0, 0))), points)
+            for base in bases]
     return out
 
 
-def ends(s: RayTracker, points: Spots, key: int) -> list[Array]:
-    """[3] each, at depth 1: where the chain begins, or may in a key frame, what is slow first."""
-    if s.known.base is not None:
-        return [s.known.base]
-    u, v = points.pixel.T
-    speed = np.linalg.norm(s.seen.flow[max(0, key - 3) : key + 4, v, u], axis=2).mean(axis=0)
+def base_candidates(tracker: VideoTracker, points: SampledPixels, key: int) -> list[Array]:
+    """Return points [3] at depth 1 where the chain may begin in a key frame, the slower first."""
+    if tracker.known.base is not None:
+        return [tracker.known.base]
+    s, (u, v) = tracker.settings, points.pixel.T
+    around = slice(max(0, key - s.base_frames), key + s.base_frames + 1)
+    speed = np.linalg.norm(tracker.evidence.flow[around, v, u], axis=2).mean(axis=0)
     slow = points.average(speed[:, None])[:, 0]
-    start, out = points.ray[slow <= np.quantile(slow, 0.04)], []
+    start = points.ray[slow <= np.quantile(slow, s.base_slow_share)]
+    out: list[Array] = []
     for _ in range(2):
-        rank = order_from_base(points.ray, start)
-        out.append(points.ray[rank <= 0.03].mean(axis=0))
-        start = points.ray[rank >= 0.97]
+        rank = geodesic_rank(points.ray, start, tracker.evidence.settings)
+        out.append(points.ray[rank <= s.base_end_share].mean(axis=0))
+        start = points.ray[rank >= 1 - s.base_end_share]
     return out
 
 
-def traded(s: RayTracker, guess: Guess, points: Spots, most: int) -> list[Guess]:
-    """The best solutions that share the turns of parallel neighbours otherwise (see trade.py)."""
-    state, rays = guess.state, guess.rays
-    if not len(points.frame):
+def exchange_parallel_turns(
+    tracker: VideoTracker, hypothesis: VideoHypothesis, points: SampledPixels, most: int
+) -> list[VideoHypothesis]:
+    """Return the best solutions that distribute turns otherwise among parallel neighbors."""
+    state, settings = hypothesis.state, tracker.settings
+    if not (len(points.frame) and (hypothesis.points.frame == points.frame[0]).any()):
         return []
-    motion = state.motions(len(state.angle))
-    mine = rays.frame == points.frame[0]
-    back = inverse(motion[points.frame[0], rays.label[mine]])
-    here = rays.ray[mine] / rays.inverse_depth[mine, None]
-    there = np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
-    found: list[Guess] = []
-    for j in range(s.joints - 1):
-        along = float(state.twist[j, :3] @ state.twist[j + 1, :3])
-        if abs(along) < _PARALLEL or not mine.any():
+    at = points_at_start(hypothesis, int(points.frame[0]))
+    found: list[VideoHypothesis] = []
+    for j in range(tracker.joints - 1):
+        cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
+        if abs(cosine) < settings.parallel_cosine:
             continue
-        hinge = spread(thinned(there, 400), _PLACES)
-        first = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *hinge])
-        others = [shared(state, j, along, p, f) for p in hinge for f in feet(state, j, p, first)]
-        others += [split(state, j, along, share) for share in _SHARES]
-        found += [s.relabel(replace(guess, state=o), points) for o in others if o is not None]
-    found = [s.settle(g, points, 2, (8.0, 6.0), 0.2) for g in distinct(found, 4 * most)]
-    return distinct(found, most)
+        places = spread(thinned(at, settings.spread_points), settings.exchange_places)
+        feet = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *places])
+        others = [
+            keep_total_turn(state, j, hinge, foot, settings)
+            for hinge in places
+            for foot in candidate_feet(state, j, hinge, feet, settings.exchange_feet)
+        ]
+        others += [redistribute(state, j, share) for share in settings.exchange_shares]
+        found += [tracker.relabel(replace(hypothesis, state=other), points)
+                  for other in others if other is not None]
+    weights = BundleWeights(settings.exchange_scales, settings.depth_sigma_exchange)
+    found = [tracker.refine_by_flow(h, points, 2, weights)
+             for h in select_distinct(found, 4 * most, settings)]
+    return select_distinct(found, most, settings)
 
 
-def tilted(guess: Guess) -> list[Guess]:
-    """The same motion of a door, whose points lie in a plane through its axis: each way it may lie.
+def points_at_start(hypothesis: VideoHypothesis, key: int) -> Array:
+    """Return the places [N 3] at frame 0 of the points of a key frame."""
+    points = hypothesis.points
+    mine = points.frame == key
+    back = inverse(hypothesis.state.motions(len(hypothesis.state.angle))[key, points.label[mine]])
+    here = points.ray[mine] / points.inverse_depth[mine, None]
+    return np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
 
-    How a door lies and how far it turns explain each other; from points at one distance the search
-    ends in the nearest of several minima.
+
+def vary_door_plane(
+    hypothesis: VideoHypothesis, settings: RgbSettings
+) -> list[VideoHypothesis]:
+    """Return the motion of a door with its points in each of several planes through its axis.
+
+    The slope of a door and its turn are ambiguous: from points at one distance the search ends in
+    the nearest of several minima.
     """
-    twist, motion = guess.state.twist[0], guess.state.motions(len(guess.state.angle))
+    state, points = hypothesis.state, hypothesis.points
+    twist, motion = state.twist[0], state.motions(len(state.angle))
     foot = np.asarray(np.cross(twist[:3], twist[3:]), np.float64)
-    if guess.state.prismatic[0] or len(guess.state.twist) > 1 or not foot.any():
+    if state.prismatic[0] or len(state.twist) > 1 or not foot.any():
         return []
-    ray, out = guess.rays.ray, list[Guess]()
+    ray = points.ray
+    out: list[VideoHypothesis] = []
     one, other = np.linalg.svd(twist[None, :3])[2][1:]
-    for turn in (np.arange(_TILTS) + 0.5) * np.pi / _TILTS:
-        across = np.cos(turn) * one + np.sin(turn) * other
-        toward = np.einsum("nab,b,na->n", motion[guess.rays.frame, 1, :3, :3], across, ray)
-        depth = toward / (across @ foot)
+    for turn in (np.arange(settings.tilts) + 0.5) * np.pi / settings.tilts:
+        normal = np.cos(turn) * one + np.sin(turn) * other
+        toward = np.einsum("nab,b,na->n", motion[points.frame, 1, :3, :3], normal, ray)
+        depth = toward / (normal @ foot)
         scale = float(depth.mean())
-        seen = np.abs(toward) > _SEEN_ALONG * np.linalg.norm(ray, axis=1)
-        if not 0.3 < scale < 3.0 or seen.mean() < 0.5 or np.mean(depth > 0) < 0.9:
+        seen = np.abs(toward) > settings.min_tilt_sine * np.linalg.norm(ray, axis=1)
+        if (not settings.min_tilt_scale < scale < settings.max_tilt_scale
+                or seen.mean() < settings.min_tilt_points
+                or np.mean(depth > 0) < settings.min_tilt_in_front):
             continue
         line = np.concatenate([twist[:3], scale * twist[3:]])[None]
-        rays = replace(guess.rays, inverse_depth=np.clip(depth / scale, 0.4, 2.5))
-        out.append(replace(guess, state=replace(guess.state, twist=line), rays=rays))
+        inverse_depth = np.clip(
+            depth / scale, settings.min_inverse_depth, settings.max_inverse_depth)
+        out.append(replace(hypothesis, state=replace(state, twist=line),
+                           points=replace(points, inverse_depth=inverse_depth)))
     return out
 
 
-def split(state: Articulation, joint: int, along: float, share: float) -> Articulation:
-    """The turns of two parallel neighbours, of which the first makes `share` of what both do."""
-    angle = state.angle.copy()
-    both = angle[:, joint] + np.sign(along) * angle[:, joint + 1]
-    angle[:, joint] = share * both
-    angle[:, joint + 1] = np.sign(along) * (1 - share) * both
-    return replace(state, angle=angle)
+def select_distinct(
+    found: list[VideoHypothesis], most: int, settings: RgbSettings, *,
+    motion: float | None = None, labels: float | None = None,
+    key: Callable[[VideoHypothesis], float] = lambda h: h.cost,
+) -> list[VideoHypothesis]:
+    """Return the best few by `key` that differ in labels or in their last displacements.
 
-
-def distinct(
-    found: list[Guess], most: int, apart: float = _APART[1],
-    by: Callable[[Guess], float] = lambda g: g.cost, differ: float = _DIFFER,
-) -> list[Guess]:
-    """The best few that differ in more than a share of the labels, or in motion."""
-    out: list[Guess] = []
-    for g in sorted(found, key=by):
+    `motion` and `labels` override the differences of the settings, rad or length and share.
+    """
+    apart = settings.distinct_motion if motion is None else motion
+    share = settings.distinct_labels if labels is None else labels
+    out: list[VideoHypothesis] = []
+    for h in sorted(found, key=key):
         if all(
-            np.mean(g.rays.label != o.rays.label) > differ
-            or np.abs(g.state.angle[-1] - o.state.angle[-1]).max() > apart
+            np.mean(h.points.label != o.points.label) > share
+            or np.abs(h.state.angle[-1] - o.state.angle[-1]).max() > apart
             for o in out
         ):
-            out.append(g)
+            out.append(h)
         if len(out) == most:
             break
     return out

@@ -7,201 +7,226 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...robots.geometry import Array, inverse
-from ..chain import Articulation, ChainSettings, Hinges, Known, from_axis, hinges
-from ..images import Footage, order_from_base
-from .bundle import adjust_rays
-from .costs import flow_costs, patch_costs
-from .evidence import REACH, SPAN, matched, misfit, observed
-from .labels import Spots, along_tracks, disorder, labelled, spots
-from .points import Rays
-
-_TRUST = 3.0  # of patches' information: beside it, what is believed beforehand is little
-_SLACK = 0.1  # how far an axis may pass from its hinge, of the distance to the camera
-_FAR = 0.2  # of that distance, of an axis from its hinge: there it is doubtful
-_JERKY = 30.0  # of the score, of a root mean square acceleration in rad a frame^2
-_BY_PATCH = 2.0  # weight of patches beside the flow, in labels
-_KEY, _FEW = 3, 100  # frames from one key frame to the next while tracking; points of each
-_WIDE = 10.0  # px, from where a patch is expected in a frame that is new
-_BELIEF, _LOOSE = 4.0, 0.3  # while tracking, as in `adjust_rays`
+from ..chain import Articulation, Hinges, Known, from_axis, hinges
+from ..images import VideoEvidence, geodesic_rank
+from .bundle import BundleSetup, BundleWeights, adjust_points
+from .costs import MovedRays, flow_costs, patch_costs
+from .evidence import measure_flow, measure_patches, patch_misfit
+from .labels import (
+    SampledPixels,
+    assign_labels,
+    average_along_tracks,
+    label_inversions,
+    sample_pixels,
+)
+from .points import InverseDepthPoints
+from .settings import RgbSettings
 
 
 @dataclass(frozen=True)
-class Guess:
-    """A hypothesis: an articulation and the parts and depths of its points."""
+class VideoHypothesis:
+    """An articulation with the parts and depths of its points."""
 
     state: Articulation
-    rays: Rays
+    points: InverseDepthPoints
     base: Array
     """[3] where the chain begins, at depth 1"""
     cost: float
-    """What it is ranked by among others of its kind"""
+    """Rank among hypotheses of the same stage: mean cost of labels, or of patches after
+    `VideoTracker.refine_by_patches`"""
     hessian: Array
+    """[U U] of displacements and axes"""
     flow_cost: float = np.inf
-    """Of its points under their labels, by flow"""
-    disorder: float = 0.0
-    """Of its labels along the chain"""
-    unhinged: float = 0.0
-    """How many axes pass far from where their parts begin"""
+    """Mean cost of its labels by flow"""
+    label_inversions: float = 0.0
+    """Share of pairs of labels that are out of order along the chain"""
+    axis_offset: float = 0.0
+    """Number of axes that pass far from their hinges; an axis counts by its distance, up to 1"""
 
     def deviation(self) -> Array:
-        """[T-1 J] standard deviations of the displacements, as far as the residuals tell."""
+        """Return the standard deviations [T-1 J] of the displacements, from the residuals."""
         held = self.state.angle[1:]
-        inverse = np.linalg.inv(self.hessian + 1e-6 * np.eye(len(self.hessian)))
-        return np.sqrt(np.maximum(np.diag(inverse)[: held.size], 0.0)).reshape(held.shape)
+        covariance = np.linalg.inv(self.hessian + 1e-6 * np.eye(len(self.hessian)))
+        return np.sqrt(np.maximum(np.diag(covariance)[: held.size], 0.0)).reshape(held.shape)
 
 
-class RayTracker:
-    """The footage seen by hypotheses."""
+class VideoTracker:
+    """EM steps of hypotheses on one video."""
 
-    def __init__(self, seen: Footage, known: Known) -> None:
-        self.seen, self.known = seen, known
+    def __init__(self, evidence: VideoEvidence, known: Known, settings: RgbSettings) -> None:
+        self.evidence, self.known, self.settings = evidence, known, settings
         self.joints = len(known.prismatic)
-        self.spots: dict[tuple[tuple[int, ...], int], Spots] = {}
-        self.known_ranks: dict[tuple[bytes, bytes], Array] = {}
+        self._samples: dict[tuple[tuple[int, ...], int], SampledPixels] = {}
+        self._ranks: dict[tuple[SampledPixels, tuple[float, ...]], Array] = {}
 
-    def points(self, frames: tuple[int, ...], most: int) -> Spots:
-        """About `most` of each key frame."""
-        if (frames, most) not in self.spots:
-            self.spots[frames, most] = spots(self.seen, frames, most)
-        return self.spots[frames, most]
+    def sample(self, frames: tuple[int, ...], most: int) -> SampledPixels:
+        """Return about `most` pixels of each key frame, the same in each call."""
+        if (frames, most) not in self._samples:
+            self._samples[frames, most] = sample_pixels(
+                self.evidence, frames, most, self.settings)
+        return self._samples[frames, most]
 
-    def relabel(self, guess: Guess, points: Spots) -> Guess:
-        """E-step: the parts of `points`, which need not be the guess's own."""
-        seen, state = self.seen, guess.state
+    def relabel(self, hypothesis: VideoHypothesis, points: SampledPixels) -> VideoHypothesis:
+        """E-step: label `points`, which need not be the hypothesis' own."""
+        own = hypothesis.points.ray is points.ray
+        state = hypothesis.state
         motion = state.motions(len(state.angle))
         keys, key = np.unique(points.frame, return_inverse=True)
-        relative = np.stack([motion @ inverse(motion[k]) for k in keys])
-        k = seen.intrinsics
-        camera = float(k[0, 0]), float(k[0, 2]), float(k[1, 2])
-        own = guess.rays.ray is points.ray
-        depth = guess.rays.inverse_depth if own else points.expected
+        k = self.evidence.intrinsics
+        rays = MovedRays(
+            points.ray, key, np.stack([motion @ inverse(motion[f]) for f in keys]),
+            (float(k[0, 0]), float(k[0, 2]), float(k[1, 2])))
+        depth = hypothesis.points.inverse_depth if own else points.expected
         depth = np.repeat(depth[:, None], self.joints, axis=1)
         by_flow = np.zeros_like(depth)
-        for steps in (4, 0):  # neighbours have about one depth
-            by_flow, depth = flow_costs(
-                points.ray, key, depth, relative, *camera, seen.flow, seen.hold, seen.moving, steps,
-            )  # fmt: skip
-            if steps:
+        for iterations in self.settings.depth_rounds:
+            by_flow, depth = flow_costs(rays, depth, self.evidence, iterations, self.settings)
+            if iterations:
                 depth = points.average(depth)
         cost = by_flow
-        if own and guess.rays.spot_information.any():
-            cost = cost + _BY_PATCH * patch_costs(
-                points.ray, key, depth, relative, *camera,
-                guess.rays.spot, guess.rays.spot_information,
-            )  # fmt: skip
-        there = relative[key][:, keys, 1:]
-        place = np.einsum("nkjab,nb->nkja", there[..., :3], points.ray)
-        place = place[..., :3] + depth[:, None, :, None] * there[..., :3, 3]
-        place = k[0, 0] * place[..., :2] / np.maximum(0.05, place[..., 2:]) + k[:2, 2]
-        rank = self.ranks(points, guess.base)
-        label = labelled(points, along_tracks(points, cost, place), rank)
+        measured = hypothesis.points
+        if own and measured.place_information.any():
+            cost = cost + self.settings.patch_label_weight * patch_costs(
+                rays, depth, measured.place, measured.place_information, self.settings)
+        rank = self.rank(points, hypothesis.base)
+        tracks = average_along_tracks(points, cost, self._places_in_keys(rays, depth, keys))
+        label = assign_labels(points, tracks, rank, self.settings.order_cost)
         if points.part is not None:
             label = points.part - 1
         mine = np.arange(len(label)), label
-        rays = replace(
-            guess.rays, frame=points.frame, ray=points.ray, label=label + 1,
-            inverse_depth=depth[mine], expected=points.expected, near=points.near,
-        )  # fmt: skip
-        guess = replace(guess, rays=rays, cost=float(cost[mine].mean()),
-                        flow_cost=float(by_flow[mine].mean()),
-                        disorder=disorder(label, rank, points.frame))
-        return replace(guess, unhinged=self.unhinged(guess))
+        labeled = replace(
+            hypothesis.points, frame=points.frame, ray=points.ray, label=label + 1,
+            inverse_depth=depth[mine], expected=points.expected, neighbors=points.neighbors)
+        out = replace(
+            hypothesis, points=labeled, cost=float(cost[mine].mean()),
+            flow_cost=float(by_flow[mine].mean()),
+            label_inversions=label_inversions(label, rank, points.frame))
+        return replace(out, axis_offset=self.axis_offset(out))
 
-    def unhinged(self, guess: Guess) -> float:
-        """Of the joints that a part carries: 1 each at most, a half where an axis passes `_FAR`
-        from where labels put the hinge."""
+    def _places_in_keys(self, rays: MovedRays, depth: Array, keys: Array) -> Array:
+        """[N K J 2] px, of each point in each key frame if it is on part j."""
+        there = rays.motion[rays.key][:, keys, 1:]
+        place = np.einsum("nkjab,nb->nkja", there[..., :3], rays.ray)
+        place = place[..., :3] + depth[:, None, :, None] * there[..., :3, 3]
+        k = self.evidence.intrinsics
+        return k[0, 0] * place[..., :2] / np.maximum(0.05, place[..., 2:]) + k[:2, 2]
+
+    def axis_offset(self, hypothesis: VideoHypothesis) -> float:
+        """Return the number of axes far from their hinges, of joints that a part carries.
+
+        An axis counts 1/2 at the distance `settings.axis_offset`, and 1 at most.
+        """
         carried = (self.known.parent >= 0) & ~self.known.prismatic
-        away = from_axis(guess.state.twist, self.hinges(guess).point)[carried]
+        away = from_axis(hypothesis.state.twist, self.hinges(hypothesis).point)[carried]
         square = (away**2).sum(axis=1)
-        return float((square / (square + _FAR**2)).sum())
+        return float((square / (square + self.settings.axis_offset**2)).sum())
 
-    def ranks(self, points: Spots, base: Array) -> Array:
-        """[N] how far out each point is in its key frame."""
-        name = (points.ray.tobytes(), base.tobytes())
-        if name not in self.known_ranks:
+    def rank(self, points: SampledPixels, base: Array) -> Array:
+        """Return the rank [N] of each point in its key frame, 0..1 from the base outward."""
+        name = (points, tuple(base.tolist()))
+        if name not in self._ranks:
             out = np.zeros(len(points.frame))
             for f in np.unique(points.frame):
                 mine = points.frame == f
-                out[mine] = order_from_base(points.ray[mine], base[None])
-            self.known_ranks[name] = out
-        return self.known_ranks[name]
+                out[mine] = geodesic_rank(
+                    points.ray[mine], base[None], self.evidence.settings)
+            self._ranks[name] = out
+        return self._ranks[name]
 
-    def hinges(self, guess: Guess) -> Hinges:
-        """Where the parts of the first key frame meet."""
-        rays = guess.rays
-        first = rays.frame == rays.frame.min()
-        point = rays.ray[first] / rays.inverse_depth[first, None]
-        motion = guess.state.motions(len(guess.state.angle))
-        m = inverse(motion[rays.frame.min(), rays.label[first]])
-        point = np.einsum("nab,nb->na", m[:, :3, :3], point) + m[:, :3, 3]
-        return Hinges(hinges(point, rays.label[first], guess.base, self.known.parent,
-                             ChainSettings()), _SLACK)
+    def hinges(self, hypothesis: VideoHypothesis) -> Hinges:
+        """Return where the parts of the first key frame meet."""
+        points = hypothesis.points
+        first = points.frame == points.frame.min()
+        at = points.ray[first] / points.inverse_depth[first, None]
+        motion = hypothesis.state.motions(len(hypothesis.state.angle))
+        m = inverse(motion[points.frame.min(), points.label[first]])
+        at = np.einsum("nab,nb->na", m[:, :3, :3], at) + m[:, :3, 3]
+        meet = hinges(at, points.label[first], hypothesis.base, self.known.parent,
+                      self.settings.chain)
+        return Hinges(meet, self.settings.hinge_slack)
 
-    def fitted(
-        self, guess: Guess, rays: Rays, scales: tuple[float, ...], belief: float = 1.0,
-        spread: float = 0.5,
-    ) -> Guess:
-        """M-step."""
-        trusted = replace(rays, spot_information=_TRUST * rays.spot_information)
-        fit = adjust_rays(
-            guess.state, trusted, self.seen.intrinsics, self.known.freedom, scales,
-            self.hinges(guess), belief, spread,
-        )  # fmt: skip
-        return replace(
-            guess, state=fit.state, rays=replace(rays, inverse_depth=fit.inverse_depth),
-            hessian=fit.hessian,
-        )  # fmt: skip
+    def adjust(
+        self, hypothesis: VideoHypothesis, points: InverseDepthPoints, weights: BundleWeights
+    ) -> VideoHypothesis:
+        """M-step: adjust the articulation and depths to measured points."""
+        information = self.settings.patch_weight * points.place_information
+        fit = adjust_points(
+            hypothesis.state, replace(points, place_information=information),
+            BundleSetup(self.evidence.intrinsics, self.known.freedom, self.hinges(hypothesis)),
+            weights, self.settings)
+        return replace(hypothesis, state=fit.state, hessian=fit.hessian,
+                       points=replace(points, inverse_depth=fit.inverse_depth))
 
-    def settle(
-        self, guess: Guess, points: Spots, rounds: int, scales: tuple[float, ...],
-        spread: float = 0.5,
-    ) -> Guess:
+    def refine_by_flow(
+        self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int,
+        weights: BundleWeights,
+    ) -> VideoHypothesis:
         """EM with the flow."""
         for _ in range(rounds):
-            guess = self.fitted(guess, observed(self.seen, guess.state, guess.rays), scales,
-                                spread=spread)
-            guess = self.relabel(guess, points)
-        return guess
+            measured = measure_flow(
+                self.evidence, hypothesis.state, hypothesis.points, self.settings)
+            hypothesis = self.adjust(hypothesis, measured, weights)
+            hypothesis = self.relabel(hypothesis, points)
+        return hypothesis
 
-    def sharpened(self, guess: Guess, points: Spots, rounds: int, reach: float) -> Guess:
-        """EM with patches, which do not drift; the cost is how badly these fit in the end, and how
-        uneven the motion is."""
+    def refine_by_patches(
+        self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float
+    ) -> VideoHypothesis:
+        """EM with patches, which do not drift.
+
+        The cost becomes the misfit of the patches, with a penalty for jerky motion.
+        """
+        s = self.settings
         for i in range(rounds):
-            near, span = (REACH, SPAN) if i else (reach, 2)
-            rays = matched(self.seen, guess.state, guess.rays, near, span)
-            guess = self.fitted(guess, rays, (6.0, 4.0, 3.0) if i == 0 else (3.0,) * 3)
-            guess = self.relabel(guess, points)
-        pace = np.diff(guess.state.angle, 2, axis=0)
-        jerky = float(np.sqrt(np.mean(pace**2))) if len(pace) else 0.0
-        fit = misfit(self.seen, guess.state, guess.rays)
-        return replace(guess, cost=fit + _JERKY * jerky)
+            near, span = (s.patch_reach, s.patch_span) if i else (reach, s.patch_span_first)
+            scales = s.final_scales if i else s.refine_scales
+            hypothesis = self._adjust_to_patches(
+                hypothesis, near, span, BundleWeights(scales, s.depth_sigma_bundle))
+            hypothesis = self.relabel(hypothesis, points)
+        jerk = np.diff(hypothesis.state.angle, 2, axis=0)
+        jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
+        fit = patch_misfit(self.evidence, hypothesis.state, hypothesis.points, s)
+        return replace(hypothesis, cost=fit + s.score_jerk * jerky)
 
-    def extended(self, guess: Guess, until: int) -> Guess:
-        """Displacements go on evenly to frame `until`."""
-        angle = guess.state.angle
+    def _adjust_to_patches(
+        self, hypothesis: VideoHypothesis, reach: float, span: int, weights: BundleWeights
+    ) -> VideoHypothesis:
+        points = measure_patches(self.evidence, hypothesis.state, hypothesis.points, reach, span,
+                                 self.settings)
+        return self.adjust(hypothesis, points, weights)
+
+    def extend(self, hypothesis: VideoHypothesis, until: int) -> VideoHypothesis:
+        """Extrapolate the displacements to frame `until` at constant velocity."""
+        angle = hypothesis.state.angle
         more = until + 1 - len(angle)
         if more <= 0:
-            return guess
+            return hypothesis
         pace = (angle[-1] - angle[-min(3, len(angle))]) / (min(3, len(angle)) - 1)
         rest = angle[-1] + np.arange(1, more + 1)[:, None] * pace
-        state = replace(guess.state, angle=np.concatenate([angle, rest]))
-        return replace(guess, state=state)
+        state = replace(hypothesis.state, angle=np.concatenate([angle, rest]))
+        return replace(hypothesis, state=state)
 
-    def followed(self, guess: Guess, until: int) -> Guess:
-        """Track on to frame `until` by patches: flow sees too little motion on plain surfaces."""
+    def track(self, hypothesis: VideoHypothesis, until: int) -> VideoHypothesis:
+        """Track on to frame `until` by patches: flow shows too little motion on plain surfaces."""
+        s = self.settings
         while True:
-            now = len(guess.state.angle) - 1
-            points = self.points(tuple(range(0, now + 1, _KEY)), _FEW)
-            if guess.rays.ray is not points.ray:
-                guess = self.relabel(guess, points)
-            guess = self.nearer(guess, points)
+            now = len(hypothesis.state.angle) - 1
+            points = self.sample(tuple(range(0, now + 1, s.key_frame_step)), s.tracking_points)
+            if hypothesis.points.ray is not points.ray:
+                hypothesis = self.relabel(hypothesis, points)
+            hypothesis = self.refine_tracked(hypothesis, points)
             if now >= until:
-                return guess
-            guess = self.extended(guess, now + 1)
+                return hypothesis
+            hypothesis = self.extend(hypothesis, now + 1)
 
-    def nearer(self, guess: Guess, points: Spots) -> Guess:
-        """EM with patches on the frames that a guess has, which are few."""
-        for reach, scales in ((_WIDE, (6.0, 4.0)), (REACH, (3.0, 3.0))):
-            rays = matched(self.seen, guess.state, guess.rays, reach)
-            guess = self.fitted(guess, rays, scales, _BELIEF, _LOOSE)
-        return self.relabel(guess, points)
+    def refine_tracked(
+        self, hypothesis: VideoHypothesis, points: SampledPixels
+    ) -> VideoHypothesis:
+        """EM with patches on the frames so far, with stronger priors: these frames are few."""
+        s = self.settings
+        rounds = ((s.patch_reach_new, s.tracking_scales_first), (s.patch_reach, s.tracking_scales))
+        for reach, scales in rounds:
+            hypothesis = self._adjust_to_patches(
+                hypothesis, reach, s.patch_span,
+                BundleWeights(scales, s.depth_sigma_tracking, s.tracking_prior))
+        return self.relabel(hypothesis, points)

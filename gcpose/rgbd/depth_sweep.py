@@ -13,7 +13,7 @@ import numpy as np
 
 from ...robots.geometry import Array
 from ..chain import Articulation, Cloud, Grid, Hypothesis, beamed, spread, thinned
-from ..images import Surfaces, smooth
+from ..images import Surfaces, smooth_costs
 from ..numerics import Image
 from .kernels import SweepCosts, camera_of, columns, grow, judge
 from .settings import RgbdSettings
@@ -49,7 +49,7 @@ def coarse_cloud(tracker: Tracker, state: Articulation) -> Cloud:
     grid, last = tracker.grid(0), len(state.angle) - 1
     motion = state.motions(last + 1)[last]
     judge = ByDepth(tracker.surfaces, last, columns(grid.point, grid.normal), tracker.settings)
-    label = smooth(judge.costs(motion).T, grid).argmin(axis=1)
+    label = smooth_costs(judge.costs(motion).T, grid).argmin(axis=1)
     return Cloud(0, grid.point, grid.normal, label)
 
 

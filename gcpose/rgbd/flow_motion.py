@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array
-from ..images import Candidates, Surfaces, rays
+from ...robots.geometry import Array, pinhole
+from ..images import Candidates, Surfaces
 from ..numerics import Solver, compiled, gauss_newton, truncated_cost
 from .settings import StartSettings
 
@@ -47,7 +47,7 @@ def correspond(
     aim = np.where(inside[:, None], aim, 0)
     z = surfaces.depth[to, aim[:, 1], aim[:, 0]].astype(np.float64)
     n = surfaces.normal[to, aim[:, 1], aim[:, 0]].astype(np.float64)
-    target = rays(surfaces.intrinsics, aim) * z[:, None]
+    target = pinhole.unproject(surfaces.intrinsics, aim, z)
     distance = np.linalg.norm(target - points, axis=1)
     reach = np.linalg.norm(flow, axis=1) * surfaces.footprint(points[:, 2])
     sigma = (settings.surface_sigma * surfaces.footprint(points[:, 2])

@@ -84,7 +84,8 @@ def candidates(
     v, u = np.nonzero(where[::stride, ::stride])
     pixel = np.stack([u, v], axis=1) * stride
     normal = surfaces.normal[frame, pixel[:, 1], pixel[:, 0]].astype(np.float64)
-    return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, stride)
+    return Candidates(frame, pixel, surfaces.points(frame, pixel), normal, stride,
+                      surfaces.settings)
 
 
 def label_costs(

@@ -22,7 +22,7 @@ from ..chain import (
     hinges,
     spaces,
 )
-from ..images import Flow, smooth
+from ..images import Flow, smooth_costs
 from ..numerics import together
 from .flow_motion import Correspondence, correspond, costs, fit
 from .labels import Candidates
@@ -91,7 +91,7 @@ class Beginning:
             prior = np.stack([hinge_prior(p - origin, self.slip * scale, tuned.turn_sigma)
                               for p in at])
             added = fit(self.data, label, space, prior, moves, tuned.robust_scales)
-            volume = smooth(costs(self.data, added, moves, tuned), grid)
+            volume = smooth_costs(costs(self.data, added, moves, tuned), grid)
             label = volume.argmin(axis=1)
             cost = float(volume.min(axis=1).mean())
         twist, angle = np.zeros((joints, 6)), np.zeros((self.to + 1, joints))

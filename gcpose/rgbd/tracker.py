@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..chain import Articulation, Cloud, Hinges, Hypothesis, Known, extent, hinges
-from ..images import Surfaces, order_from_base, smooth
+from ..images import Surfaces, geodesic_rank, smooth_costs
 from .bundle import Views, adjust
 from .labels import Candidates, candidates, changed, label_costs
 from .settings import RgbdSettings
@@ -42,7 +42,7 @@ class Tracker:
         base = surfaces.points(0, np.argwhere(fixed)[:, ::-1] * step)
         if len(base) < tuned.min_base_points:
             # the base is hidden: what moves least is nearest to it
-            calm = smooth(stays, grid)[:, 0]
+            calm = smooth_costs(stays, grid)[:, 0]
             base = grid.point[calm <= np.quantile(calm, tuned.base_share)]
         self.ranks = tuple(self._ranks(base))
         inside = grid.point[self.moving]
@@ -59,7 +59,7 @@ class Tracker:
         found, start = [], base
         tuned = self.settings.tracker
         for _ in range(tuned.base_candidates):
-            rank = order_from_base(points, start)
+            rank = geodesic_rank(points, start, self.surfaces.settings)
             start = points[rank >= np.quantile(rank, tuned.far_rank)]  # the other end
             if all(np.corrcoef(rank, other)[0, 1] < tuned.max_rank_correlation for other in found):
                 found.append(rank)
@@ -94,7 +94,7 @@ class Tracker:
     def label_motion(self, motion: Array, frame: int, width: float) -> tuple[Cloud, float]:
         """The same for any motion [T J+1 4 4] of the parts."""
         grid = self.grid(frame)
-        volume = smooth(self.label_costs(motion, frame, width), grid, self.surfaces.noise > 0)
+        volume = smooth_costs(self.label_costs(motion, frame, width), grid, self.surfaces.noise > 0)
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
         return Cloud(frame, grid.point, grid.normal, volume.argmin(axis=1)), cost
 

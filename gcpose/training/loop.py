@@ -21,7 +21,7 @@ from ...errors import GcbenchError
 from ...renderer.dataset import open_dataset
 from ...robots.files import locked
 from ..images import dis_flow, fine_dis_flow
-from ..images.raft_flow import RaftFlow
+from ..images.network_flow import RaftFlow
 from ..networks.raft import Raft
 from ..networks.torch_runtime import device_named, torch
 from ..networks.weights import read_weights

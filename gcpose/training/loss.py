@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from ..networks.raft import CELL, REACH, Refined
+from ..networks.raft import CELL, REACH, RaftOutput
 from ..networks.torch_runtime import F, Tensor, torch
 from .pairs import MOST_PARTS
 
@@ -16,7 +16,9 @@ _BIAS = 1.0
 _MATCH = 0.3  # of the correlations, at first
 
 
-def flow_loss(out: Refined, flow: Tensor, part: Tensor, weight: Tensor, progress: float) -> Tensor:
+def flow_loss(
+    out: RaftOutput, flow: Tensor, part: Tensor, weight: Tensor, progress: float
+) -> Tensor:
     """Weighted error of the flow and of its mean over each part, and at first of the matches.
 
     flow [B 2 H W] px, part [B H W] with 0 for what is still, weight [B H W] that sums to 1 in each

@@ -13,9 +13,13 @@ from gcbench.gcpose.chain.hinges import hinges
 from gcbench.gcpose.chain.kinematics import part_motions, twists_of
 from gcbench.gcpose.chain.priors import knowledge
 from gcbench.gcpose.chain.settings import ChainSettings
-from gcbench.gcpose.images.denoise import smoothed
 from gcbench.gcpose.images.flow import dis_flow
-from gcbench.gcpose.images.surfaces import measure, surface_normals
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.images.surfaces import (
+    surface_normals,
+    surfaces_from_depth,
+    surfaces_from_noisy_depth,
+)
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.numerics.threads import together
 from gcbench.gcpose.rgbd.depth_sweep import ByDepth, swept
@@ -144,7 +148,7 @@ def test_the_same_input_gives_the_same_output() -> None:
 def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
     observation, angle, _, _ = scene("arm")
     assert observation.depth is not None
-    surfaces = measure(observation.depth, INTRINSICS)
+    surfaces = surfaces_from_depth(observation.depth, INTRINSICS, ImageSettings())
     known = knowledge(told(observation, "axes"))
     blank = np.zeros((*observation.depth.shape, 3), np.uint8)
     where = lively(surfaces, blank, LabelSettings())
@@ -165,7 +169,7 @@ def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
 def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
     observation, angle, screw, part = scene("arm")
     assert observation.depth is not None
-    surfaces = measure(observation.depth, INTRINSICS)
+    surfaces = surfaces_from_depth(observation.depth, INTRINSICS, ImageSettings())
     v, u = np.nonzero((part[0] == 2) & surfaces.normal[0].any(axis=2))
     column = columns(surfaces.points(0, np.stack([u, v], axis=1)), surfaces.normal[0, v, u])
     some = angle[5] + np.linspace(-0.2, 0.2, 41)[:, None]
@@ -267,9 +271,10 @@ def test_normals_of_a_plane_are_its_normal() -> None:
     ray = np.stack([u - 40, v - 30, np.full_like(u, 100)], -1) / 100.0
     depth = (1.2 / (ray @ n)).astype(np.float32)
     k = np.array([[100.0, 0, 40], [0, 100.0, 30], [0, 0, 1]])
-    found = surface_normals(depth, k, 0.1)[1:-1, 1:-1]
+    found = surface_normals(depth, k, ImageSettings(max_curvature=10.0))[1:-1, 1:-1]
     assert np.abs(found - n).max() < 1e-3
     rgb = np.random.default_rng(0).integers(0, 255, (2, 60, 80, 3)).astype(np.uint8)
-    fitted = smoothed(np.stack([depth, depth]), rgb, k, 0.5, dis_flow)
+    fitted = surfaces_from_noisy_depth(
+        np.stack([depth, depth]), rgb, k, 0.5, dis_flow, ImageSettings())
     assert np.abs(fitted.normal[0, 20:40, 20:60] - n).max() < 0.03
-    assert np.abs(measure(depth[None], k).depth[0] - depth).max() == 0
+    assert np.abs(surfaces_from_depth(depth[None], k, ImageSettings()).depth[0] - depth).max() == 0

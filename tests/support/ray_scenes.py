@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.kinematics import part_motions
-from gcbench.gcpose.rgb.points import Rays, places
+from gcbench.gcpose.rgb.points import InverseDepthPoints, predict_places
 from gcbench.renderer.types.observation import Observation
 
 INTRINSICS = np.array([[600.0, 0, 160], [0, 600, 120], [0, 0, 1]])
@@ -26,7 +26,7 @@ def chain(scale: float = 1.0) -> tuple[Articulation, np.ndarray]:
     return Articulation(twist, angle, np.zeros(3, bool), np.arange(-1, 2)), at
 
 
-def measured(state: Articulation, scale: float, noise: float, steps: bool) -> Rays:
+def measured(state: Articulation, scale: float, noise: float, steps: bool) -> InverseDepthPoints:
     """Points of two key frames with their places, or steps, in all frames."""
     rng = np.random.default_rng(4)
     n = 240
@@ -36,16 +36,17 @@ def measured(state: Articulation, scale: float, noise: float, steps: bool) -> Ra
     frame = np.where(np.arange(n) % 2, 0, 4)
     none, empty = np.zeros((n, FRAMES - 1, 2)), np.zeros((n, FRAMES - 1, 2, 2))
     start = np.ones(n)
-    rays = Rays(frame, ray, label, rng.uniform(0.9, 1.1, n) / scale, start, none, empty,
-                np.zeros((n, FRAMES, 2)), np.zeros((n, FRAMES, 2, 2)))
-    at = places(state, rays, INTRINSICS)
+    points = InverseDepthPoints(
+        frame, ray, label, rng.uniform(0.9, 1.1, n) / scale, start, none, empty,
+        np.zeros((n, FRAMES, 2)), np.zeros((n, FRAMES, 2, 2)))
+    at = predict_places(state, points, INTRINSICS)
     at = at + noise * rng.standard_normal(at.shape)
     sure = np.broadcast_to(np.eye(2) / 0.1**2, (*at.shape, 2))
-    flat = replace(rays, inverse_depth=start)
+    flat = replace(points, inverse_depth=start)
     if steps:
-        return replace(flat, step=np.diff(at, axis=1), step_information=sure[:, 1:])
+        return replace(flat, flow=np.diff(at, axis=1), flow_information=sure[:, 1:])
     own = np.arange(FRAMES)[None] == frame[:, None]
-    return replace(flat, spot=at, spot_information=np.where(own[..., None, None], 0.0, sure))
+    return replace(flat, place=at, place_information=np.where(own[..., None, None], 0.0, sure))
 
 
 def texture(rng: np.random.Generator, height: int, width: int, sigma: float = 1.5) -> np.ndarray:

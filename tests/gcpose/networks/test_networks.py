@@ -17,7 +17,7 @@ from gcbench.gcpose.images.flow import dis_flow, fine_dis_flow, flow_named, for_
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 pytest.importorskip("safetensors", reason="weights need safetensors")
 
-from gcbench.gcpose.images.raft_flow import SHIPPED, RaftFlow, raft_flow  # noqa: E402
+from gcbench.gcpose.images.network_flow import SHIPPED, RaftFlow, load_raft  # noqa: E402
 from gcbench.gcpose.networks import flownet2, monodepth2, raft  # noqa: E402
 from gcbench.gcpose.networks.torch_runtime import warped  # noqa: E402
 
@@ -65,12 +65,12 @@ def test_look_interpolates_where_the_flow_points() -> None:
     line = torch.arange(n, dtype=torch.float32) - raft.REACH
     windows = (10 * line[:, None] + line).expand(1, 2, 3, n, n)
     flow = torch.tensor([0.25, -1.5])[None, :, None, None].expand(1, 2, 2, 3)
-    seen = raft.look(windows, flow)
+    seen = raft.look_up(windows, flow)
     middle = seen.shape[1] // 2
     torch.testing.assert_close(seen[0, middle], torch.full((2, 3), 10 * -1.5 + 0.25))
     torch.testing.assert_close(seen[0, middle + 1], torch.full((2, 3), 10 * -1.5 + 1.25))
     far = torch.full((1, 2, 2, 3), 50.0)
-    assert not raft.look(windows, far).any()
+    assert not raft.look_up(windows, far).any()
 
 
 def test_warping_undoes_a_shift() -> None:
@@ -167,7 +167,7 @@ def test_flownet2_correlates_rows_first() -> None:
 
 def test_monodepth2_is_the_official_one(tmp_path: Path) -> None:
     torch.manual_seed(4)
-    encoder, decoder = monodepth2.Encoder(), monodepth2.Decoder()
+    encoder, decoder = monodepth2.DepthEncoder(), monodepth2.DepthDecoder()
     assert sum(p.numel() for p in encoder.parameters()) == 11_176_512  # ResNet-18 without its head
     names = set(decoder.state_dict())
     assert {"decoder.0.conv.conv.weight", "decoder.9.conv.conv.bias", "decoder.10.conv.weight",
@@ -216,7 +216,7 @@ def test_the_weights_that_come_with_it_are_small_and_see_how_a_plain_bar_moves()
     bar[40:100, 50:90] = True
     a = np.where(bar[..., None], plain, ground)
     b = np.where(np.roll(bar, shift, 1)[..., None], plain, ground)
-    found, dis = (f(a, b)[bar].mean(axis=0) for f in (raft_flow(device="cpu"), fine_dis_flow))
+    found, dis = (f(a, b)[bar].mean(axis=0) for f in (load_raft(device="cpu"), fine_dis_flow))
     assert np.linalg.norm(found - (shift, 0)) < np.linalg.norm(dis - (shift, 0))
 
 
@@ -240,7 +240,7 @@ def test_classical_flows_have_names(name: str) -> None:
     [
         (lambda _: flow_named("raft2"), "no flow 'raft2'; there are dis, dis-fine, raft"),
         (lambda _: flow_named("flownet2"), "needs its checkpoint"),
-        (lambda _: depth_named("mono"), "not ours to give"),
+        (lambda _: depth_named("mono"), "not distributed with gcbench"),
         (lambda _: depth_named("deep"), "no depth 'deep'"),
         (lambda p: flow_named(f"raft:{p}/none.safetensors"), "there is no such file"),
         (lambda p: depth_named(f"mono:{p}"), "encoder.pth: there is no such file"),
@@ -271,7 +271,7 @@ def test_a_wrong_file_is_told_in_one_line(network: raft.Raft, tmp_path: Path) ->
     torch.save([1, 2], case("list.pth", "no tensors by name"))
     for name, said in cases.items():
         with pytest.raises(GcbenchError) as caught:
-            raft_flow(tmp_path / name)
+            load_raft(tmp_path / name)
         assert said in str(caught.value) and "\n" not in str(caught.value), name
 
 

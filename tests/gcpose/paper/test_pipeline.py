@@ -11,18 +11,21 @@ from gcbench.benchmark.methods.registry import load, with_options
 from gcbench.benchmark.report import published_numbers as paper
 from gcbench.benchmark.results.rows import Row
 from gcbench.gcpose.chain.kinematics import part_motions
+from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.paper.epipolar import (
-    Pair,
-    accumulated,
+    Axes,
+    MatchedParts,
+    PartMatcher,
+    accumulate_angles,
     eight_point,
-    orders,
-    pair_of,
+    joint_orders,
     rotations,
     rotations_with_depth,
-    sampson,
+    sampson_distance,
 )
 from gcbench.gcpose.paper.pipeline import FlowOnly, WithDepth
-from gcbench.gcpose.rgb.labels import Spots
+from gcbench.gcpose.paper.settings import PaperSettings
+from gcbench.gcpose.rgb.labels import SampledPixels
 from gcbench.renderer.types.observation import Observation
 from gcbench.robots.geometry import Array, rotation_about
 from gcbench.robots.motion.kinematics import chain_rotations
@@ -35,6 +38,8 @@ DIRECTION /= np.linalg.norm(DIRECTION, axis=1)[:, None]
 AT = np.array([[0.0, 0.3, 1.3], [0.02, -0.05, 1.25]])
 TWIST = np.concatenate([DIRECTION, np.cross(AT, DIRECTION)], axis=1)
 CHAIN = np.array([-1, 0])
+SETTINGS = PaperSettings()
+MATCHER = PartMatcher(260.0, 2, SETTINGS, ImageSettings())
 ANGLE = np.stack([0.5 * TIME, -0.6 * TIME**1.3], axis=1)
 
 
@@ -46,9 +51,9 @@ def body(most: int = 300) -> tuple[Array, np.ndarray]:
     return low + rng.random((len(part), 3)) * [0.35, 0.25, 0.3], part
 
 
-def matched(
+def match_exactly(
     k: int, noise: float = 0.0, span: int = 1
-) -> tuple[Spots, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[SampledPixels, np.ndarray, np.ndarray, np.ndarray]:
     """What frames k and k + span show of the body: spots, a flow field, depths and parts."""
     points, part = body()
     motion = part_motions(TWIST, ANGLE, CHAIN)
@@ -61,22 +66,22 @@ def matched(
     moved = 260.0 * (after - ray)[:, :2] + noise * rng.standard_normal((len(points), 2))
     flow[pixel[:, 1], pixel[:, 0]] = moved
     near = (part[:, None] == part[None]) & (np.abs(points[:, None] - points[None]).max(2) < 0.12)
-    found = Spots(np.full(len(part), k), pixel, ray, 1 / here[:, 2], None,
-                  csr_array(near.astype(float)), np.zeros((1, *flow.shape[:2]), np.int32))
+    found = SampledPixels(np.full(len(part), k), pixel, ray, 1 / here[:, 2], None,
+                          csr_array(near.astype(float)), np.zeros((1, *flow.shape[:2]), np.int32))
     return found, flow, 1 / here[:, 2], part
 
 
 def test_the_sampson_distance_is_that_to_the_nearest_match_which_fits() -> None:
     rng = np.random.default_rng(0)
-    found, flow, _, part = matched(0)
+    found, flow, _, part = match_exactly(0)
     mine = part == 2
     ray = found.ray[mine]
     there = ray.copy()
     there[:, :2] += flow[found.pixel[mine, 1], found.pixel[mine, 0]] / 260.0
     essential = eight_point(ray, there)
-    assert np.sqrt(sampson(essential, ray, there)).max() < 1e-5
-    assert np.isclose(sampson(7 * essential, ray, there + 0.01).sum(),
-                      sampson(essential, ray, there + 0.01).sum())
+    assert np.abs(sampson_distance(essential, ray, there)).max() < 1e-5
+    assert np.allclose(sampson_distance(7 * essential, ray, there + 0.01),
+                       sampson_distance(essential, ray, there + 0.01))
     off = 1e-3 * rng.standard_normal((len(ray), 2))
     wrong = there.copy()
     wrong[:, :2] += off
@@ -85,33 +90,35 @@ def test_the_sampson_distance_is_that_to_the_nearest_match_which_fits() -> None:
     normal = np.concatenate([line[:, :2], back[:, :2]], axis=1)
     step = (wrong * line).sum(axis=1) / (normal**2).sum(axis=1)
     nearest = step[:, None] * normal
-    fits = sampson(essential, ray - np.pad(nearest[:, 2:], ((0, 0), (0, 1))),
-                   wrong - np.pad(nearest[:, :2], ((0, 0), (0, 1))))
-    assert np.sqrt(fits).max() < 0.02 * np.sqrt((nearest**2).sum(axis=1)).max()
-    assert np.allclose(sampson(essential, ray, wrong), (nearest**2).sum(axis=1))
+    fits = sampson_distance(essential, ray - np.pad(nearest[:, 2:], ((0, 0), (0, 1))),
+                            wrong - np.pad(nearest[:, :2], ((0, 0), (0, 1))))
+    assert np.abs(fits).max() < 0.02 * np.sqrt((nearest**2).sum(axis=1)).max()
+    assert np.allclose(sampson_distance(essential, ray, wrong) ** 2, (nearest**2).sum(axis=1))
 
 
 def test_parts_are_told_apart_and_ordered_from_the_base() -> None:
-    found, flow, _, part = matched(0, span=6)
+    found, flow, _, part = match_exactly(0, span=6)
     base = found.ray[part == 1].max(axis=0)
-    pair = pair_of(found, flow, INTRINSICS, 2, base)
+    pair = MATCHER.match(found, base, flow)
     assert pair is not None
     assert np.mean(pair.label == part) > 0.95
-    assert pair_of(replace(found, frame=found.frame[:5]), flow, INTRINSICS, 2, base) is None
+    assert MATCHER.match(replace(found, frame=found.frame[:5]), base, flow) is None
 
 
 @pytest.mark.parametrize("with_depth", [False, True])
 def test_exact_matches_give_exact_angles(with_depth: bool) -> None:
-    steps, pairs = [], []
+    steps, pairs, axes = [], [], Axes(DIRECTION, CHAIN)
     for k in range(len(TIME) - 1):
-        found, flow, depth, part = matched(k)
-        pair = pair_of(replace(found, part=part), flow, INTRINSICS, 2, np.zeros(3))
+        found, flow, depth, part = match_exactly(k)
+        pair = MATCHER.match(replace(found, part=part), np.zeros(3), flow)
         assert pair is not None and (pair.label == part).all()
-        steps.append(rotations_with_depth(pair, depth, 260.0) if with_depth else rotations(pair))
+        steps.append(rotations_with_depth(pair, depth, 260.0, SETTINGS) if with_depth
+                     else rotations(pair, SETTINGS))
         pairs.append(pair)
-    angle, _ = accumulated(pairs, steps, DIRECTION, CHAIN, [np.arange(2)])
+    angle, _ = accumulate_angles(pairs, steps, axes, [np.arange(2)], SETTINGS)
     assert np.degrees(np.abs(angle - ANGLE)).max() < 0.2
-    assert np.allclose(angle, accumulated(pairs, steps, DIRECTION, CHAIN, orders(2))[0])
+    free = accumulate_angles(pairs, steps, axes, joint_orders(2, 2), SETTINGS)[0]
+    assert np.allclose(angle, free)
 
 
 def test_the_chain_tells_whose_a_turn_is() -> None:
@@ -123,31 +130,35 @@ def test_the_chain_tells_whose_a_turn_is() -> None:
     for angle in time[1:]:
         before, turn = turn, chain_rotations(direction, np.zeros(3, bool), parent, angle)
         steps.append(list(turn @ before.swapaxes(1, 2)))
-    some = Pair(np.zeros((9, 2), int), np.ones((9, 3)), np.ones((9, 3)), np.repeat([1, 2, 3], 3),
+    some = MatchedParts(np.zeros((9, 2), int), np.ones((9, 3)), np.ones((9, 3)),
+                        np.repeat([1, 2, 3], 3),
                 np.zeros((3, 3, 3)))
-    pairs, known = [some] * len(steps), [np.arange(3)]
-    assert np.allclose(accumulated(pairs, steps, direction, parent, known)[0], time)
+    pairs, axes = [some] * len(steps), Axes(direction, parent)
+    known, free = [np.arange(3)], joint_orders(3, 2)
+    assert np.allclose(accumulate_angles(pairs, steps, axes, known, SETTINGS)[0], time)
     unseen = [[None, *s[1:]] for s in steps]
-    assert np.allclose(accumulated(pairs, unseen, direction, parent, known)[0], time)
-    last = accumulated(pairs, [[*s[:2], None] for s in steps], direction, parent, known)[0]
+    assert np.allclose(accumulate_angles(pairs, unseen, axes, known, SETTINGS)[0], time)
+    last = accumulate_angles(pairs, [[*s[:2], None] for s in steps], axes, known, SETTINGS)[0]
     assert np.allclose(last[:, :2], time[:, :2]) and not last[:, 2].any()
     away = np.asarray(rotation_about([0.6, 0.8, 0], 0.5))
     shifted = [[away, s[1], s[2]] for s in steps]  # the first part is none
-    angle, joint = accumulated(pairs, shifted, direction, parent, orders(3))
+    angle, joint = accumulate_angles(pairs, shifted, axes, free, SETTINGS)
     assert np.abs(angle - time).max() < 1e-6
     assert all(j.tolist() == [-1, 1, 2] for j in joint)
-    angle, _ = accumulated([None] * len(steps), steps, direction, parent, orders(3))
+    angle, _ = accumulate_angles([None] * len(steps), steps, axes, free, SETTINGS)
     assert not angle.any()
 
 
 def test_parts_keep_their_order() -> None:
-    found = {tuple(x.tolist()) for x in orders(3)}
-    assert len(found) == len(orders(3)) == 19  # but for none at all
+    found = {tuple(x.tolist()) for x in joint_orders(3, 2)}
+    assert len(found) == len(joint_orders(3, 2)) == 19  # but for none at all
     assert (0, 1, 2) in found and (-1, 0, 2) in found and (1, 0, 2) not in found
-    assert len(orders(7)) == 21**2 + 7**2 + 1 and orders(7)[0].tolist() == list(range(7))
-    few = Pair(np.zeros((3, 2), int), np.ones((3, 3)), np.ones((3, 3)), np.array([1, 1, 2]),
+    many = joint_orders(7, 2)
+    assert len(many) == 21**2 + 7**2 + 1 and many[0].tolist() == list(range(7))
+    few = MatchedParts(np.zeros((3, 2), int), np.ones((3, 3)), np.ones((3, 3)), np.array([1, 1, 2]),
                np.zeros((2, 3, 3)))
-    assert rotations(few) == rotations_with_depth(few, np.ones(3), 1.0) == [None, None]
+    assert rotations(few, SETTINGS) == [None, None]
+    assert rotations_with_depth(few, np.ones(3), 1.0, SETTINGS) == [None, None]
 
 
 def slid() -> Observation:
@@ -182,7 +193,7 @@ def test_the_rows_stand_beside_the_paper_s() -> None:
 
 def test_tuning_lowers_both_losses_and_leaves_the_network() -> None:
     torch = pytest.importorskip("torch", reason="tuning needs PyTorch")
-    from gcbench.gcpose.paper.fine_tune import epipolar_loss, tuned
+    from gcbench.gcpose.paper.fine_tune import epipolar_loss, tune_flow
 
     class Field:
         """A flow that is its own parameter."""
@@ -195,13 +206,13 @@ def test_tuning_lowers_both_losses_and_leaves_the_network() -> None:
         def tensor(self, a: np.ndarray, b: np.ndarray) -> object:
             return self.network[0] + 0.0
 
-    found, flow, _, part = matched(3, noise=0.5)
-    pair = pair_of(replace(found, part=part), flow, INTRINSICS, 2, np.zeros(3))
+    found, flow, _, part = match_exactly(3, noise=0.5)
+    pair = MATCHER.match(replace(found, part=part), np.zeros(3), flow)
     assert pair is not None
     image = np.tile(np.linspace(50, 200, 20, dtype=np.uint8)[None, :, None], (20, 1, 3))
     images = np.stack([image, np.roll(image, 1, axis=1)])
     field, inside = Field(), np.ones((2, 20, 20), bool)
-    after = tuned(field, images, inside, 260.0, lambda k, f: pair)
+    after = tune_flow(field, images, inside, 260.0, lambda k, f: pair, SETTINGS)
 
     def loss(value: np.ndarray) -> float:
         return float(epipolar_loss(torch.from_numpy(value).permute(2, 0, 1), pair, 260.0))

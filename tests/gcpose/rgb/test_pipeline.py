@@ -8,20 +8,43 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load, with_options
+from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.priors import Known
-from gcbench.gcpose.images.flow import dis_flow
-from gcbench.gcpose.images.flow_types import Flow
-from gcbench.gcpose.images.still_camera import footage, moving_foreground
+from gcbench.gcpose.images.flow import Flow, dis_flow
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.images.still_camera import VideoEvidence, moving_foreground, video_evidence
 from gcbench.gcpose.method import GCPose
-from gcbench.gcpose.rgb.labels import spots
-from gcbench.gcpose.rgb.pipeline import standing
-from gcbench.gcpose.rgb.points import Rays
-from gcbench.gcpose.rgb.search import judged
-from gcbench.gcpose.rgb.strategies import distinct, tilted
-from gcbench.gcpose.rgb.tracker import Guess, RayTracker
+from gcbench.gcpose.rgb.labels import sample_pixels
+from gcbench.gcpose.rgb.pipeline import base_from_world
+from gcbench.gcpose.rgb.points import InverseDepthPoints
+from gcbench.gcpose.rgb.search import score_hypothesis
+from gcbench.gcpose.rgb.settings import RgbSettings
+from gcbench.gcpose.rgb.strategies import select_distinct, vary_door_plane
+from gcbench.gcpose.rgb.tracker import VideoHypothesis, VideoTracker
 from gcbench.renderer.types.observation import Observation
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door, texture
+
+SETTINGS = RgbSettings()
+
+
+def evidence_of(observation: Observation, flow: Flow = dis_flow) -> VideoEvidence:
+    assert observation.rgb is not None
+    found = video_evidence(
+        observation.rgb, observation.intrinsics, flow, None, None, ImageSettings())
+    assert found is not None
+    return found
+
+
+def hypothesis(
+    state: Articulation, points: InverseDepthPoints, base: np.ndarray, hessian: np.ndarray,
+    flow_cost: float = np.inf,
+) -> VideoHypothesis:
+    return VideoHypothesis(state, points, base, cost=3.0, hessian=hessian, flow_cost=flow_cost)
+
+
+def score(found: VideoHypothesis) -> float:
+    return score_hypothesis(found, SETTINGS)
 
 
 def test_the_foreground_is_what_moves() -> None:
@@ -32,9 +55,9 @@ def test_the_foreground_is_what_moves() -> None:
     for t in range(6):
         video[t, 30:60, 10 + 14 * t : 40 + 14 * t] = box
         truth[t, 30:60, 10 + 14 * t : 40 + 14 * t] = True
-    found = moving_foreground(video)
+    found = moving_foreground(video, ImageSettings())
     assert np.mean(found != truth) < 0.003
-    assert not moving_foreground(np.repeat(wall[None], 4, axis=0)).any()
+    assert not moving_foreground(np.repeat(wall[None], 4, axis=0), ImageSettings()).any()
 
 
 def test_a_flow_of_cuts_is_told_how_large_the_images_are() -> None:
@@ -48,8 +71,8 @@ def test_a_flow_of_cuts_is_told_how_large_the_images_are() -> None:
         def __call__(self, rgb_a: np.ndarray, rgb_b: np.ndarray) -> np.ndarray:
             raise AssertionError("seen at another scale")
 
-    seen = footage(observation.rgb, observation.intrinsics, Sized())
-    assert told == [(180, 240)] and seen is not None
+    seen = evidence_of(observation, Sized())
+    assert told == [(180, 240)]
     assert seen.flow.shape[1:3] < (180, 240)
 
 
@@ -65,14 +88,12 @@ def test_a_door_opens_without_depth() -> None:
 
 def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None:
     observation = replace(door(0.5), joint_types=("revolute",) * 2, n_joints=2)
-    assert observation.rgb is not None
-    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
-    assert seen is not None
+    seen = evidence_of(observation)
 
     def base(*at: float, of: Observation = observation) -> np.ndarray | None:
         world = np.eye(4)
         world[:3, 3] = at
-        return standing(replace(of, cam_from_world=world), seen)
+        return base_from_world(replace(of, cam_from_world=world), seen)
 
     near = base(0.1, 0.3, 2.0)
     assert near is not None
@@ -82,51 +103,51 @@ def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None
     assert base(0.1, 0.3, 2.0, of=door(0.5)) is None  # a door is not hinged at its middle
     assert base(0.1, 0.3, 2.0, of=replace(observation, joint_parent=(-1, -1))) is None
     assert base(0.1, 0.3, 2.0, of=replace(observation, axis_line=np.zeros((2, 6)))) is None
-    assert standing(replace(observation, cam_from_world=None), seen) is None
+    assert base_from_world(replace(observation, cam_from_world=None), seen) is None
 
 
 def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
     state, at = chain()
     empty = np.zeros(0)
-    rays = Rays.unseen(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64), empty)
+    none = np.zeros(0, np.int64)
+    rays = InverseDepthPoints.unmeasured(none, np.zeros((0, 3)), none, empty)
     held = state.angle[1:].size
-    sure = Guess(state, rays, at[0], 3.0, 4.0 * np.eye(held + 6), 2.0)
+    sure = hypothesis(state, rays, at[0], 4.0 * np.eye(held + 6), flow_cost=2.0)
     unsure = replace(sure, hessian=np.diag(np.tile([4.0, 0.04, 4.0], held // 3 + 2)))
     assert np.allclose(sure.deviation(), 0.5)
     assert np.allclose(unsure.deviation()[:, 1], 5.0, rtol=1e-3)
-    assert judged(sure) < judged(unsure) < judged(replace(sure, cost=3.3))
-    assert judged(replace(sure, flow_cost=2.1)) > judged(sure)
-    assert judged(replace(sure, disorder=0.1)) > judged(sure)
-    assert judged(replace(sure, unhinged=0.5)) > judged(sure)
+    assert score(sure) < score(unsure) < score(replace(sure, cost=3.3))
+    assert score(replace(sure, flow_cost=2.1)) > score(sure)
+    assert score(replace(sure, label_inversions=0.1)) > score(sure)
+    assert score(replace(sure, axis_offset=0.5)) > score(sure)
     surest = replace(sure, hessian=1e6 * sure.hessian)
-    assert judged(surest) < judged(sure)
-    assert judged(surest) == judged(replace(sure, hessian=1e8 * sure.hessian))
+    assert score(surest) < score(sure)
+    assert score(surest) == score(replace(sure, hessian=1e8 * sure.hessian))
 
 
 def test_axes_should_pass_where_their_parts_begin() -> None:
     observation = door(0.5)
-    assert observation.rgb is not None
-    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
-    assert seen is not None
+    seen = evidence_of(observation)
     state, at = chain()
     end = np.array([0.05, -0.12, 0.95])
     point = np.concatenate([np.linspace(a, b, 30)
                             for a, b in zip(at, [*at[1:], end], strict=True)])
-    rays = Rays.unseen(np.zeros(90, np.int64), point / point[:, 2:], np.repeat([1, 2, 3], 30),
-                       1 / point[:, 2])
-    guess = Guess(state, rays, at[0], 3.0, np.eye(1))
-    tracker = RayTracker(seen, Known(state.prismatic, state.parent, state.twist[:, :3], None))
-    assert tracker.unhinged(guess) < 0.02
+    rays = InverseDepthPoints.unmeasured(
+        np.zeros(90, np.int64), point / point[:, 2:], np.repeat([1, 2, 3], 30), 1 / point[:, 2])
+    start = hypothesis(state, rays, at[0], np.eye(1))
+    tracker = VideoTracker(
+        seen, Known(state.prismatic, state.parent, state.twist[:, :3], None), SETTINGS)
+    assert tracker.axis_offset(start) < 0.02
 
-    def moved(joint: int) -> Guess:
+    def moved(joint: int) -> VideoHypothesis:
         line = state.twist[joint, :3]
         away = 0.2 * np.cross(line, [0, 0, 1.0]) / np.linalg.norm(np.cross(line, [0, 0, 1.0]))
         twist = state.twist.copy()
         twist[joint, 3:] += np.cross(away, line)
-        return replace(guess, state=replace(state, twist=twist))
+        return replace(start, state=replace(state, twist=twist))
 
-    assert 0.4 < tracker.unhinged(moved(2)) < 0.6
-    assert tracker.unhinged(moved(0)) == tracker.unhinged(guess)  # the base is not seen to begin
+    assert 0.4 < tracker.axis_offset(moved(2)) < 0.6
+    assert tracker.axis_offset(moved(0)) == tracker.axis_offset(start)  # the base is unseen
 
 
 def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
@@ -143,32 +164,35 @@ def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
     ray = np.concatenate([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones((200, 1))], axis=1)
     turned = state.motions(FRAMES)[frame, 1, :3, :3] @ across
     true = np.einsum("na,na->n", turned, ray) / (across @ at[0])
-    rays = Rays.unseen(frame, ray, np.ones(200, np.int64), np.ones(200))
-    guess = Guess(state, rays, at[0], 3.0, np.eye(1))
-    found = tilted(guess)
+    rays = InverseDepthPoints.unmeasured(frame, ray, np.ones(200, np.int64), np.ones(200))
+    start = hypothesis(state, rays, at[0], np.eye(1))
+    found = vary_door_plane(start, SETTINGS)
     assert len(found) > 2
-    assert all(abs(g.rays.inverse_depth.mean() - 1.0) < 0.05 for g in found)
-    off = [np.abs(g.rays.inverse_depth - true / true.mean()).max() for g in found]
+    assert all(abs(g.points.inverse_depth.mean() - 1.0) < 0.05 for g in found)
+    off = [np.abs(g.points.inverse_depth - true / true.mean()).max() for g in found]
     assert min(off) < 0.03 < np.abs(1.0 - true / true.mean()).max()
     best = found[int(np.argmin(off))].state.twist[0]
     assert np.allclose(best[3:], true.mean() * state.twist[0, 3:], rtol=0.05)
-    assert not tilted(replace(guess, state=whole))
-    assert not tilted(replace(guess, state=replace(state, prismatic=np.ones(1, bool))))
+    assert not vary_door_plane(replace(start, state=whole), SETTINGS)
+    assert not vary_door_plane(
+        replace(start, state=replace(state, prismatic=np.ones(1, bool))), SETTINGS)
 
 
 def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> None:
     state, at = chain()
-    rays = Rays.unseen(np.zeros(1, np.int64), np.ones((1, 3)), np.ones(1, np.int64), np.ones(1))
-    first = Guess(state, rays, at[0], 3.0, np.eye(1), 2.0)
+    rays = InverseDepthPoints.unmeasured(
+        np.zeros(1, np.int64), np.ones((1, 3)), np.ones(1, np.int64), np.ones(1))
+    first = hypothesis(state, rays, at[0], np.eye(1), flow_cost=2.0)
     alike = replace(first, cost=4.0, flow_cost=1.0)
     other = replace(first, cost=5.0, state=replace(state, angle=2 * state.angle), flow_cost=1.5)
-    assert distinct([other, alike, first], 9) == [first, other]
-    assert distinct([other, alike, first], 9, by=lambda g: g.flow_cost) == [alike, other]
-    assert distinct([other, alike, first], 1) == [first]
+    assert select_distinct([other, alike, first], 9, SETTINGS) == [first, other]
+    found = select_distinct([other, alike, first], 9, SETTINGS, key=lambda g: g.flow_cost)
+    assert found == [alike, other]
+    assert select_distinct([other, alike, first], 1, SETTINGS) == [first]
     labels = np.full(1, 2)
-    unlike = replace(first, cost=3.5, rays=replace(rays, label=labels))
-    assert distinct([other, unlike, first], 9) == [first, unlike, other]
-    assert distinct([other, unlike, first], 9, differ=1.0) == [first, other]
+    unlike = replace(first, cost=3.5, points=replace(rays, label=labels))
+    assert select_distinct([other, unlike, first], 9, SETTINGS) == [first, unlike, other]
+    assert select_distinct([other, unlike, first], 9, SETTINGS, labels=1.0) == [first, other]
 
 
 def test_nothing_moves_and_nothing_breaks() -> None:
@@ -186,12 +210,10 @@ def test_pixels_that_are_not_square_are_refused() -> None:
         GCPose("dis").estimate(replace(observation, intrinsics=oblong))
 
 
-def test_spots_stay_on_what_moves() -> None:
+def test_sampled_pixels_stay_on_what_moves() -> None:
     observation = door(0.5)
-    assert observation.rgb is not None
-    seen = footage(observation.rgb, observation.intrinsics, GCPose("dis").flow)
-    assert seen is not None
-    found = spots(seen, (0, 4), 60)
+    seen = evidence_of(observation)
+    found = sample_pixels(seen, (0, 4), 60, SETTINGS)
     assert seen.moving[found.frame, found.pixel[:, 1], found.pixel[:, 0]].all()
     assert set(found.frame) == {0, 4}
 

@@ -11,19 +11,30 @@ from gcbench.gcpose.chain.beam_search import Beam, Grid, beamed, unlike
 from gcbench.gcpose.chain.priors import Known
 from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.chain.weak_prior import Hinges
-from gcbench.gcpose.images.patches import match
-from gcbench.gcpose.images.still_camera import CONTRAST, appearance
-from gcbench.gcpose.rgb.bundle import Fit, adjust_rays
-from gcbench.gcpose.rgb.flow_sweep import ByFlow, at_depths
-from gcbench.gcpose.rgb.points import Rays, places, slopes, warps
+from gcbench.gcpose.images.patches import PatchSearch, PredictedPatches, find_patches
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.images.still_camera import appearance
+from gcbench.gcpose.rgb.bundle import BundleFit, BundleSetup, BundleWeights, adjust_points
+from gcbench.gcpose.rgb.flow_sweep import FlowJudge, places_at_depths
+from gcbench.gcpose.rgb.points import (
+    InverseDepthPoints,
+    inverse_depth_slopes,
+    predict_places,
+    predict_warps,
+)
+from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array
 from scipy.spatial.distance import cdist
 
 from ...support.ray_scenes import INTRINSICS, chain, measured, texture
 
+SETTINGS = RgbSettings()
 
-def adjusted(scale: float = 1.0, noise: float = 0.0, steps: bool = False) -> tuple[Fit, float]:
+
+def adjusted(
+    scale: float = 1.0, noise: float = 0.0, steps: bool = False
+) -> tuple[BundleFit, float]:
     """The fit from half the angles and displaced axes, and its largest error in degrees."""
     true, _ = chain(scale)
     rays = measured(true, scale, noise, steps)
@@ -32,7 +43,8 @@ def adjusted(scale: float = 1.0, noise: float = 0.0, steps: bool = False) -> tup
     twist = off.twist.copy()
     twist[:, 3:] = np.cross(near + 0.01, twist[:, :3])
     state = replace(off, twist=twist, angle=0.5 * off.angle)
-    fit = adjust_rays(state, rays, INTRINSICS, 2, (50.0,) * 10 + (5.0,) * 20, hinges, 1e-3)
+    fit = adjust_points(state, rays, BundleSetup(INTRINSICS, 2, hinges),
+                        BundleWeights((50.0,) * 10 + (5.0,) * 20, 0.5, 1e-3), SETTINGS)
     return fit, float(np.degrees(np.abs(fit.state.angle - true.angle).max()))
 
 
@@ -45,10 +57,10 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     state, at = chain()
     rays = measured(state, 1.0, 0.0, False)
     mine = rays.frame == 0
-    there = rays.spot[mine, 3]
+    there = rays.place[mine, 3]
     sure = np.tile([4.0, 0.0, 4.0], (len(there), 1))
     column = np.column_stack([rays.ray[mine, :2], there, sure])
-    judge = ByFlow(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column)
+    judge = FlowJudge(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column, SETTINGS)
     motion = state.motions(4)[3]
     label = rays.label[mine]
     cost = judge.costs(motion)
@@ -68,15 +80,15 @@ def test_a_sweep_keeps_chains_of_unlike_steps() -> None:
     beam = Beam(count, count, count, angle)
     assert unlike(beam, 9).cost.tolist() == [0, 2, 4]
     assert unlike(beam, 2).cost.tolist() == [0, 2]
-    points = at_depths(np.array([[0.1, 0.2, 1.0], [0.0, -0.1, 1.0]]), (0.5, 2.0))
+    points = places_at_depths(np.array([[0.1, 0.2, 1.0], [0.0, -0.1, 1.0]]), (0.5, 2.0))
     assert points.tolist() == [[0.05, 0.1, 0.5], [0.2, 0.4, 2.0], [0, -0.05, 0.5], [0, -0.2, 2.0]]
 
 
 def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
     state, at = chain()
     known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
-    judge = ByFlow(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
-                   np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]))
+    judge = FlowJudge(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
+                      np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]), SETTINGS)
     twist = beamed(known, judge, Grid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
     away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
                      for p in at])
@@ -84,7 +96,7 @@ def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
     assert away[1:, :, 1:].min(axis=0).max() < 1e-9 < away[0, :, 1:].min()
 
 
-def neighbours(rays: Rays, most: int = 12) -> csr_array:
+def neighbors(rays: InverseDepthPoints, most: int = 12) -> csr_array:
     """[N N] 1 for the nearest of each point in its key frame."""
     apart = cdist(rays.ray, rays.ray) + 9.0 * (rays.frame[:, None] != rays.frame)
     near = apart <= np.sort(apart, axis=1)[:, most - 1 : most]
@@ -95,14 +107,15 @@ def test_depths_of_neighbours_on_one_part_are_alike() -> None:
     true, at = chain()
     rays = measured(true, 1.0, 1.0, False)
     nearer = 1.0 + 0.2 * (rays.label == 2)  # each part is flat, one of them nearer
-    there = places(true, replace(rays, inverse_depth=nearer), INTRINSICS)
+    there = predict_places(true, replace(rays, inverse_depth=nearer), INTRINSICS)
     noise = 20.0 * np.random.default_rng(7).standard_normal(there.shape)
-    sure = rays.spot_information * 0.1**2 / 20.0**2
-    rays = replace(rays, spot=there + noise, spot_information=sure)
-    scales = (3.0,) * 6
+    sure = rays.place_information * 0.1**2 / 20.0**2
+    rays = replace(rays, place=there + noise, place_information=sure)
+    scales, setup = (3.0,) * 6, BundleSetup(INTRINSICS, 2, Hinges(at, 0.1))
     alone, together = (
-        adjust_rays(true, replace(rays, near=near), INTRINSICS, 2, scales, Hinges(at, 0.1))
-        for near in (None, neighbours(rays))
+        adjust_points(true, replace(rays, neighbors=near), setup, BundleWeights(scales, 0.5),
+                      SETTINGS)
+        for near in (None, neighbors(rays))
     )
     for part in (1, 2, 3):
         mine = rays.label == part
@@ -125,7 +138,8 @@ def test_noise_costs_accuracy() -> None:
 def test_places_are_those_of_the_chain() -> None:
     state, _ = chain()
     rays = measured(state, 1.0, 0.0, False)
-    at, warp = places(state, rays, INTRINSICS), warps(state, rays)
+    at = predict_places(state, rays, INTRINSICS)
+    warp = predict_warps(state, rays, SETTINGS)
     i = int(np.flatnonzero(rays.frame == 4)[0])
     motion = state.motions(len(state.angle))[:, rays.label[i]]
     moved = (motion @ inverse(motion[4]))[7] @ np.append(rays.ray[i], 1.0)
@@ -143,14 +157,16 @@ def test_a_surface_is_distorted_as_it_lies() -> None:
     label = np.where(side[:, 0] < 6, 1, 3)
     tilt = np.array([[0.9, -0.5], [-0.4, 1.2]])[label // 3]
     depth = 1.0 + 0.1 * (label == 3) + (tilt * ray[:, :2]).sum(axis=1)
-    rays = Rays.unseen(np.full(len(ray), 4), ray, label, depth)
-    rays = replace(rays, near=neighbours(rays))
-    assert np.abs(slopes(rays) - tilt).max() < 0.5  # less than the slopes are
-    flat = replace(rays, near=None)
-    at = places(state, rays, INTRINSICS)
+    rays = InverseDepthPoints.unmeasured(np.full(len(ray), 4), ray, label, depth)
+    rays = replace(rays, neighbors=neighbors(rays))
+    slopes = inverse_depth_slopes(rays, SETTINGS)
+    assert np.abs(slopes - tilt).max() < 0.5  # less than the slopes are
+    flat = replace(rays, neighbors=None)
+    at = predict_places(state, rays, INTRINSICS)
     i = 5 * 12 + 8  # the pixel before and after it on each side are on the same part
     across = np.stack([at[i + 1] - at[i - 1], at[i + 12] - at[i - 12]], axis=2) / 8.0
-    apart = [np.abs(warps(state, r)[i, -1] - across[-1]).max() for r in (rays, flat)]
+    apart = [np.abs(predict_warps(state, r, SETTINGS)[i, -1] - across[-1]).max()
+             for r in (rays, flat)]
     assert apart[0] < 0.3 * apart[1]
 
 
@@ -160,13 +176,14 @@ def test_a_patch_is_found_where_it_was_moved_to() -> None:
     shift = np.array([1.4, -0.7])
     there = cv2.warpAffine(gray, np.array([[1, 0, shift[0]], [0, 1, shift[1]]]), (110, 90))
     inside = np.ones(gray.shape, bool)
-    images = np.stack([appearance(gray, inside), appearance(there, inside)])
+    images = np.stack([appearance(image, inside, ImageSettings()) for image in (gray, there)])
     pixel = np.array([[50.0, 40.0], [60.0, 50.0]])
     place = np.repeat(pixel[:, None], 2, axis=1)
     warp = np.broadcast_to(np.eye(2), (2, 2, 2, 2)).copy()
     wanted = np.array([[False, True]] * 2)
-    found, information = match(images, pixel, np.zeros(2, np.int64), place, warp, wanted, 6, 4.0,
-                               0.1, 0.0, CONTRAST, 2.0)
+    patches = PredictedPatches(pixel, np.zeros(2, np.int64), place, warp, wanted)
+    found, information = find_patches(
+        images, patches, PatchSearch(radius=6, reach=4.0, sigma=0.1, rate=0.0), ImageSettings())
     assert np.abs(found[:, 1] - pixel - shift).max() < 0.05
     assert (np.linalg.eigvalsh(information[:, 1]) > 10).all()
     assert not information[:, 0].any()
@@ -176,12 +193,13 @@ def test_an_outline_tells_only_what_happens_across_it() -> None:
     gray = np.full((90, 110), 128, np.float32)
     half = np.arange(110)[None] + np.zeros((90, 1)) < 50
     moved = np.arange(110)[None] + np.zeros((90, 1)) < 52
-    images = np.stack([appearance(gray, half), appearance(gray, moved)])
+    images = np.stack([appearance(gray, mask, ImageSettings()) for mask in (half, moved)])
     pixel = np.array([[49.0, 45.0]])
-    found, information = match(
-        images, pixel, np.zeros(1, np.int64), np.repeat(pixel[:, None], 2, axis=1),
-        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]), 6, 4.0, 0.1, 0.0,
-        CONTRAST, 2.0)  # fmt: skip
+    patches = PredictedPatches(
+        pixel, np.zeros(1, np.int64), np.repeat(pixel[:, None], 2, axis=1),
+        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]))
+    found, information = find_patches(
+        images, patches, PatchSearch(radius=6, reach=4.0, sigma=0.1, rate=0.0), ImageSettings())
     assert np.allclose(found[0, 1], [51, 45], atol=0.1)
     assert information[0, 1, 0, 0] > 10
     assert abs(information[0, 1, 1, 1]) < 1e-6

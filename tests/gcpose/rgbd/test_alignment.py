@@ -9,7 +9,8 @@ import pytest
 from gcbench.gcpose.chain.chain_fit import Chains, Goal, fit_chains, fit_displacements, misfit
 from gcbench.gcpose.chain.kinematics import part_motions
 from gcbench.gcpose.chain.settings import ChainSettings
-from gcbench.gcpose.images.surfaces import Surfaces, measure
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.images.surfaces import Surfaces, surfaces_from_depth
 from gcbench.gcpose.rgbd.alignment import (
     accumulated_equations,
     elements,
@@ -31,7 +32,8 @@ def bumpy(frames: int) -> Surfaces:
                       for t in range(frames)])
     rng = np.random.default_rng(0)
     flow = rng.normal(0, 2, (frames - 1, 120, 160, 2)).astype(np.float32)
-    return replace(measure(depth.astype(np.float32), INTRINSICS), flow=flow, noise=0.05)
+    exact = surfaces_from_depth(depth.astype(np.float32), INTRINSICS, ImageSettings())
+    return replace(exact, flow=flow, noise=0.05)
 
 
 def cloud(surfaces: Surfaces, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -152,7 +154,7 @@ def test_label_costs_are_least_for_what_moved_the_points() -> None:
     still = replace(surfaces, depth=surfaces.depth[:1].repeat(3, axis=0),
                     normal=surfaces.normal[:1].repeat(3, axis=0), noise=0.0)
     points, normals, _ = cloud(still, 0)
-    grid = Candidates(0, np.zeros((300, 2), int), points, normals, 1)
+    grid = Candidates(0, np.zeros((300, 2), int), points, normals, 1, ImageSettings())
     motion = np.tile(np.eye(4), (3, 3, 1, 1))
     motion[1:, 1, 2, 3], motion[1:, 2, 0, 3] = 0.03, 9.0
     cost = label_costs(still, grid, motion, RgbdSettings())

@@ -177,7 +177,7 @@ def config(folder: Path, out: Path, steps: int) -> TrainConfig:
 
 
 def test_the_loss_is_least_at_the_truth(torch) -> None:
-    from gcbench.gcpose.networks.raft import REACH, Refined
+    from gcbench.gcpose.networks.raft import REACH, RaftOutput
     from gcbench.gcpose.training.loss import bias, coarse, flow_loss
 
     sample = drawn(shifted(), (64, 48), np.random.default_rng(2))
@@ -189,7 +189,7 @@ def test_the_loss_is_least_at_the_truth(torch) -> None:
     even = torch.zeros(1, 12, 16, n, n)
 
     def loss(offset: float) -> float:
-        out = Refined([cells + offset / 4], flow + offset, even)
+        out = RaftOutput([cells + offset / 4], flow + offset, even)
         return float(flow_loss(out, flow, part, weight, progress=1.0))
 
     assert loss(0.0) == pytest.approx(0, abs=1e-4)
@@ -241,7 +241,7 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
 
 
 def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> None:
-    from gcbench.gcpose.images.raft_flow import SHIPPED
+    from gcbench.gcpose.images.network_flow import SHIPPED
     from gcbench.gcpose.networks.weights import read_tensors
     from gcbench.gcpose.training.loop import train
 
@@ -258,7 +258,7 @@ def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> No
 def test_the_command_measures_weights_without_a_step(
     torch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from gcbench.gcpose.images.raft_flow import SHIPPED
+    from gcbench.gcpose.images.network_flow import SHIPPED
 
     held, out = to_learn_from(tmp_path / "held"), tmp_path / "out"
     args = f"train flow --steps 0 --start-from {SHIPPED} --held-out {held} --out {out} --workers 1"

@@ -6,9 +6,16 @@ from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
-from gcbench.gcpose.rgb.costs import patch_costs
-from gcbench.gcpose.rgb.labels import Spots, along_chain, along_tracks, disorder, labelled
-from gcbench.gcpose.rgb.points import places
+from gcbench.gcpose.rgb.costs import MovedRays, patch_costs
+from gcbench.gcpose.rgb.labels import (
+    SampledPixels,
+    assign_labels,
+    average_along_tracks,
+    label_inversions,
+    ordered_labels,
+)
+from gcbench.gcpose.rgb.points import predict_places
+from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array
 
@@ -18,7 +25,7 @@ from ...support.ray_scenes import FRAMES, INTRINSICS, chain, measured
 def test_labels_along_the_chain_are_the_cheapest_in_order() -> None:
     rng = np.random.default_rng(3)
     cost, rank = rng.random((11, 3)), rng.random(11)
-    label = along_chain(cost, rank, np.zeros(11, np.int64))[np.argsort(rank)]
+    label = ordered_labels(cost, rank, np.zeros(11, np.int64))[np.argsort(rank)]
     assert (np.diff(label) >= 0).all()
     ordered = cost[np.argsort(rank)]
     best = min(
@@ -35,29 +42,30 @@ def test_patches_speak_for_the_part_that_moved_them() -> None:
     motion = state.motions(FRAMES)
     relative = np.stack([motion @ inverse(motion[k]) for k in keys])
     start = np.repeat(rays.inverse_depth[:, None], 3, axis=1)
-    at = places(state, replace(rays, inverse_depth=rays.inverse_depth + 0.01), INTRINSICS)
+    at = predict_places(state, replace(rays, inverse_depth=rays.inverse_depth + 0.01), INTRINSICS)
     spot = at + 0.1 * np.random.default_rng(8).standard_normal(at.shape)
 
     def costs(information: np.ndarray) -> np.ndarray:
-        return patch_costs(rays.ray, key, start, relative, 600.0, 160.0, 120.0, spot, information)
+        moved = MovedRays(rays.ray, key, relative, (600.0, 160.0, 120.0))
+        return patch_costs(moved, start, spot, information, RgbSettings())
 
-    cost = costs(rays.spot_information)
+    cost = costs(rays.place_information)
     assert (cost.argmin(axis=1) + 1 == rays.label).mean() > 0.97
     own = cost[np.arange(len(cost)), rays.label - 1]
     assert own.mean() < 3.0 < np.median(cost)  # of two coordinates, in the noise's variance
-    few = np.where(np.arange(FRAMES)[:, None, None] > 4, rays.spot_information, 0.0)
+    few = np.where(np.arange(FRAMES)[:, None, None] > 4, rays.place_information, 0.0)
     assert np.abs(costs(few) - cost).max() > 0.1
     assert not costs(0.0 * few).any()  # nothing was found, nothing is said
 
 
-def two_frames(side: int = 8) -> Spots:
+def two_frames(side: int = 8) -> SampledPixels:
     """A row of pixels, ten apart, in frames 0 and 1; each is its own only neighbour."""
     at = np.stack([10 * np.arange(side) + 5, np.full(side, 5)], axis=1)
     frame = np.repeat([0, 1], side)
     nearest = (np.arange(10 * side) // 10)[None, None] + side * np.arange(2)[:, None, None]
     nearest = np.broadcast_to(nearest, (2, 10, 10 * side)).astype(np.int32)
     ray = np.ones((2 * side, 3))
-    return Spots(frame, np.tile(at, (2, 1)), ray, ray[:, 0], None,
+    return SampledPixels(frame, np.tile(at, (2, 1)), ray, ray[:, 0], None,
                  csr_array(np.eye(2 * side)), nearest)
 
 
@@ -68,12 +76,12 @@ def test_what_a_part_takes_a_pixel_to_has_a_say_in_its_label() -> None:
     place = np.repeat(points.pixel[:, None, None].astype(float), 2, axis=1).repeat(2, axis=2)
     place[:side, 1, 1, 0] += 20.0  # part 1 goes two pixels to the right
     place[side:, 0, 1, 0] -= 20.0
-    label = along_tracks(points, cost, place).argmin(axis=1)
+    label = average_along_tracks(points, cost, place).argmin(axis=1)
     assert label[1] == 1  # where pixel 3 of frame 1 comes from, on part 1
     assert label[side + 3] == 1
     assert (np.delete(label, [1, 3, side + 3]) == 0).all()  # pixel 3 would be gone on part 0
     place[:] = -50.0  # outside of the image nothing is said
-    assert (along_tracks(points, cost, place) == cost).all()
+    assert (average_along_tracks(points, cost, place) == cost).all()
 
 
 def test_labels_keep_to_the_order_unless_they_say_otherwise() -> None:
@@ -83,16 +91,16 @@ def test_labels_keep_to_the_order_unless_they_say_otherwise() -> None:
     cost[6] = 0.0, 0.1  # beyond the joint, and not sure of itself
     cost[7] = 0.0, 2.0  # beyond the joint, and folded back
     rank = np.tile(np.linspace(0, 1, side), 2)
-    assert labelled(points, cost, rank)[:side].tolist() == [0, 0, 0, 0, 1, 1, 1, 0]
+    assert assign_labels(points, cost, rank, 0.2)[:side].tolist() == [0, 0, 0, 0, 1, 1, 1, 0]
 
 
-def test_disorder_is_the_share_of_pairs_against_the_chain() -> None:
+def test_label_inversions_are_the_share_of_pairs_against_the_chain() -> None:
     rank, frame = np.array([0.1, 0.5, 0.3, 0.9, 0.2, 0.4]), np.array([0, 0, 0, 0, 7, 7])
-    assert disorder(np.array([0, 2, 1, 2, 1, 1]), rank, frame) == 0.0
-    assert disorder(np.array([2, 1, 1, 0, 1, 0]), rank, frame) == 6 / 7
+    assert label_inversions(np.array([0, 2, 1, 2, 1, 1]), rank, frame) == 0.0
+    assert label_inversions(np.array([2, 1, 1, 0, 1, 0]), rank, frame) == 6 / 7
     rng = np.random.default_rng(3)
     label, rank, frame = rng.integers(0, 4, 50), rng.random(50), rng.integers(0, 3, 50)
     pairs = [(i, j) for i in range(50) for j in range(50)
              if frame[i] == frame[j] and rank[i] < rank[j]]
     against = [label[i] > label[j] for i, j in pairs]
-    assert np.isclose(disorder(label, rank, frame), np.mean(against))
+    assert np.isclose(label_inversions(label, rank, frame), np.mean(against))
