@@ -73,6 +73,7 @@ def _draw() -> str:
     """Draw a triangle with the real passes, check its depth, and time a frame."""
     from ..robots.model import ArticulatedModel, Link, TriangleSurface
     from .gl import NoRendererError, Rasterizer
+    from .scene import rest
     from .types import Camera, intrinsics_from_fov
 
     points = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 2, 2]])
@@ -82,13 +83,10 @@ def _draw() -> str:
     started = time.perf_counter()
     rasterizer = Rasterizer(640, 480)
     try:
-        pose = np.eye(4)[None, None]
-        rasterizer.begin_truth(model, camera, pose)
-        depth, part = rasterizer.truth(pose[0])
-        if not (np.abs(depth[240, 320] - 2.0) < 1e-5 and part[240, 320] == 1):
-            raise NoRendererError(
-                f"the driver draws wrong depth ({depth[240, 320]} m instead of 2)"
-            )
+        drawn = rasterizer.draw_truth(rest(model), camera)
+        depth, part = drawn.depth[240, 320], drawn.part[240, 320]
+        if not (abs(depth - 2.0) < 1e-5 and part == 1):
+            raise NoRendererError(f"the driver draws wrong depth ({depth} m instead of 2)")
         seconds = time.perf_counter() - started
         context = rasterizer.context
         return (f"drew and checked a frame in {seconds:.2f} s on device {context.device}: "

@@ -31,7 +31,7 @@ from ...robots.model import ArticulatedModel
 from ..dataset import Dataset, codec
 from ..gl import Rasterizer
 from ..runtime import Archive, dump_json
-from ..scene import model_of, robot_of
+from ..scene import PosedModel, model_of, posed_by_parts, robot_of
 from ..types import Camera, Meta, Sequence
 from .bop_models import size_of, write_ply
 from .journal import Record
@@ -78,7 +78,10 @@ class Bop:
         for kind in ("rgb", "depth", "mask", "mask_visib"):
             (folder / kind).mkdir(parents=True, exist_ok=True)
         cam_from_part = s.cam_from_world[:, None] @ s.world_from_part
-        self._begin(now, s.intrinsics, meta.width, meta.height, cam_from_part)
+        # Silhouettes are drawn from the camera's frame, on a canvas of three times the image.
+        middle = s.intrinsics + np.array([[0, 0, meta.width], [0, 0, meta.height], [0, 0, 0]])
+        large = Camera(3 * meta.width, 3 * meta.height, middle, np.eye(4))
+        posed = posed_by_parts(now.model, cam_from_part)
         scale = meta.depth_unit * _MM
         k = s.intrinsics
         camera = {
@@ -95,7 +98,8 @@ class Bop:
                                **_pose("w2c", s.cam_from_world[t])}
             poses[str(t)] = [{**_pose("m2c", cam_from_part[t, p]), "obj_id": now.first + p}
                              for p in now.parts]
-            seen = infos[str(t)] = self._masks(now, folder, t, cam_from_part[t], sequence)
+            silhouettes = self._silhouettes(now.parts, posed, large, t)
+            seen = infos[str(t)] = _write_masks(folder, sequence, t, now.parts, silhouettes)
             targets += [{"scene_id": meta.index, "im_id": t, "obj_id": now.first + p,
                          "inst_count": 1} for p, info in zip(now.parts, seen, strict=True)
                         if info["visib_fract"] >= _LEAST_VISIBLE]
@@ -122,53 +126,20 @@ class Bop:
     def close(self) -> None:
         self._rasterizer.close()
 
-    def _begin(
-        self, now: _Model, intrinsics: Array, width: int, height: int, cam_from_part: Array
-    ) -> None:
-        """Draw from the camera's frame from now on, on the large canvas; poses are [T P 4 4]."""
-        middle = intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
-        camera = Camera(3 * width, 3 * height, middle, np.eye(4))
-        self._rasterizer.begin_truth(now.model, camera, cam_from_part)
-
-    def _silhouettes(self, parts: list[int], cam_from_part: Array) -> list[NDArray[np.bool_]]:
-        """[3H 3W] of each object, from poses [P 4 4]."""
-        canvas = np.array([0, 0, self._rasterizer.width, self._rasterizer.height])
-        where = np.tile(canvas, (len(cam_from_part), 1))
+    def _silhouettes(
+        self, parts: list[int], posed: PosedModel, camera: Camera, t: int
+    ) -> list[NDArray[np.bool_]]:
+        """[3H 3W] of each object in frame t."""
+        count = posed.world_from_part.shape[1]
+        where = np.tile([0, 0, camera.width, camera.height], (count, 1))
         out: list[NDArray[np.bool_]] = []
         for start in range(0, len(parts), _PASS):
-            chosen = parts[start:start + _PASS]
-            group = np.full(len(cam_from_part), -1, np.int64)
-            group[chosen] = np.arange(len(chosen))
-            self._rasterizer.draw_coverage(cam_from_part, group, where)
-            bits = self._rasterizer.read_coverage()
-            out += [(bits >> np.uint32(g)) & np.uint32(1) > 0 for g in range(len(chosen))]
+            members = parts[start:start + _PASS]
+            group = np.full(count, -1, np.int64)
+            group[members] = np.arange(len(members))
+            bits = self._rasterizer.draw_coverage(posed, camera, t, group, where)
+            out += [(bits >> np.uint32(g)) & np.uint32(1) > 0 for g in range(len(members))]
         return out
-
-    def _masks(
-        self, now: _Model, folder: Path, t: int, cam_from_part: Array, sequence: Sequence
-    ) -> list[dict[str, Any]]:
-        """Write the masks of frame t; what scene_gt_info says of its objects."""
-        part, depth = sequence.part[t], sequence.depth[t]
-        height, width = part.shape
-        infos: list[dict[str, Any]] = []
-        for k, (p, large) in enumerate(zip(
-                now.parts, self._silhouettes(now.parts, cam_from_part), strict=True)):
-            visible = part == p + 1
-            inside = large[height:2 * height, width:2 * width]
-            inside |= visible  # both are sampled at pixel centres, with roundings of their own
-            name = f"{t:06d}_{k:06d}.png"
-            (folder / "mask" / name).write_bytes(codec.encode_mask(inside))
-            (folder / "mask_visib" / name).write_bytes(codec.encode_mask(visible))
-            everything, seen = int(large.sum()), int(visible.sum())
-            infos.append({
-                "bbox_obj": _box(large, width, height) if seen else [-1] * 4,
-                "bbox_visib": _box(visible, 0, 0) if seen else [-1] * 4,
-                "px_count_all": everything,
-                "px_count_valid": int(np.count_nonzero(inside & (depth > 0))),
-                "px_count_visib": seen,
-                "visib_fract": seen / everything if everything else 0.0,
-            })
-        return infos
 
     def _model_of(self, meta: Meta) -> _Model:
         """The model of a sequence, which is written when it is seen first."""
@@ -184,6 +155,32 @@ class Bop:
             write_ply(self._folder / "models" / f"obj_{first + p:06d}.ply",
                       [v for v in model.visuals if v.part == p])
         return now
+
+
+def _write_masks(
+    folder: Path, sequence: Sequence, t: int, parts: list[int], silhouettes: list[NDArray[np.bool_]]
+) -> list[dict[str, Any]]:
+    """Write the masks of the objects in frame t; return what scene_gt_info says of them."""
+    part, depth = sequence.part[t], sequence.depth[t]
+    height, width = part.shape
+    infos: list[dict[str, Any]] = []
+    for k, (p, large) in enumerate(zip(parts, silhouettes, strict=True)):
+        visible = part == p + 1
+        inside = large[height:2 * height, width:2 * width]
+        inside |= visible  # both are sampled at pixel centres, with roundings of their own
+        name = f"{t:06d}_{k:06d}.png"
+        (folder / "mask" / name).write_bytes(codec.encode_mask(inside))
+        (folder / "mask_visib" / name).write_bytes(codec.encode_mask(visible))
+        everything, seen = int(large.sum()), int(visible.sum())
+        infos.append({
+            "bbox_obj": _box(large, width, height) if seen else [-1] * 4,
+            "bbox_visib": _box(visible, 0, 0) if seen else [-1] * 4,
+            "px_count_all": everything,
+            "px_count_valid": int(np.count_nonzero(inside & (depth > 0))),
+            "px_count_visib": seen,
+            "visib_fract": seen / everything if everything else 0.0,
+        })
+    return infos
 
 
 def _objects(now: _Model) -> dict[str, Any]:

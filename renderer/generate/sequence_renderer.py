@@ -78,12 +78,12 @@ class SequenceRenderer:
             streams, self.model, motion.trajectory, draw.camera, outline, motion.floor
         )
         record |= motion.record
-        self._rasterizer.begin_color(scene, motion.world_from_part, motion.posed.bounds)
         behind = None
-        if scene.room:
-            draw = self._in_room(draw, self._rasterizer.room_depth())
-            if "normal" in self.config.layers:
-                behind = room_normal(scene.room, self._rasterizer.read_faces(), draw.camera)
+        room = self._rasterizer.draw_room(scene, motion.posed)
+        if room is not None:
+            draw = self._in_room(draw, room.depth)
+            if "normal" in self.config.layers and room.face is not None:
+                behind = room_normal(scene.room, room.face, draw.camera)
         out = RenderedSequence()
         out.refused = refused
         out.depth_unit = depth_unit(max(float(d.max()) for d in draw.depth))
@@ -120,10 +120,9 @@ class SequenceRenderer:
     ) -> Iterator[Frame]:
         posed = truth.draw.motion.posed
         for t in range(self.config.frames):
-            self._rasterizer.place(posed.surfaces(t))
-            self._rasterizer.draw_color(posed.world_from_part[t])
+            drawn = self._rasterizer.draw_color(scene, posed, t)
             yield truth.frame(
-                t, lambda t=t: _through_lens(self._rasterizer.read_color(), scene, t))
+                t, lambda t=t, drawn=drawn: _through_lens(drawn.rgb, scene, t))
         out.state = self._state(truth)
         out.meta = self._meta(index, record, truth, out)
 

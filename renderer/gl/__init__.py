@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .context import device_names
+from .framebuffers import NoRendererError
 from .rasterizer import Rasterizer
-from .targets import NoRendererError
 
 __all__ = ["NoRendererError", "Rasterizer", "device_names"]

@@ -1,12 +1,12 @@
-"""The pass that draws colours, finer than the image: averaged, this smooths shading as well as
-edges, and on a CPU it is half the price of multisampling.
-"""
+"""The pass that draws colours, finer than the image."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
+from weakref import ref
 
 import cv2
 import numpy as np
@@ -15,138 +15,202 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array
 from ...robots.model import Material, Tiling
 from ..scene import Scene, clip_from_light
-from .buffers import Mesh, Piece, Surface, delete_mesh, draw_surface, upload
+from .buffers import DrawRange, Piece, VertexArray, delete_vertex_array, draw_range, upload_pieces
 from .context import Program, Programs
-from .programs import Look, look_of
-from .targets import Target
-from .textures import SHADOW_SIZE, delete_textures, picture_texture, shadow_texture
-from .uploaded_model import DeviceModel
+from .framebuffers import (
+    SHADOW_SIZE,
+    Framebuffer,
+    delete_textures,
+    picture_texture,
+    shadow_texture,
+)
+from .programs import ShaderFeatures, features_of
+from .uploaded_model import Shot
+
+
+class DrawnColor:
+    """The colours of one frame. The device draws it meanwhile; the first access waits for it."""
+
+    def __init__(self, gl: Any, target: Framebuffer, finer: int, samples: NDArray[np.uint8]
+                 ) -> None:
+        """`samples` is memory for the target's RGBA, which is used only while reading."""
+        self._gl, self._target, self._finer, self._samples = gl, target, finer, samples
+
+    @cached_property
+    def rgb(self) -> NDArray[np.uint8]:
+        """[H W 3]"""
+        gl, rgba = self._gl, self._samples
+        self._target.read(0, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, rgba)
+        if self._finer > 1:
+            size = (rgba.shape[1] // self._finer, rgba.shape[0] // self._finer)
+            rgba = cv2.resize(rgba, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class _UploadedScene:
+    """What goes with a scene on the device."""
+
+    scene: Scene
+    room: VertexArray | None
+    features: Sequence[ShaderFeatures]
+    """of each visual of the model"""
+    room_materials: Sequence[Material]
+    room_features: Sequence[ShaderFeatures]
+    shadows: Sequence[int]
+    """the shadow map of each light; none if the scene has no shadows"""
+    textures: dict[tuple[int, tuple[Tiling, Tiling]], int]
+    """those made so far, by the picture's identity and its tiling; the scene holds the pictures"""
+
+
+def _upload_scene(gl: Any, scene: Scene) -> _UploadedScene:
+    pieces = [Piece(-1, k, s.vertices, s.faces, s.normals, s.uv, np.zeros(len(s.faces), bool))
+              for k, s in enumerate(scene.room)]
+    features = [  # a drawn texture replaces all colour
+        features_of(m, v.color is not None and size == 0) for m, v, size
+        in zip(scene.materials, scene.model.visuals, scene.texture_size, strict=True)]
+    materials = [Material(s.name, (*s.base_color, 1.0), 0.0, s.roughness, s.texture)
+                 for s in scene.room]
+    return _UploadedScene(
+        scene, upload_pieces(gl, pieces) if pieces else None, features, materials,
+        [features_of(m) for m in materials],
+        [shadow_texture(gl) for _ in scene.lights if scene.shadows], {})
 
 
 class ColorPass:
     """Draws one scene after another at one image size."""
 
-    scene: Scene
-
-    def __init__(self, gl: Any, programs: Programs, width: int, height: int, finer: int) -> None:
-        self._gl, self._programs = gl, programs
-        self._size, self._finer = (width, height), finer
+    def __init__(self, programs: Programs, width: int, height: int, finer: int) -> None:
+        gl = programs.gl
+        self._gl, self._programs, self._finer = gl, programs, finer
         fine = (width * finer, height * finer)
-        self._target = Target(gl, *fine, [gl.GL_RGBA8], gl.GL_DEPTH_COMPONENT24)
-        self._still = Target(gl, *fine, [gl.GL_RGBA8], gl.GL_DEPTH_COMPONENT24)
+        self._target = Framebuffer(gl, *fine, [gl.GL_RGBA8], gl.GL_DEPTH_COMPONENT24)
+        self._still = Framebuffer(gl, *fine, [gl.GL_RGBA8], gl.GL_DEPTH_COMPONENT24)
+        self._shadow = Framebuffer(gl, SHADOW_SIZE, SHADOW_SIZE, [], None)
         self._samples = np.empty((height * finer, width * finer, 4), np.uint8)
         self._empty_vao = int(gl.glGenVertexArrays(1))
-        self.room: Mesh | None = None
-        self._scene_textures: dict[tuple[int, tuple[Tiling, Tiling]], int] = {}
-        self._shadow_textures: list[int] = []
-        self._shadow = Target(gl, SHADOW_SIZE, SHADOW_SIZE, [], None)
+        self._uploaded: _UploadedScene | None = None
+        self._still_of: Shot | None = None
+        self._last: ref[DrawnColor] | None = None
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene on the device."""
+        return None if self._uploaded is None else self._uploaded.scene
+
+    @property
+    def room(self) -> VertexArray | None:
+        """Its room."""
+        return None if self._uploaded is None else self._uploaded.room
 
     def take(self, scene: Scene) -> None:
-        """Upload what goes with a scene, and forget the one before."""
-        gl = self._gl
+        """Upload a scene in place of the one before."""
         self.forget()
-        self.scene = scene
-        self.room = upload(gl, [
-            Piece(-1, k, s.vertices, s.faces, s.normals, s.uv, np.zeros(len(s.faces), bool))
-            for k, s in enumerate(scene.room)
-        ])
-        self._looks = [
-            look_of(m, v.color is not None and size == 0)  # a drawn texture replaces all colour
-            for m, v, size in zip(scene.materials, scene.model.visuals, scene.texture_size,
-                                  strict=True)
-        ]
-        self._room_materials = [
-            Material(s.name, (*s.base_color, 1.0), 0.0, s.roughness, s.texture) for s in scene.room
-        ]
-        self._room_looks = [look_of(m) for m in self._room_materials]
-        self._shadow_textures = [shadow_texture(gl) for _ in scene.lights if scene.shadows]
+        self._uploaded = _upload_scene(self._gl, scene)
 
-    def begin(self, model: DeviceModel, world_from_part: Array, clip_from_world: Array) -> None:
-        """Draw what stands still, from poses [P 4 4]."""
-        gl, scene = self._gl, self.scene
+    def draw(self, shot: Shot, t: int) -> DrawnColor:
+        """Draw a frame of the scene on the device."""
+        assert self._uploaded is not None
+        self.finish()
+        drawn = DrawnColor(self._gl, self._target, self._finer, self._samples)
+        self._last = ref(drawn)
+        if self._still_of is not shot:
+            self._draw_still(self._uploaded, shot, t)
+            self._still_of = shot
+        shadows = self._uploaded.scene.shadows  # a moving one falls on what stands still
+        if shadows:
+            self._draw_shadows(self._uploaded, shot, t)
+        self._still.copy_to(self._target)
+        self._target.bind()
+        ranges = [*shot.standing, *shot.moving] if shadows else shot.moving
+        if shadows:
+            self._shade_room(self._uploaded, shot)
+        self._shade(self._uploaded, shot, t, ranges)
+        self._gl.glFlush()
+        return drawn
+
+    def finish(self) -> None:
+        """Copy the frame that was drawn last from the device, if someone still holds it."""
+        last = self._last() if self._last is not None else None
+        if last is not None:
+            _ = last.rgb
+        self._last = None
+
+    def forget(self) -> None:
+        """Free what goes with the scene."""
+        if self._uploaded is not None:
+            delete_textures(
+                self._gl, [*self._uploaded.textures.values(), *self._uploaded.shadows])
+            delete_vertex_array(self._gl, self._uploaded.room)
+        self._uploaded = self._still_of = None
+
+    def _draw_still(self, uploaded: _UploadedScene, shot: Shot, t: int) -> None:
+        """Draw what stands still; with shadows, only the backdrop does."""
+        gl, scene = self._gl, uploaded.scene
         self._still.bind()
         gl.glClearColor(0.0, 0.0, 0.0, 1.0)
         gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
         if scene.backdrop is not None:
             self._draw_backdrop(scene.backdrop)
         if not scene.shadows:
-            self._shade(model, world_from_part, clip_from_world, model.standing, room=True)
+            self._shade_room(uploaded, shot)
+            self._shade(uploaded, shot, t, shot.standing)
 
-    def draw(self, model: DeviceModel, world_from_part: Array, clip_from_world: Array) -> None:
-        """Begin to draw a frame."""
-        shadows = self.scene.shadows  # a moving one falls on what stands still
-        if shadows:
-            self._draw_shadows(model, world_from_part)
-        self._still.copy_to(self._target)
-        self._target.bind()
-        surfaces = [*model.standing, *model.moving] if shadows else model.moving
-        self._shade(model, world_from_part, clip_from_world, surfaces, room=shadows)
-        self._gl.glFlush()
-
-    def read(self) -> NDArray[np.uint8]:
-        """RGB [H W 3]."""
-        gl, rgba = self._gl, self._samples
-        self._target.read(0, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, rgba)
-        if self._finer > 1:
-            rgba = cv2.resize(rgba, self._size, interpolation=cv2.INTER_AREA)
-        return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), np.uint8)
-
-    def forget(self) -> None:
-        """Free what goes with the scene."""
-        delete_textures(self._gl, [*self._scene_textures.values(), *self._shadow_textures])
-        self._scene_textures, self._shadow_textures = {}, []
-        delete_mesh(self._gl, self.room)
-        self.room = None
+    def _shade_room(self, uploaded: _UploadedScene, shot: Shot) -> None:
+        if uploaded.room is not None:
+            self._gl.glBindVertexArray(uploaded.room.id)
+            for r in uploaded.room.ranges:
+                program = self._program(uploaded, uploaded.room_features[r.material])
+                self._set_pose(program, shot, np.eye(4), 1.0)
+                self._shade_range(uploaded, program, r, uploaded.room_materials[r.material])
 
     def _shade(
-        self, model: DeviceModel, world_from_part: Array, clip_from_world: Array,
-        surfaces: Sequence[Surface], room: bool,
+        self, uploaded: _UploadedScene, shot: Shot, t: int, ranges: Sequence[DrawRange]
     ) -> None:
-        """Draw colours: opaque surfaces, then transparent ones from far to near."""
-        self._clip_from_world = clip_from_world
-        scene = self.scene
-        if room and self.room is not None:
-            self._gl.glBindVertexArray(self.room.vao)
-            for s in self.room.surfaces:
-                material = self._room_materials[s.material]
-                self._shade_one(s, np.eye(4), material, self._room_looks[s.material], 1.0)
-        if not surfaces:
+        """Draw opaque surfaces, then transparent ones from far to near."""
+        if not ranges:
             return
-        self._gl.glBindVertexArray(model.mesh.vao)
+        scene, poses = uploaded.scene, shot.posed.world_from_part[t]
+        self._gl.glBindVertexArray(shot.uploaded.array.id)
         eye = scene.camera.world_from_cam[:3, 3]
 
-        def far_first(s: Surface) -> float:
-            """Opaque surfaces before all others; those from far to near."""
-            if not scene.materials[s.material].transparent:
+        def far_first(r: DrawRange) -> float:
+            if not scene.materials[r.material].transparent:
                 return -np.inf
-            return -float(np.linalg.norm(world_from_part[s.part][:3, 3] - eye))
+            return -float(np.linalg.norm(poses[r.part][:3, 3] - eye))
 
-        for s in sorted(surfaces, key=far_first):
-            size = scene.texture_size[s.material]
-            self._shade_one(
-                s, model.pose(s, world_from_part), scene.materials[s.material],
-                self._looks[s.material], 1.0 / size if size > 0 else 1.0,
-            )
+        for r in sorted(ranges, key=far_first):
+            size = scene.texture_size[r.material]
+            program = self._program(uploaded, uploaded.features[r.material])
+            self._set_pose(program, shot, shot.pose(r, t), 1.0 / size if size > 0 else 1.0)
+            self._shade_range(uploaded, program, r, scene.materials[r.material])
 
-    def _shade_one(
-        self, surface: Surface, pose: Array, material: Material, look: Look, uv_scale: float
-    ) -> None:
-        gl, scene = self._gl, self.scene
-        program = self._programs.surface(look, len(scene.lights), scene.shadows)
-        gl.glUseProgram(program.id)
+    def _program(self, uploaded: _UploadedScene, features: ShaderFeatures) -> Program:
+        """The program for a surface, in use, with the scene's lights set."""
+        scene = uploaded.scene
+        program = self._programs.surface(features, len(scene.lights), scene.shadows)
+        self._gl.glUseProgram(program.id)
         if program.scene is not scene:
             program.scene = scene
-            self._set_lights(program)
-        program.matrix("clip_from_part", self._clip_from_world @ pose)
+            self._set_lights(program, scene)
+        return program
+
+    def _set_pose(self, program: Program, shot: Shot, pose: Array, uv_scale: float) -> None:
+        program.matrix("clip_from_part", shot.clip_from_world @ pose)
         program.matrix("world_from_part", pose)
-        gl.glUniform2f(program["uv_scale"], uv_scale, uv_scale)
+        self._gl.glUniform2f(program["uv_scale"], uv_scale, uv_scale)
+
+    def _shade_range(
+        self, uploaded: _UploadedScene, program: Program, triangles: DrawRange, material: Material
+    ) -> None:
+        gl = self._gl
         gl.glUniform4f(program["material.base_color_factor"], *material.base_color)
         gl.glUniform1f(program["material.metallic_factor"], material.metallic)
         gl.glUniform1f(program["material.roughness_factor"], material.roughness)
         gl.glUniform3f(program["material.emissive_factor"], *material.emission)
         if material.alpha_cutoff is not None:
             gl.glUniform1f(program["alpha_cutoff"], material.alpha_cutoff)
-        textures = [(unit, self._texture(picture, material.tiling)) for unit, picture
+        textures = [(unit, self._texture(uploaded, picture, material.tiling)) for unit, picture
                     in zip(_UNITS.values(), _pictures(material), strict=True)
                     if picture is not None]
         for unit, texture in textures:  # once all are made: making one binds it
@@ -155,12 +219,12 @@ class ColorPass:
         if material.transparent:
             gl.glEnable(gl.GL_BLEND)
             gl.glBlendFunc(gl.GL_SRC_ALPHA, gl.GL_ONE_MINUS_SRC_ALPHA)
-        draw_surface(gl, surface)
+        draw_range(gl, triangles)
         if material.transparent:
             gl.glDisable(gl.GL_BLEND)
 
-    def _set_lights(self, program: Program) -> None:
-        gl, scene = self._gl, self.scene
+    def _set_lights(self, program: Program, scene: Scene) -> None:
+        gl = self._gl
         gl.glUniform3f(program["cam_pos"], *scene.camera.world_from_cam[:3, 3])
         gl.glUniform3f(program["ambient_light"], *[scene.ambient] * 3)
         for name, unit in _UNITS.items():
@@ -172,10 +236,10 @@ class ColorPass:
             gl.glUniform1f(program[name + "intensity"], light.intensity)
 
     def _draw_backdrop(self, picture: NDArray[np.uint8]) -> None:
-        gl = self._gl
+        gl, program = self._gl, self._programs.backdrop
         texture = picture_texture(gl, picture[::-1], repeat=False)  # it turns them upside down
-        gl.glUseProgram(self._programs.backdrop.id)
-        gl.glUniform1i(self._programs.backdrop["picture"], 0)
+        gl.glUseProgram(program.id)
+        gl.glUniform1i(program["picture"], 0)
         gl.glActiveTexture(gl.GL_TEXTURE0)
         gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
         gl.glDepthMask(gl.GL_FALSE)
@@ -187,38 +251,40 @@ class ColorPass:
         gl.glDepthMask(gl.GL_TRUE)
         gl.glDeleteTextures(1, [texture])
 
-    def _draw_shadows(self, model: DeviceModel, world_from_part: Array) -> None:
-        """Depth seen from each light into its map. Walls throw no shadow: light passes them."""
-        gl, scene = self._gl, self.scene
-        points = model.box(world_from_part)
+    def _draw_shadows(self, uploaded: _UploadedScene, shot: Shot, t: int) -> None:
+        """Draw depth seen from each light into its map. Walls cast no shadow: light passes them."""
+        gl, lights = self._gl, uploaded.scene.lights
+        points = shot.box(t)
         # pyrender's shader looks up to two texels aside on both axes: a surface that slopes away
         # from the light must lie that much deeper, or it shades itself.
         gl.glEnable(gl.GL_POLYGON_OFFSET_FILL)
         gl.glPolygonOffset(4.0, 4.0)
-        for k, light in enumerate(scene.lights):
+        for k, (light, texture) in enumerate(zip(lights, uploaded.shadows, strict=True)):
             clip_from_world = clip_from_light(light, points)
-            self._shadow.bind_depth(self._shadow_textures[k])
+            self._shadow.bind_depth(texture)
             gl.glClear(gl.GL_DEPTH_BUFFER_BIT)
-            for _, surface in model.draws(
-                    self._programs, "truth", model.mesh.surfaces, world_from_part, clip_from_world):
+            for _, r in shot.draws(
+                    self._programs, "truth", shot.uploaded.array.ranges, t, clip_from_world):
                 # A light's clip space has the other handedness: front faces would be left out.
-                draw_surface(gl, replace(surface, one_sided=False))
-            for look in {*self._looks, *self._room_looks}:
-                program = self._programs.surface(look, len(scene.lights), True)
+                draw_range(gl, replace(r, one_sided=False))
+            for features in {*uploaded.features, *uploaded.room_features}:
+                program = self._programs.surface(features, len(lights), True)
                 gl.glUseProgram(program.id)
                 name = f"directional_lights[{k}]."
                 program.matrix(name + "light_matrix", clip_from_world)
                 gl.glUniform1i(program[name + "shadow_map"], 1 + k)
             gl.glActiveTexture(gl.GL_TEXTURE0 + 1 + k)
-            gl.glBindTexture(gl.GL_TEXTURE_2D, self._shadow_textures[k])
+            gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
         gl.glDisable(gl.GL_POLYGON_OFFSET_FILL)
 
-    def _texture(self, picture: NDArray[np.uint8], tiling: tuple[Tiling, Tiling]) -> int:
-        """The texture of a picture that goes with the scene, made when first asked for."""
-        key = id(picture), tiling  # the scene holds the picture: its id stays its own
-        if key not in self._scene_textures:
-            self._scene_textures[key] = picture_texture(self._gl, picture, tiling=tiling)
-        return self._scene_textures[key]
+    def _texture(
+        self, uploaded: _UploadedScene, picture: NDArray[np.uint8], tiling: tuple[Tiling, Tiling]
+    ) -> int:
+        """The texture of a picture of the scene, made on first use."""
+        key = id(picture), tiling
+        if key not in uploaded.textures:
+            uploaded.textures[key] = picture_texture(self._gl, picture, tiling=tiling)
+        return uploaded.textures[key]
 
 
 _UNITS = {"base_color": 0, "metallic_roughness": 9, "normal": 10, "occlusion": 11, "emissive": 12}

@@ -1,7 +1,6 @@
 """The one module that imports OpenGL: contexts and programs.
 
-pyrender gives the EGL platform and the physically based shading (its mesh.frag, changed a little in
-shading.py); the drawing is ours (rasterizer.py).
+pyrender provides the EGL platform and the functions of the physically based shading (programs.py).
 """
 
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false
@@ -15,19 +14,23 @@ import numpy as np
 
 from ...robots.geometry import Array
 from ..scene import Scene
-from .programs import Look, changed, defines_of
-from .targets import NoRendererError
+from .framebuffers import NoRendererError
+from .programs import (
+    ShaderFeatures,
+    shader_source,
+    surface_fragment_shader,
+    surface_vertex_shader,
+)
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
 
-_SHADERS = Path(__file__).parent / "shaders"
 
+class GLContext:
+    """An EGL context on the first device that draws; GPUs are tried before software.
 
-class Context:
-    """An EGL context on the first device that really draws; a GPU is tried before software.
-
-    `EGL_DEVICE_ID` chooses a device by number. Raises NoRendererError with each device's reason.
+    The environment variable `EGL_DEVICE_ID` selects a device by number. Raises NoRendererError
+    with the reason of each device.
     """
 
     def __init__(self) -> None:
@@ -55,7 +58,7 @@ class Context:
         raise NoRendererError(f"no EGL device can draw ({reasons}); {_INSTALL}")
 
     def close(self) -> None:
-        """Give the context back; the display stays, as other contexts of the process share it."""
+        """Free the context; the display stays, because other contexts of the process share it."""
         from OpenGL import EGL
 
         platform = self._platform
@@ -68,7 +71,7 @@ class Context:
 
 
 def device_names() -> list[str]:
-    """Every EGL device with its device file, in the order in which they are tried."""
+    """Return every EGL device with its device file, in the order in which they are tried."""
     try:
         from pyrender.platforms import egl
 
@@ -117,54 +120,43 @@ class Program:
         return self._locations[name]
 
     def matrix(self, name: str, value: Array) -> None:
+        """Set a uniform matrix [4 4]."""
         data = np.ascontiguousarray(value, np.float32)
         self._gl.glUniformMatrix4fv(self[name], 1, self._gl.GL_TRUE, data)
 
 
 class Programs:
-    """The programs, compiled when first used.
+    """The programs, compiled on first use.
 
     With `faces`, that of the truth tells triangles too.
     """
 
     def __init__(self, gl: Any, faces: bool = False) -> None:
-        self._gl, self._faces = gl, faces
-        self._surface: dict[tuple[Look, int, bool], Program] = {}
+        self.gl, self.faces = gl, faces
+        self._surface: dict[tuple[ShaderFeatures, int, bool], Program] = {}
         self._solid: dict[tuple[str, bool], Program] = {}
-        self.truth = self.solid("truth", False)
-        self.backdrop = Program(gl, _source("backdrop.vert.glsl"), _source("backdrop.frag.glsl"))
+        self.backdrop = Program(
+            gl, shader_source("backdrop.vert.glsl"), shader_source("backdrop.frag.glsl"))
 
     def solid(self, name: str, cut: bool) -> Program:
         """The program of the pass "truth" or "coverage", with or without holes where alpha is low.
         """
         if (name, cut) not in self._solid:
-            vertex, fragment = _source("truth.vert.glsl"), _source(f"{name}.frag.glsl")
-            fragment = fragment.replace("FACES", str(int(self._faces))).replace(
-                "CUTTING", _source("cut.glsl"))
+            vertex, fragment = shader_source("truth.vert.glsl"), shader_source(f"{name}.frag.glsl")
+            fragment = fragment.replace("FACES", str(int(self.faces))).replace(
+                "CUTTING", shader_source("cut.glsl"))
             self._solid[name, cut] = Program(
-                self._gl, *(text.replace("#if CUT", f"#if {int(cut)}")
-                            for text in (vertex, fragment)))
+                self.gl, *(text.replace("#if CUT", f"#if {int(cut)}")
+                           for text in (vertex, fragment)))
         return self._solid[name, cut]
 
-    def surface(self, look: Look, lights: int, shadows: bool) -> Program:
-        """pyrender's shading for this many lights (a constant, so that samplers may be indexed)."""
-        key = (look, lights, shadows)
+    def surface(self, features: ShaderFeatures, lights: int, shadows: bool) -> Program:
+        """The program of the colours of a surface, for this many lights."""
+        key = (features, lights, shadows)
         if key not in self._surface:
-            vertex = _source("surface.vert.glsl").replace(
-                "TEXTURED", str(int(look.uses_uv))).replace("COLORED", str(int(look.colored)))
-            fragment = _pyrender_fragment_shader(*key)
-            self._surface[key] = Program(self._gl, vertex, fragment)
+            import pyrender
+
+            mesh_frag = Path(pyrender.__file__).parent / "shaders" / "mesh.frag"
+            fragment = surface_fragment_shader(mesh_frag.read_text(), *key)
+            self._surface[key] = Program(self.gl, surface_vertex_shader(features), fragment)
         return self._surface[key]
-
-
-def _source(name: str) -> str:
-    return (_SHADERS / name).read_text()
-
-
-def _pyrender_fragment_shader(look: Look, lights: int, shadows: bool) -> str:
-    import pyrender
-    from pyrender.shader_program import ShaderProgram
-
-    path = Path(pyrender.__file__).parent / "shaders" / "mesh.frag"
-    program: Any = ShaderProgram(None, None, defines=defines_of(look, lights, shadows))
-    return changed(str(program._load(str(path))), look, lights)

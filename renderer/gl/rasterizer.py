@@ -1,10 +1,9 @@
-"""Draws a scene's frames: the truth of its geometry, and its colours.
+"""Draws frames: the truth of their geometry, and their colours.
 
-One vertex buffer holds the whole model, and everything that does not move is drawn once a sequence
-into a layer that each frame starts from. Depth and part numbers come from their own pass, into
-float32 and integer targets without multisampling, so that no value is ever a mixture of two
-surfaces. Colours are drawn finer and averaged: on a CPU that is half the price of multisampling,
-and smooths shading as well as edges.
+Each call returns a value. What stands still in a sequence is drawn once, into a layer that each
+frame starts from; the rasterizer recognizes a sequence by the identity of its arguments. Colours
+are drawn finer than the image and averaged: on a CPU this costs half as much as multisampling, and
+it smooths shading as well as edges.
 """
 
 from __future__ import annotations
@@ -13,26 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ...robots.model import ArticulatedModel
-from ..scene import Scene, clip_from_world
+from ..scene import PosedModel, Scene
 from ..types import Camera
-from .color_pass import ColorPass
-from .context import Context, Programs
-from .coverage_pass import CoveragePass
-from .targets import NoRendererError
-from .truth_pass import TruthPass
-from .uploaded_model import DeviceModel, Posed
+from .color_pass import ColorPass, DrawnColor
+from .context import GLContext, Programs
+from .framebuffers import NoRendererError
+from .truth_pass import CoveragePass, DrawnTruth, TruthPass
+from .uploaded_model import Shot, UploadedModel, upload_model
 
 
 class Rasterizer:
-    """Draws one scene after another at one image size. One per process (lessons 18).
+    """Draws images of one size. A process must hold only one.
 
-    With `faces`, the truth tells the triangle of each pixel too. Surfaces that deform are drawn
-    where `place` put them last.
+    The software rasterizer works in threads of its own: between a draw and the first access to
+    its images, the caller can do other work. Frames may be drawn in any order.
+
+    Args:
+        width: px
+        height: px
+        finer: Samples of colour along each side of a pixel.
+        faces: Whether the truth includes the triangle of each pixel.
+
+    Raises:
+        NoRendererError: no EGL device of this machine can draw images of this size.
     """
 
     def __init__(self, width: int, height: int, finer: int = 2, faces: bool = False) -> None:
-        self.context = Context()
+        self.context = GLContext()
         gl = self.context.gl
         self.width, self.height = width, height
         most = int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE))
@@ -46,68 +52,59 @@ class Rasterizer:
         gl.glVertexAttrib4f(3, 1.0, 1.0, 1.0, 1.0)  # of meshes without vertex colours
         gl.glPixelStorei(gl.GL_PACK_ALIGNMENT, 1)
         gl.glPixelStorei(gl.GL_UNPACK_ALIGNMENT, 1)
-        self.faces = faces
         programs = Programs(gl, faces)
-        self._model = DeviceModel(gl)
-        self._color = ColorPass(gl, programs, width, height, finer)
-        self._truth = TruthPass(gl, programs, width, height, faces)
-        self._coverage = CoveragePass(gl, programs, width, height)
+        self._uploaded: UploadedModel | None = None
+        self._truth_shot: Shot | None = None
+        self._color_shot: Shot | None = None
+        self._placed: tuple[Shot, int] | None = None
+        self._color = ColorPass(programs, width, height, finer)
+        self._truth = TruthPass(programs, width, height)
+        self._coverage = CoveragePass(programs, width, height)
 
-    # -- geometry: truth ----------------------------------------------------------------------
+    def draw_truth(self, posed: PosedModel, camera: Camera, t: int = 0) -> DrawnTruth:
+        """Draw depth, part numbers (and triangles) of the model alone in frame t."""
+        shot = self._shot(posed, camera)
+        self._place(shot, t)
+        return self._truth.draw(shot, t)
 
-    def begin_truth(
-        self, model: ArticulatedModel, camera: Camera, world_from_part: Array,
-        bounds: Array | None = None,
-    ) -> None:
-        """Draw the parts that stand still in all frames; world_from_part [T P 4 4].
+    def draw_room(self, scene: Scene, posed: PosedModel) -> DrawnTruth | None:
+        """Draw depth (and triangles) of a scene's room alone; None if it has no room."""
+        shot = self._colored(scene, posed)
+        room = self._color.room
+        return None if room is None else self._truth.draw_room(room, shot.clip_from_world)
 
-        World points `bounds` [N 3] m are around what deforms, in all frames.
+    def draw_color(self, scene: Scene, posed: PosedModel, t: int = 0) -> DrawnColor:
+        """Draw the colours of frame t of a scene, before noise and blur."""
+        shot = self._colored(scene, posed)
+        self._place(shot, t)
+        return self._color.draw(shot, t)
+
+    def draw_coverage(
+        self, posed: PosedModel, camera: Camera, t: int, group: NDArray[np.int64],
+        where: NDArray[np.int64],
+    ) -> NDArray[np.uint32]:
+        """Return bits [H W]: bit g is set where parts of group g would be visible with nothing in
+        front of them.
+
+        Args:
+            posed: The model.
+            camera: Its camera.
+            t: Frame.
+            group: [P] group of each part, 0..31; -1 leaves the part out.
+            where: [P 4] px, the box in which each part is drawn: first column and row, and those
+                after the last.
         """
-        self._model.load(model)
-        self._model.begin(camera, world_from_part, bounds)
-        self._clip_from_world = clip_from_world(camera, self._model.box(world_from_part))
-        self._truth.begin(self._model, world_from_part[0], self._clip_from_world)
+        shot = self._shot(posed, camera)
+        self._place(shot, t)
+        return self._coverage.draw(shot, t, group, where)
 
-    def place(self, surfaces: Posed) -> None:
-        """Put the surfaces that deform where they are drawn from now on; after `begin_truth`."""
-        self._model.place(surfaces)
-
-    def truth(self, world_from_part: Array) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:
-        """Depth [H W] m (0: none) and part [H W] of the model alone, from part poses [P 4 4]."""
-        self.draw_truth(world_from_part)
-        return self.read_truth()
-
-    def draw_truth(self, world_from_part: Array) -> None:
-        """Begin to draw what `read_truth` gives.
-
-        The software rasterizer works in threads of its own: what is drawn before something is
-        read goes on meanwhile.
+    def outlines(self, posed: PosedModel, camera: Camera, t: int = 0) -> NDArray[np.int64]:
+        """Return a box [P 4] px that holds each part in frame t: first column and row, and those
+        after the last; zeros for parts without a surface.
         """
-        self._truth.draw(self._model, world_from_part, self._clip_from_world)
-
-    def read_truth(self) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:
-        """Depth [H W] m (0: none) and part [H W] of the model alone."""
-        return self._truth.read_depth(), self._truth.read_part()
-
-    def read_faces(self) -> NDArray[np.int32]:
-        """[H W] number of the triangle that `read_truth` tells of, through all visuals; -1: none.
-
-        After `room_depth`, through the room's surfaces.
-        """
-        return self._truth.read_faces()
-
-    def room_depth(self) -> NDArray[np.float32]:
-        """Depth [H W] m of the current scene's room alone; 0 where there is none."""
-        self._truth.draw_room(self._color.room, self._clip_from_world)
-        return self._truth.read_depth()
-
-    def outlines(self, camera: Camera, world_from_part: Array) -> NDArray[np.int64]:
-        """[P 4] px: a box that holds each part of the model in the image, from poses [P 4 4].
-
-        First column and row, and those after the last; parts without a surface have none.
-        """
-        part, corners = self._model.boxes(world_from_part)
-        low, high = np.full((2, len(world_from_part), 2), [[[np.inf]], [[-np.inf]]])
+        part, corners = self._shot(posed, camera).boxes(t)
+        parts = posed.world_from_part.shape[1]
+        low, high = np.full((2, parts, 2), [[[np.inf]], [[-np.inf]]])
         with np.errstate(divide="ignore", invalid="ignore"):
             uv = camera.project(corners)
         behind = uv[..., 2].min(1) <= 0  # then it may be anywhere
@@ -118,44 +115,45 @@ class Rasterizer:
         out[np.isinf(low).all(1) & np.isinf(high).all(1) & (low > high).all(1)] = 0
         return out.astype(np.int64)
 
-    # -- appearance: colours ------------------------------------------------------------------
-
-    def begin_color(
-        self, scene: Scene, world_from_part: Array, bounds: Array | None = None
-    ) -> None:
-        """Take a scene in and draw what stands still in all frames (see `begin_truth`)."""
-        self._color.take(scene)
-        self._model.load(scene.model, scene.texture_size > 0)
-        self._model.begin(scene.camera, world_from_part, bounds)
-        points = [self._model.box(world_from_part), *(s.vertices for s in scene.room)]
-        self._clip_from_world = clip_from_world(scene.camera, np.concatenate(points))
-        self._color.begin(self._model, world_from_part[0], self._clip_from_world)
-
-    def draw_color(self, world_from_part: Array) -> None:
-        """Begin to draw the colours of one frame from part poses [P 4 4] (see `draw_truth`)."""
-        self._color.draw(self._model, world_from_part, self._clip_from_world)
-
-    def read_color(self) -> NDArray[np.uint8]:
-        """RGB [H W 3] of the frame that `draw_color` began."""
-        return self._color.read()
-
-    def draw_coverage(
-        self, world_from_part: Array, group: NDArray[np.int64], where: NDArray[np.int64]
-    ) -> None:
-        """Begin to draw what `read_coverage` gives; `begin_truth` was before it.
-
-        Poses are [P 4 4], `group` [P] is 0..31, or -1 for parts that are left out. Each part is
-        drawn in its box `where` [P 4] px alone: first column and row, and those after the last.
-        """
-        self._coverage.draw(self._model, world_from_part, self._clip_from_world, group, where)
-
-    def read_coverage(self) -> NDArray[np.uint32]:
-        """[H W] bits: bit g is set where a part of group g would be seen with nothing before it
-        (and its box allows).
-        """
-        return self._coverage.read()
-
     def close(self) -> None:
-        """Free everything that OpenGL holds."""
+        """Free everything on the device; images of earlier draws can still be accessed."""
+        self._truth.finish()
+        self._color.finish()
         self._color.forget()
         self.context.close()
+
+    def _shot(self, posed: PosedModel, camera: Camera) -> Shot:
+        """The shot of the truth, which is kept while the arguments stay the same."""
+        shot = self._truth_shot
+        self._upload(posed, None)
+        if shot is None or shot.uploaded is not self._uploaded or (
+                shot.posed is not posed or shot.camera is not camera):
+            shot = self._truth_shot = self._new_shot(posed, camera, np.zeros((0, 3)))
+        return shot
+
+    def _colored(self, scene: Scene, posed: PosedModel) -> Shot:
+        """The shot of a scene's colours, likewise."""
+        shot = self._color_shot
+        if self._color.scene is not scene:
+            self._color.take(scene)
+            shot = None
+        self._upload(posed, scene.texture_size > 0)
+        if shot is None or shot.uploaded is not self._uploaded or shot.posed is not posed:
+            room = np.concatenate([np.zeros((0, 3)), *(s.vertices for s in scene.room)])
+            shot = self._color_shot = self._new_shot(posed, scene.camera, room)
+        return shot
+
+    def _upload(self, posed: PosedModel, projected: NDArray[np.bool_] | None) -> None:
+        gl = self.context.gl
+        self._uploaded = upload_model(gl, posed.model, projected, self._uploaded)
+
+    def _new_shot(self, posed: PosedModel, camera: Camera, around: Array) -> Shot:
+        assert self._uploaded is not None
+        return Shot(self._uploaded, posed, camera, around)
+
+    def _place(self, shot: Shot, t: int) -> None:
+        """Put the surfaces that deform where they are in frame t."""
+        placed = self._placed
+        if placed is None or placed[0] is not shot or placed[1] != t:
+            shot.place(self.context.gl, t)
+            self._placed = shot, t

@@ -71,11 +71,9 @@ class Painter:
         world_from_cam = np.linalg.inv(state.cam_from_world[t])
         camera = Camera(meta.width, meta.height, state.intrinsics, world_from_cam)
         posed = posed_by_parts(self.model, poses[None])
-        self._rasterizer.begin_truth(self.model, camera, poses[None], posed.bounds)
-        self._rasterizer.place(posed.surfaces(0))
-        depth, part = self._rasterizer.truth(poses)
+        drawn = self._rasterizer.draw_truth(posed, camera)
         frame = sequence.frame(t)
-        return blend(frame.rgb, frame.part > 0, depth, part > 0, state.intrinsics)
+        return blend(frame.rgb, frame.part > 0, drawn.depth, drawn.part > 0, state.intrinsics)
 
 
 def blend(rgb: Image, object_mask: NDArray[np.bool_], depth: NDArray[np.float32],

@@ -118,16 +118,13 @@ class DrawSampler:
         face: list[Any] = [None] * frames
         pixels, covered = np.zeros((2, frames, joints), np.int64)
         flow = np.zeros((frames - 1, joints))
-        self._rasterizer.begin_truth(self.model, camera, poses, motion.posed.bounds)
         # The ends of a motion are where it is most likely to hide: judge them first.
         order = sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t))
-        self._draw_truth(motion, order[0])
+        drawn = self._rasterizer.draw_truth(motion.posed, camera, order[0])
         for t, then in zip(order, [*order[1:], None], strict=True):
-            depth[t], part[t] = self._rasterizer.read_truth()
-            if self._rasterizer.faces:
-                face[t] = self._rasterizer.read_faces()
-            if then is not None:  # drawn meanwhile
-                self._draw_truth(motion, then)
+            depth[t], part[t], face[t] = drawn.depth, drawn.part, drawn.face
+            if then is not None:  # the device draws it while this one is examined
+                drawn = self._rasterizer.draw_truth(motion.posed, camera, then)
             index = np.flatnonzero(part[t] > 0)
             number = part[t].ravel()[index]
             pixels[t] = self._count(number)
@@ -141,13 +138,9 @@ class DrawSampler:
             if reason:
                 return reason
         seen, reason = self._verdict(motion, pixels, covered, flow)
-        if not self._rasterizer.faces:
+        if face[0] is None:
             face = []
         return Draw(motion, camera, depth, part, face, covered, flow, seen, reason)
-
-    def _draw_truth(self, motion: Motion, t: int) -> None:
-        self._rasterizer.place(motion.posed.surfaces(t))
-        self._rasterizer.draw_truth(motion.world_from_part[t])
 
     def _verdict(
         self, motion: Motion, pixels: NDArray[np.int64], covered: NDArray[np.int64], flow: Array
@@ -186,19 +179,18 @@ class DrawSampler:
         """
         if not len(self.scored):
             return np.zeros(0, np.int64)
-        poses = motion.world_from_part[t]
-        self._rasterizer.place(motion.posed.surfaces(t))
-        boxes = _boxes(index, number, len(poses), camera.width)
+        parts = motion.world_from_part.shape[1]
+        boxes = _boxes(index, number, parts, camera.width)
         hiders = np.array([
             _around(boxes[(self._moved[self._moved[:, part]] == 0).any(0)])
-            for part in range(len(poses))
+            for part in range(parts)
         ])
-        outlines = self._rasterizer.outlines(camera, poses)
+        outlines = self._rasterizer.outlines(motion.posed, camera, t)
         low, high = (np.maximum(outlines[:, :2], hiders[:, :2]),
                      np.minimum(outlines[:, 2:], hiders[:, 2:]))
-        self._rasterizer.draw_coverage(
-            poses, self._group, np.concatenate([low, np.maximum(low, high)], axis=1))
-        bits = self._rasterizer.read_coverage().ravel()[index]
+        where = np.concatenate([low, np.maximum(low, high)], axis=1)
+        bits = self._rasterizer.draw_coverage(
+            motion.posed, camera, t, self._group, where).ravel()[index]
         masks = [sum(1 << g for g, row in enumerate(self._patterns) if row[j])
                  for j in range(len(self.scored))]
         return np.array([

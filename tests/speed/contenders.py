@@ -97,12 +97,12 @@ class Pure(Shipped):
 
     def truth(self, shot: Shot) -> Draw:
         """Depth and parts of all frames; the scene is ready to be coloured."""
-        r, poses = self.renderer._rasterizer, shot.world_from_part
-        r.begin_truth(shot.scene.model, shot.scene.camera, poses)
-        truth = [r.truth(pose) for pose in poses]
-        draw = replace(shot.draw, depth=[d for d, _ in truth], part=[p for _, p in truth])
-        r.begin_color(shot.scene, poses)
-        return self.renderer._in_room(draw, r.room_depth()) if shot.scene.room else draw
+        r, posed = self.renderer._rasterizer, shot.draw.motion.posed
+        frames = range(len(shot.world_from_part))
+        drawn = [r.draw_truth(posed, shot.scene.camera, t) for t in frames]
+        draw = replace(shot.draw, depth=[d.depth for d in drawn], part=[d.part for d in drawn])
+        room = r.draw_room(shot.scene, posed)
+        return draw if room is None else self.renderer._in_room(draw, room.depth)
 
 
 class Images(Pure):
@@ -111,9 +111,8 @@ class Images(Pure):
     def frames(self, index: int):
         shot, r = self.shots[index], self.renderer._rasterizer
         draw = self.truth(shot)
-        for pose, depth, part in zip(shot.world_from_part, draw.depth, draw.part, strict=True):
-            r.draw_color(pose)
-            yield r.read_color(), depth, part
+        for t, (depth, part) in enumerate(zip(draw.depth, draw.part, strict=True)):
+            yield r.draw_color(shot.scene, shot.draw.motion.posed, t).rgb, depth, part
 
 
 class Pyrender:

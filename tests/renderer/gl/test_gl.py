@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gcbench.renderer.gl.culling import one_sided
 from gcbench.renderer.gl.rasterizer import Rasterizer
+from gcbench.renderer.scene import posed_by_parts, rest
 from gcbench.renderer.scene.room import RoomSurface
 from gcbench.renderer.scene.scene import Light, Scene
 from gcbench.renderer.types.camera import Camera, intrinsics_from_fov, look_at
@@ -70,8 +71,8 @@ def poses(things: ArticulatedModel, frames: int = 1) -> np.ndarray:
 
 def truth(r: Rasterizer, things: ArticulatedModel, view: Camera | None = None):
     """Depth and parts of a model at rest."""
-    r.begin_truth(things, view or camera(), poses(things))
-    return r.truth(poses(things)[0])
+    drawn = r.draw_truth(rest(things), view or camera())
+    return drawn.depth, drawn.part
 
 
 def scene(things: ArticulatedModel, **changes: object) -> Scene:
@@ -87,9 +88,7 @@ def scene(things: ArticulatedModel, **changes: object) -> Scene:
 
 def color(r: Rasterizer, drawn: Scene) -> np.ndarray:
     """RGB [H W 3] as int."""
-    r.begin_color(drawn, poses(drawn.model))
-    r.draw_color(poses(drawn.model)[0])
-    return r.read_color().astype(int)
+    return r.draw_color(drawn, rest(drawn.model)).rgb.astype(int)
 
 
 def project(view: Camera, points: np.ndarray) -> np.ndarray:
@@ -136,23 +135,45 @@ def test_what_moves_and_what_stands_meet_as_if_drawn_at_once(rasterizer: Rasteri
                    box(1, (-0.1, -0.1, 0.1), (0.5, 0.5, 0.2)))
     path = poses(things, 3)
     path[:, 1, 0, 3] = [0.0, 0.1, -0.2]
-    rasterizer.begin_truth(things, camera(), path)
-    moving = [rasterizer.truth(path[t]) for t in (2, 0, 1)]
-    for t, (depth, part) in zip((2, 0, 1), moving, strict=True):
-        rasterizer.begin_truth(things, camera(), path[[t]])  # nothing moves in one frame
-        depth_once, part_once = rasterizer.truth(path[t])
-        np.testing.assert_array_equal(part, part_once)
-        np.testing.assert_allclose(depth, depth_once, rtol=1e-6)
+    posed, view = posed_by_parts(things, path), camera()
+    moving = [rasterizer.draw_truth(posed, view, t) for t in (2, 0, 1)]
+    for t, drawn in zip((2, 0, 1), moving, strict=True):
+        # nothing moves in one frame
+        once = rasterizer.draw_truth(posed_by_parts(things, path[[t]]), view)
+        np.testing.assert_array_equal(drawn.part, once.part)
+        np.testing.assert_allclose(drawn.depth, once.depth, rtol=1e-6)
+
+
+def test_images_do_not_depend_on_the_order_of_draws_and_reads(rasterizer: Rasterizer) -> None:
+    things = model(box(0, (-0.4, -0.4, 0), (0.1, 0.1, 0.3)), quad(1, 0.4, 0.2))
+    path = poses(things, 3)
+    path[:, 1, 0, 3] = [0.0, 0.1, -0.2]
+    posed, view, drawn = posed_by_parts(things, path), camera(), scene(things)
+
+    def images(t: int, *, at_once: bool) -> list[np.ndarray]:
+        color, truth = rasterizer.draw_color(drawn, posed, t), None
+        if at_once:
+            _ = color.rgb
+        truth = rasterizer.draw_truth(posed, view, t)
+        if not at_once:
+            later = rasterizer.draw_truth(posed, view, (t + 1) % 3)
+            rasterizer.draw_color(drawn, posed, (t + 2) % 3)
+            assert later.part.any()
+        return [color.rgb, truth.depth, truth.part]
+
+    expected = [images(t, at_once=True) for t in range(3)]
+    for t in (1, 2, 0, 0):
+        for one, two in zip(images(t, at_once=False), expected[t], strict=True):
+            np.testing.assert_array_equal(one, two)
 
 
 def test_coverage_sees_through_what_is_in_front(rasterizer: Rasterizer) -> None:
     things = model(quad(0, 0.5, 0.5), quad(1, 0.0, 0.3), quad(2, -0.2, 0.3, at=(0.4, 0)))
-    rasterizer.begin_truth(things, camera(), poses(things))
-    rasterizer.draw_truth(poses(things)[0])
+    posed, view = rest(things), camera()
+    drawn = rasterizer.draw_truth(posed, view)
     where = np.tile([0, 0, WIDTH, HEIGHT], (3, 1))
-    rasterizer.draw_coverage(poses(things)[0], np.array([-1, 0, 9]), where)
-    _, part = rasterizer.read_truth()
-    bits = rasterizer.read_coverage()
+    bits = rasterizer.draw_coverage(posed, view, 0, np.array([-1, 0, 9]), where)
+    part = drawn.part
     assert not (part == 2).any()  # hidden by the first
     for visual, bit in ((things.visuals[1], 0), (things.visuals[2], 9)):
         _, alone = truth(rasterizer, model(replace(visual, part=0)))
@@ -162,10 +183,8 @@ def test_coverage_sees_through_what_is_in_front(rasterizer: Rasterizer) -> None:
 
 def test_coverage_keeps_to_each_part_s_box(rasterizer: Rasterizer) -> None:
     things = model(quad(0, 0.0, 0.5), quad(1, 0.1, 0.5))
-    rasterizer.begin_truth(things, camera(), poses(things))
     where = np.array([[40, 30, 50, 33], [10, 20, 10, 60]])
-    rasterizer.draw_coverage(poses(things)[0], np.array([0, 1]), where)
-    bits = rasterizer.read_coverage()
+    bits = rasterizer.draw_coverage(rest(things), camera(), 0, np.array([0, 1]), where)
     assert (bits[30:33, 40:50] == 1).all()
     assert (bits > 0).sum() == 30
     assert truth(rasterizer, things)[1].astype(bool).sum() > 500  # nothing of it is left
@@ -175,7 +194,7 @@ def test_an_outline_holds_a_part_tightly(rasterizer: Rasterizer) -> None:
     things = model(quad(0, 0.0, 0.3), quad(2, 0.2, 0.2, at=(0.1, 0.2)))
     view = camera()
     _, part = truth(rasterizer, things, view)
-    boxes = rasterizer.outlines(view, poses(things)[0])
+    boxes = rasterizer.outlines(rest(things), view)
     assert boxes[1].tolist() == [0, 0, 0, 0]
     for number in (1, 3):
         v, u = np.nonzero(part == number)
@@ -183,7 +202,7 @@ def test_an_outline_holds_a_part_tightly(rasterizer: Rasterizer) -> None:
         assert (boxes[number - 1][2:] > [u.max(), v.max()]).all()
         assert np.ptp(boxes[number - 1].reshape(2, 2), axis=0).max() < 40
     behind = replace(view, world_from_cam=transform(None, [0, 0, 0.1]))
-    assert rasterizer.outlines(behind, poses(things)[0])[0].tolist() == [0, 0, WIDTH, HEIGHT]
+    assert rasterizer.outlines(rest(things), behind)[0].tolist() == [0, 0, WIDTH, HEIGHT]
 
 
 def test_no_part_number_is_too_large_for_the_mask(rasterizer: Rasterizer) -> None:
@@ -192,8 +211,8 @@ def test_no_part_number_is_too_large_for_the_mask(rasterizer: Rasterizer) -> Non
     many = replace(
         things, part_names=tuple(map(str, range(n))), parent=np.arange(n) - 1,
         visuals=(replace(things.visuals[0], part=n - 1),))
-    rasterizer.begin_truth(many, camera(), np.tile(np.eye(4), (1, n, 1, 1)))
-    _, part = rasterizer.truth(np.tile(np.eye(4), (n, 1, 1)))
+    part = rasterizer.draw_truth(
+        posed_by_parts(many, np.tile(np.eye(4), (1, n, 1, 1))), camera()).part
     assert set(np.unique(part)) == {0, n}
 
 
@@ -334,10 +353,11 @@ def test_a_room_has_depth_and_hides_the_backdrop(rasterizer: Rasterizer) -> None
     texture = np.full((8, 8, 3), 200, np.uint8)
     drawn = scene(things, backdrop=None, room=(floor(texture),))
     image = color(rasterizer, drawn)
-    np.testing.assert_allclose(rasterizer.room_depth(), 2.5, rtol=1e-6)
+    room = rasterizer.draw_room(drawn, rest(things))
+    assert room is not None
+    np.testing.assert_allclose(room.depth, 2.5, rtol=1e-6)
     assert image.min() > 60
-    color(rasterizer, scene(things))
-    assert (rasterizer.room_depth() == 0).all()
+    assert rasterizer.draw_room(scene(things), rest(things)) is None
 
 
 # -- state ------------------------------------------------------------------------------------

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from gcbench.renderer.gl.rasterizer import Rasterizer
+from gcbench.renderer.scene.posed_model import rest
 from gcbench.renderer.scene.scene import Light, Scene
 from gcbench.renderer.types.camera import Camera, intrinsics_from_fov, look_at
 from gcbench.robots.files.paths import MissingAssetError
 from gcbench.robots.gltf.reader import load_gltf
-from gcbench.robots.model import ArticulatedModel, Visual, forward_kinematics
+from gcbench.robots.model import ArticulatedModel, Visual
 from gcbench.robots.motion.trajectory import JointTrajectory
 from PIL import Image
 
@@ -153,17 +154,14 @@ def shot(rasterizer: Rasterizer, model: ArticulatedModel
     """
     camera = Camera(64, 48, intrinsics_from_fov(64, 48, np.radians(40.0)),
                     look_at(np.array([0.0, -4.0, 0.0]), np.zeros(3), 0.0))
-    poses = forward_kinematics(model, np.zeros((1, len(model.joint_names))))
     light = Light(np.array([0.0, 1.0, 0.0]), (0.0, 0.0, 0.0), 0.0)
     scene = Scene(
         model, JointTrajectory(np.zeros(1), np.zeros((1, len(model.joint_names)))), camera,
         (light,), 1.0, False, tuple(v.material for v in model.visuals),
         np.zeros(len(model.visuals)), np.full((48, 64, 3), 10, np.uint8), (), 0.0, 0, 0.0, 0.0)
-    rasterizer.begin_truth(model, camera, poses)
-    depth, part = rasterizer.truth(poses[0])
-    rasterizer.begin_color(scene, poses)
-    rasterizer.draw_color(poses[0])
-    return depth, part, rasterizer.read_color()
+    posed = rest(model)
+    truth = rasterizer.draw_truth(posed, camera)
+    return truth.depth, truth.part, rasterizer.draw_color(scene, posed).rgb
 
 
 @pytest.mark.gl

@@ -1,0 +1,134 @@
+"""Framebuffers and textures: the images on the device.
+
+Functions take the module of OpenGL's functions (`GLContext.gl`) as `gl`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import RenderError
+from ...robots.model import Tiling
+
+SHADOW_SIZE = 2048  # px a side of a shadow map
+
+
+class NoRendererError(RenderError):
+    """No EGL device of this machine can draw."""
+
+
+class Framebuffer:
+    """A framebuffer with colour attachments and a depth buffer."""
+
+    def __init__(
+        self, gl: Any, width: int, height: int, formats: Sequence[Any], depth: Any
+    ) -> None:
+        self._gl, self.size, self._attachments = gl, (width, height), len(formats)
+        self.id = int(gl.glGenFramebuffers(1))
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self.id)
+        points = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(len(formats))]
+        for point, layout in [*zip(points, formats, strict=True), (gl.GL_DEPTH_ATTACHMENT, depth)]:
+            if layout is None:
+                continue
+            buffer = int(gl.glGenRenderbuffers(1))
+            gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
+            gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, layout, width, height)
+            gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, point, gl.GL_RENDERBUFFER, buffer)
+        if not formats:
+            gl.glDrawBuffer(gl.GL_NONE)
+            gl.glReadBuffer(gl.GL_NONE)
+            return
+        gl.glDrawBuffers(len(points), points)
+        status = gl.glCheckFramebufferStatus(gl.GL_FRAMEBUFFER)
+        if status != gl.GL_FRAMEBUFFER_COMPLETE:
+            raise NoRendererError(f"the driver refuses a framebuffer of {width} x {height} "
+                                  f"(status {int(status):#x})")
+
+    def bind(self) -> None:
+        """Draw into this framebuffer from now on."""
+        self._gl.glBindFramebuffer(self._gl.GL_FRAMEBUFFER, self.id)
+        self._gl.glViewport(0, 0, *self.size)
+
+    def bind_depth(self, texture: int) -> None:
+        """Draw depth into a texture from now on."""
+        gl = self._gl
+        self.bind()
+        gl.glFramebufferTexture2D(
+            gl.GL_FRAMEBUFFER, gl.GL_DEPTH_ATTACHMENT, gl.GL_TEXTURE_2D, texture, 0
+        )
+
+    def copy_to(self, other: Framebuffer) -> None:
+        """Copy every attachment to a target of the same kind."""
+        gl = self._gl
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.id)
+        gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, other.id)
+        points = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(self._attachments)]
+        for k, point in enumerate(points):
+            gl.glReadBuffer(point)
+            gl.glDrawBuffers(k + 1, [gl.GL_NONE] * k + [point])
+            bits = gl.GL_COLOR_BUFFER_BIT | (gl.GL_DEPTH_BUFFER_BIT if k == 0 else 0)
+            box = (0, 0, *self.size)
+            gl.glBlitFramebuffer(*box, *box, bits, gl.GL_NEAREST)
+        gl.glDrawBuffers(len(points), points)
+
+    def read(self, attachment: int, layout: Any, kind: Any, out: NDArray[Any]) -> None:
+        """Copy a colour attachment into `out`; waits until it is drawn."""
+        gl = self._gl
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.id)
+        gl.glReadBuffer(gl.GL_COLOR_ATTACHMENT0 + attachment)
+        gl.glReadPixels(0, 0, *self.size, layout, kind, out)
+
+
+def picture_texture(gl: Any, picture: NDArray[np.uint8], repeat: bool = True,
+                    tiling: tuple[Tiling, Tiling] = ("repeat", "repeat")) -> int:
+    """Upload a picture [H W 1|3|4]: mipmapped, with row 0 of the texture at its bottom (v = 0).
+
+    Without `repeat` the texture has no mipmaps and is shown once.
+    """
+    texture = int(gl.glGenTextures(1))
+    gl.glActiveTexture(gl.GL_TEXTURE0)
+    gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
+    data = np.ascontiguousarray(picture[::-1])
+    layout = {1: gl.GL_RED, 3: gl.GL_RGB, 4: gl.GL_RGBA}[data.shape[2]]
+    height, width = data.shape[:2]
+    gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_RGBA8, width, height, 0, layout,
+                    gl.GL_UNSIGNED_BYTE, data)
+    modes = {"repeat": gl.GL_REPEAT, "mirror": gl.GL_MIRRORED_REPEAT,
+             "clamp": gl.GL_CLAMP_TO_EDGE}
+    wrap = [modes[t] for t in tiling] if repeat else [gl.GL_CLAMP_TO_EDGE] * 2
+    smaller = gl.GL_LINEAR_MIPMAP_LINEAR if repeat else gl.GL_LINEAR
+    for name, value in (
+        (gl.GL_TEXTURE_WRAP_S, wrap[0]), (gl.GL_TEXTURE_WRAP_T, wrap[1]),
+        (gl.GL_TEXTURE_MIN_FILTER, smaller), (gl.GL_TEXTURE_MAG_FILTER, gl.GL_LINEAR),
+    ):
+        gl.glTexParameteri(gl.GL_TEXTURE_2D, name, value)
+    if repeat:
+        gl.glGenerateMipmap(gl.GL_TEXTURE_2D)
+    return texture
+
+
+def shadow_texture(gl: Any) -> int:
+    """Make a depth texture of SHADOW_SIZE px a side; what lies outside it is lit."""
+    texture = int(gl.glGenTextures(1))
+    gl.glActiveTexture(gl.GL_TEXTURE0)
+    gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
+    gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_DEPTH_COMPONENT24, SHADOW_SIZE, SHADOW_SIZE,
+                    0, gl.GL_DEPTH_COMPONENT, gl.GL_FLOAT, None)
+    for name, value in (
+        (gl.GL_TEXTURE_WRAP_S, gl.GL_CLAMP_TO_BORDER),
+        (gl.GL_TEXTURE_WRAP_T, gl.GL_CLAMP_TO_BORDER),
+        (gl.GL_TEXTURE_MIN_FILTER, gl.GL_NEAREST), (gl.GL_TEXTURE_MAG_FILTER, gl.GL_NEAREST),
+    ):
+        gl.glTexParameteri(gl.GL_TEXTURE_2D, name, value)
+    gl.glTexParameterfv(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
+    return texture
+
+
+def delete_textures(gl: Any, textures: Sequence[int]) -> None:
+    """Free textures."""
+    if textures:
+        gl.glDeleteTextures(len(textures), list(textures))
