@@ -112,7 +112,7 @@ def test_ctrl_c_leaves_nothing_behind(
     monkeypatch.setattr(export_kitti.Kitti, "finish", interrupted)
     out = str(tmp_path / "out")
     assert main(["export", str(dataset.path), "--format", "kitti", "--out", out]) == 130
-    assert capsys.readouterr().err.endswith("gcbench: stopped; run the same command again to continue\n")
+    assert "run the same command again to continue\n" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == [".out.part"]
 
 
