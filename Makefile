@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-builtin-rules
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all lint speed appliances env clean package libraries
+.PHONY: help demo test test-all lint docs speed appliances env clean package libraries
 
 PYTHON ?= python3
 N ?= 100
@@ -38,6 +38,10 @@ lint: $(VENV)/.lint-$(NEEDS) package  ## ruff and pyright
 	$(PY) -m ruff check .
 	$(PY) -m pyright --pythonpath $(PY)
 
+docs: $(VENV)/.docs-$(NEEDS) package  ## the documentation site in site/; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
+	@echo "$(CURDIR)/site/index.html"
+
 speed: $(VENV)/.speed-$(NEEDS) package  ## frames per second, beside other ways to the same pixels
 	@.ci/system-libraries $(PY)
 	$(PY) tests/speed/render_speed.py $(ARGS)
@@ -54,7 +58,7 @@ appliances: package  ## render and verify a hundred of each appliance, with cont
 env: $(VENV)/.test-$(NEEDS) $(VENV)/.lint-$(NEEDS) package  ## the environment .venv, with gcbench installed
 
 clean:  ## remove .venv and what was built and rendered here, but for data/
-	rm -rf $(VENV) build dist *.egg-info demo .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist site *.egg-info demo .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The package is installed as users get it, not editable: what is tested is what ships.

@@ -34,7 +34,7 @@ class RobotInfo:
 def list_robots() -> list[RobotInfo]:
     """List the robots and objects that `load_robot` knows by name.
 
-    Example:
+    Examples:
         >>> [robot.name for robot in list_robots()][:2]
         ['ur5', 'ur5-textured']
     """

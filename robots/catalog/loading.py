@@ -48,7 +48,7 @@ def load_robot(
             of a supported format, is broken or lacks meshes, or is not on this machine and must
             not be downloaded.
 
-    Example:
+    Examples:
         >>> from gcbench.robots.catalog import load_robot
         >>> robot = load_robot("owi535")
         >>> robot.joint_names

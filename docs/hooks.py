@@ -1,0 +1,172 @@
+"""Build hooks of the documentation site: generated reference pages and equations as MathML."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import html
+import inspect
+import os
+import re
+import textwrap
+from contextlib import redirect_stdout
+from importlib import import_module
+from io import BytesIO, TextIOWrapper
+from typing import Any
+
+_WIDTH = "100"  # columns of the help text: wider, and its boxes stand side by side
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Fill the generated sections of a page, and drop the notes to the tests."""
+    markdown = re.sub(r"(?m)^<!-- test: .*? -->\n", "", markdown)
+    if "<!-- commands -->" in markdown:
+        markdown = markdown.replace("<!-- commands -->", command_reference())
+    return re.sub(r"<!-- settings (\S+) -->", lambda m: settings_table(m[1]), markdown)
+
+
+def on_page_content(page_html: str = "", **values: Any) -> str:
+    """Replace TeX by MathML, which browsers draw without a script or a network."""
+    from latex2mathml.converter import convert
+
+    text = page_html or values["html"]
+    pattern = r'<(span|div) class="arithmatex">(.*?)</\1>'
+
+    def equation(match: re.Match[str]) -> str:
+        tex = html.unescape(match[2]).strip()[2:-2]
+        block = match[1] == "div"
+        return f"<{match[1]} class='equation'>{convert(tex, 'block' if block else 'inline')}" \
+               f"</{match[1]}>"
+
+    return re.sub(pattern, equation, text, flags=re.DOTALL)
+
+
+# -- command line -----------------------------------------------------------------------------
+
+
+def command_names() -> list[str]:
+    """The commands of `gcbench`, and `robots fetch`, in the order of `gcbench --help`."""
+    from gcbench.__main__ import HELP
+
+    names = re.findall(r"(?m)^  ([a-z]+)  +\S", HELP.partition("examples:")[0])
+    at = names.index("robots") + 1
+    return [*names[:at], "robots fetch", *names[at:]]
+
+
+def help_of(command: str) -> str:
+    """The text that `gcbench COMMAND --help` prints."""
+    from gcbench.__main__ import main
+
+    out = TextIOWrapper(BytesIO(), encoding="utf-8")  # of another encoding, boxes are ASCII
+    columns = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = _WIDTH
+    try:
+        with redirect_stdout(out):
+            main([*command.split(), "--help"])
+    except SystemExit as stop:
+        if stop.code:
+            raise
+    finally:
+        os.environ.pop("COLUMNS")
+        if columns is not None:
+            os.environ["COLUMNS"] = columns
+    out.seek(0)
+    return re.sub(r"\x1b\[[\d;]*m", "", out.read())
+
+
+def command_reference() -> str:
+    """Markdown: one section a command, from its `--help`."""
+    return "\n\n".join(command_section(name, help_of(name)) for name in command_names())
+
+
+def command_section(name: str, text: str) -> str:
+    """Markdown of one command: description, examples, a table of options for each group."""
+    about, _, usage = text.partition("usage: ")
+    about, _, examples = re.split(r"\n(Examples?:)\n", about)[:3] if "xample" in about \
+        else (about, "", "")
+    lines = [f"## gcbench {name}", "", _prose(about), ""]
+    if usage:
+        lines += ["```text", " ".join(usage.partition("╭")[0].split()), "```", ""]
+    if examples.strip():
+        shown = "\n".join(line for line in textwrap.dedent(examples).strip().splitlines() if line)
+        lines += ["```bash", shown, "```", ""]
+    for title, body in re.findall(r"╭─ (.*?) ─*╮\n(.*?)╰", text, flags=re.DOTALL):
+        parts = re.split(r"(?m)^│ ─+ │\n", body)
+        note = _prose(" ".join(line.strip("│ ") for line in parts[0].splitlines()))
+        lines += [f"**{title}**" + f": {note}" * (len(parts) > 1), ""]
+        lines += ["| option | meaning | default |", "|---|---|---|"]
+        lines += [f"| {' | '.join(row)} |" for row in _options(parts[-1])] + [""]
+    return "\n".join(lines)
+
+
+def _prose(text: str) -> str:
+    return re.sub(r"(?<![`\w/])(--[a-z][\w.-]*)", r"`\1`", text.strip()).replace("<", "&lt;")
+
+
+def _options(body: str) -> list[tuple[str, str, str]]:
+    """(option, meaning, default) of the lines in a box of tyro's help."""
+    entries: list[list[str]] = []
+    for line in body.splitlines():
+        text = line.strip().removeprefix("│").removesuffix("│").rstrip()[1:]
+        if text.strip() and not set(text.strip()) <= {"─"}:
+            if text.startswith(" "):
+                entries[-1].append(text.strip())
+            else:
+                option, _, rest = text.partition("  ")
+                entries.append([option, *filter(None, [rest.strip()])])
+    out: list[tuple[str, str, str]] = []
+    for option, *words in entries:
+        text = " ".join(words)
+        match = re.fullmatch(r"(.*?) *\((?:default: ?(.*)|required)\)", text) or [text, text, ""]
+        value = (match[2] or "").strip("'")
+        cells = f"`{option}`", _prose(match[1]), f"`{value}`" if value else ""
+        out.append(tuple(cell.replace("|", "\\|") for cell in cells))  # type: ignore[arg-type]
+    return out
+
+
+# -- settings of the method -------------------------------------------------------------------
+
+
+def settings_table(name: str) -> str:
+    """Markdown table of a settings dataclass `module:Class`: setting, default, meaning."""
+    module, _, kind = name.partition(":")
+    rows = ["| setting | default | meaning |", "|---|---|---|"]
+    return "\n".join([*rows, *_settings_rows(getattr(import_module(module), kind)(), "")])
+
+
+def _settings_rows(record: Any, prefix: str) -> list[str]:
+    """A row for each field; the fields of records inside it follow with dotted names."""
+    notes, rows = field_notes(type(record)), list[str]()
+    for field in dataclasses.fields(record):
+        value, name = getattr(record, field.name), f"{prefix}{field.name}"
+        if dataclasses.is_dataclass(value):
+            rows += _settings_rows(value, f"{name}.")
+        else:
+            note = notes.get(field.name, "").replace("|", "\\|")
+            rows.append(f"| `{name}` | `{_short(value)}` | {note} |")
+    return rows
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, tuple):
+        return f"({', '.join(_short(v) for v in value)})"
+    return str(value)
+
+
+def field_notes(cls: type) -> dict[str, str]:
+    """What stands under, or in a comment behind, each field of a dataclass."""
+    notes = field_notes(cls.__base__) if dataclasses.is_dataclass(cls.__base__) else {}
+    source = textwrap.dedent(inspect.getsource(cls))
+    body = ast.parse(source).body[0].body  # type: ignore[attr-defined]
+    lines = source.splitlines()
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
+            continue
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            text = str(after.value.value)
+        else:
+            text = lines[(node.end_lineno or 1) - 1].partition("  # ")[2]
+        notes[node.target.id] = " ".join(text.split())
+    return notes
