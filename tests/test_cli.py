@@ -81,20 +81,6 @@ def test_a_command_s_help_has_examples_that_parse(
         assert parses(example), capsys.readouterr().err
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/export.md"])
-def test_the_commands_of_the_docs_parse(
-    page: str, parses: Callable[[str], bool], capsys: Lines, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    text = (Path(__file__).parents[1] / page).read_text()
-    examples = re.findall(rf"^gcbench (?:{'|'.join(COMMANDS)}) .*", text, re.MULTILINE)
-    assert len(examples) > 2
-    (tmp_path / "lab.toml").touch()
-    monkeypatch.chdir(tmp_path)
-    for example in examples:
-        assert parses(example), (example, capsys.readouterr().err)
-
-
 def test_help_answers_at_once() -> None:
     """It loads nothing that takes long to load."""
     code = ("import sys; from gcbench.__main__ import main; main(['--help']); "
