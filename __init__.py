@@ -34,7 +34,8 @@ from .errors import (
 
 if TYPE_CHECKING:
     from .benchmark.report import report
-    from .benchmark.run import EvalConfig, evaluate
+    from .benchmark.results import Results
+    from .benchmark.run import EvalConfig, evaluate, score
     from .gcpose.method import GCPose
     from .renderer.dataset import Dataset, open_dataset
     from .renderer.doctor import examine as doctor
@@ -52,9 +53,9 @@ __version__ = "0.1.0"
 __all__ = [
     "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "Method", "MethodError",
-    "ModelError", "Observation", "RenderConfig", "RenderError", "Sequence", "doctor", "evaluate",
-    "export_dataset", "fetch_robot", "list_robots", "load_robot", "open_dataset", "render_dataset",
-    "report", "show", "verify_dataset",
+    "ModelError", "Observation", "RenderConfig", "RenderError", "Results", "Sequence", "doctor",
+    "evaluate", "export_dataset", "fetch_robot", "list_robots", "load_robot", "open_dataset",
+    "render_dataset", "report", "score", "show", "verify_dataset",
 ]
 
 _HOMES = {
@@ -70,7 +71,8 @@ _HOMES = {
     "renderer.export": "export_dataset=export",
     "renderer.doctor": "doctor=examine",
     "gcpose.method": "GCPose",
-    "benchmark.run": "EvalConfig evaluate",
+    "benchmark.results": "Results",
+    "benchmark.run": "EvalConfig evaluate score",
     "benchmark.report": "report",
 }
 """Where each lazy public name is defined."""

@@ -304,7 +304,8 @@ def score(args: Sequence[str]) -> int:
     from .benchmark.run import ScoreConfig, score_predictions
     from .renderer.runtime import command_line
 
-    runs = score_predictions(command_line.parse_options(args, "score", ScoreConfig, score.__doc__))
+    options = command_line.parse_options(args, "score", ScoreConfig, score.__doc__)
+    runs = score_predictions(options).runs
     print(leaderboard_text(runs))
     for folder in runs:
         print(folder.path)

@@ -9,14 +9,21 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...errors import GcbenchError
+from ...errors import DatasetError, GcbenchError
 from ...renderer.show import render_page
 from ...robots.files import write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
-from ..results import RunFolder, Shape, read_stored
+from ..results import Results, RunFolder, Shape, read_stored
 from .formats import leaderboard_csv, one_line, to_latex, to_markdown
 from .gallery import Picture, chosen, draw
-from .leaderboard import CURVE_THRESHOLDS, SECONDARY, Leaderboard, Line, read_leaderboard
+from .leaderboard import (
+    CURVE_THRESHOLDS,
+    SECONDARY,
+    Leaderboard,
+    Line,
+    build_leaderboard,
+    read_leaderboard,
+)
 from .statistics import DRAWS, SEED
 from .tables import leaderboard_tables, paper_tables
 
@@ -43,17 +50,38 @@ _Failure = tuple[str, str, str, str, str]
 
 
 def report(
-    results: Sequence[Path] = (Path("results"),),
-    out: Path = Path("report"),
+    results: Results | str | Path | Sequence[str | Path] = "results",
+    out: str | Path = "report",
     pictures: bool = True,
     progress: bool = True,
 ) -> list[Path]:
-    """Write the report of all results under the folders into the folder `out`.
+    """Write a report of results: one static page, and tables as Markdown, CSV and LaTeX.
 
-    Returns the paths of FILES. Without `pictures` no sequence is drawn. The same results give the
-    same files. Raises GcbenchError if there are no results, or if a file cannot be written.
+    The same results give the same files.
+
+    Args:
+        results: What `evaluate` or `score` returned, or one or more results folders.
+        out: Folder of the report.
+        pictures: Draw the worst and the median sequence of each row (needs a renderer).
+        progress: Show a progress bar on stderr.
+
+    Returns:
+        The paths of the page, the Markdown, the CSV and the LaTeX file.
+
+    Raises:
+        DatasetError: If there are no scores, or they do not belong together.
+
+    Example:
+        >>> import gcbench as gb
+        >>> [path.name for path in gb.report("results", "report", progress=False)]
+        ['index.html', 'leaderboard.md', 'leaderboard.csv', 'tables.tex']
     """
-    board = read_leaderboard(results)
+    if isinstance(results, Results):
+        board = build_leaderboard(results.runs)
+    else:
+        board = read_leaderboard([Path(results)] if isinstance(results, str | Path)
+                                 else [Path(folder) for folder in results])
+    out = Path(out)
     found = draw(board.lines, chosen(board.lines), progress) if pictures else []
     contents = (
         report_page(board, found),
@@ -66,7 +94,7 @@ def report(
         for name, text in zip(FILES, contents, strict=True):
             write_atomically(out / name, text.encode())
     except OSError as error:
-        raise GcbenchError(f"cannot write to {out}: {error.strerror or error}") from error
+        raise DatasetError(f"cannot write to {out}: {error.strerror or error}") from error
     return [out / name for name in FILES]
 
 

@@ -11,23 +11,21 @@ from .estimates import (
     Stored,
     checked,
     dump_stored,
+    read_arrays,
     read_stored,
 )
-from .rows import (
+from .rows import INPUTS, KNOWLEDGE, Result, Row, read_scores, write_scores
+from .runs import (
     ESTIMATES,
-    INPUTS,
-    KNOWLEDGE,
     RUN,
     SCORES,
-    Result,
-    Row,
+    Results,
     Run,
     RunFolder,
     find_runs,
     read_run,
     run_folder,
     write_run,
-    write_scores,
 )
 
 __all__ = [
@@ -40,6 +38,7 @@ __all__ = [
     "STATUSES",
     "InvalidEstimateError",
     "Result",
+    "Results",
     "Row",
     "Run",
     "RunFolder",
@@ -49,7 +48,9 @@ __all__ = [
     "checked",
     "dump_stored",
     "find_runs",
+    "read_arrays",
     "read_run",
+    "read_scores",
     "read_stored",
     "run_folder",
     "write_run",

@@ -17,8 +17,8 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError, MethodError
-from ...renderer.runtime import ArchiveWriter, dump_json, open_archive, parse_json
+from ...errors import DatasetError, MethodError
+from ...renderer.runtime import ArchiveWriter, dump_json, open_archive, parse_json, to_record
 from ...renderer.types import Estimate
 
 Status = Literal["ok", "raised", "timeout", "crashed", "invalid"]
@@ -52,6 +52,16 @@ class Stored:
     """Of the process, MiB; None if it is not known."""
     estimate: Estimate | None = None
     """None if it failed."""
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """`estimate.json`."""
+
+    status: Status
+    reason: str
+    seconds: float | None
+    peak_memory: float | None
 
 
 class InvalidEstimateError(MethodError):
@@ -133,26 +143,17 @@ def dump_stored(stored: Stored) -> bytes:
 
 
 def read_stored(path: Path, shape: Shape) -> Stored:
-    """The estimate in a file. Raises GcbenchError that names what is wrong with it."""
+    """The estimate in a file. Raises DatasetError that names what is wrong with it."""
     archive = open_archive(path)
     where = archive.where(_JSON)
-    tree = parse_json(archive.read(_JSON, 2**20), where)
-    status, reason = tree.get("status"), tree.get("reason")
-    if tree.get("format") != _FORMAT or status not in STATUSES or not isinstance(reason, str):
-        raise GcbenchError(f"{where}: not of the format {_FORMAT!r}")
-    numbers = {name: _number(tree.get(name), where) for name in ("seconds", "peak_memory")}
+    tree = parse_json(archive.read(_JSON, 2**20), where, _FORMAT)
+    outcome = to_record(tree, _Outcome, where)
     estimate = None
-    if status == "ok":
+    if outcome.status == "ok":
         estimate = _parse_arrays(archive.read(_ARRAYS, _MAX_BYTES), shape, archive.where(_ARRAYS))
-    return Stored(status=status, reason=reason[-MAX_REASON:], estimate=estimate, **numbers)
-
-
-def _number(value: Any, where: str) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise GcbenchError(f"{where}: seconds or peak_memory is not a number")
-    return float(value)
+    return Stored(
+        outcome.status, outcome.reason[-MAX_REASON:], outcome.seconds, outcome.peak_memory, estimate
+    )
 
 
 def _parse_arrays(data: bytes, shape: Shape, where: str) -> Estimate:
@@ -160,37 +161,44 @@ def _parse_arrays(data: bytes, shape: Shape, where: str) -> Estimate:
     t, j = shape.frames, shape.joints
     most = 8 * (2 * t * j + 6 * j) + t * shape.height * shape.width + 4 * 1024
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as file:
-            if sum(info.file_size for info in file.infolist()) > most:
-                raise GcbenchError(f"{where}: larger than an estimate of this sequence")
-            arrays = {
-                info.filename.removesuffix(".npy"): _parse_array(file.read(info), most)
-                for info in file.infolist()
-            }
+        arrays = read_arrays(data, most)
         if "displacement" not in arrays:
             raise ValueError("no displacement")
         if unknown := set(arrays) - {"displacement", "screw", "part", "sigma"}:
             raise ValueError(f"unknown array {min(unknown)!r}")
         return checked(Estimate(**cast("dict[str, Any]", arrays)), shape)
     except InvalidEstimateError as error:
-        raise GcbenchError(f"{where}: {error}") from error
+        raise DatasetError(f"{where}: {error}") from error
+    except ValueError as error:
+        raise DatasetError(f"{where}: damaged ({error})") from error
+
+
+def read_arrays(data: bytes, limit: int) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an NPZ that inflates to at most `limit` bytes. Never unpickles.
+
+    Raises:
+        ValueError: If it is damaged, larger, or holds objects.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as file:
+            members = file.infolist()
+            if sum(m.file_size for m in members) > limit:
+                raise ValueError(f"inflates to more than {limit} bytes")
+            return {m.filename.removesuffix(".npy"): _parse_npy(file.read(m)) for m in members}
     except (
-        ValueError, EOFError, OSError, NotImplementedError, RuntimeError, zlib.error,
-        zipfile.BadZipFile,
+        zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError,
     ) as error:  # fmt: skip
-        raise GcbenchError(f"{where}: damaged ({error})") from error
+        raise ValueError(f"not a whole NPZ ({error})") from error
 
 
-def _parse_array(data: bytes, most: int) -> NDArray[Any]:
-    """An NPY; its header must not promise more than there is."""
+def _parse_npy(data: bytes) -> NDArray[Any]:
+    """An NPY whose header promises exactly the bytes that follow."""
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     if version != (1, 0):
-        raise ValueError("not of NPY version 1.0")
+        raise ValueError("an array is not of NPY version 1.0")
     shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
     if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
-        raise ValueError("an array's header does not fit its data")
-    if len(data) > most:
-        raise ValueError("larger than an estimate of this sequence")
+        raise ValueError("an array holds objects, or its header does not fit its data")
     stream.seek(0)
     return np.lib.format.read_array(stream, allow_pickle=False)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...errors import GcbenchError
+from ...errors import ConfigError, DatasetError, GcbenchError
 from ...renderer.dataset import environment as package_versions
 from ...renderer.runtime import Bar, dump_json, uninterrupted
 from ...renderer.scene import differences
@@ -30,6 +30,7 @@ from ..results import (
     RUN,
     SCORES,
     Result,
+    Results,
     Row,
     Run,
     RunFolder,
@@ -94,23 +95,37 @@ class Job:
     todo: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What is there after a run, a line for each row and dataset."""
+def evaluate(config: EvalConfig, progress: bool = True) -> Results:
+    """Run methods on datasets and score them.
 
-    runs: tuple[RunFolder, ...]
-    estimated: int
-    """Sequences of this run."""
-    failures: tuple[str, ...]
-    """One line for each estimate that failed, now or before."""
+    Estimates that already exist in `config.results` are not made again: after an interruption
+    (KeyboardInterrupt) the same call continues. Each method runs in processes of its own; what it
+    raises, or a crash or a timeout, costs that sequence, never the run.
 
+    Args:
+        config: The methods, the data and the limits.
+        progress: Show a progress bar on stderr.
 
-def evaluate(config: EvalConfig, progress: bool = True) -> Outcome:
-    """Estimate what is not there yet, score all of it, and say where it is.
+    Returns:
+        The runs, one for each row (method, inputs, knowledge, oracles) and dataset, with all
+        scores as a pandas frame.
 
-    Raises GcbenchError for options that cannot be meant, data that cannot be read, a method that
-    cannot be loaded, or results of another version of it. After Ctrl-C (KeyboardInterrupt) the
-    same call continues.
+    Raises:
+        ConfigError: For an invalid option.
+        MethodError: If a method cannot be loaded or does not support what was asked for.
+        DatasetError: If data cannot be read, or `config.results` holds results of another version
+            of the method or of another dataset.
+
+    Example:
+        >>> import gcbench as gb
+        >>> from pathlib import Path
+        >>> config = gb.EvalConfig(method=("hold-still",), data=(Path("data/ur5"),))
+        >>> results = gb.evaluate(config, progress=False)
+        >>> results.failures
+        ()
+        >>> finals = results.frame.query("metric == 'final_error'")
+        >>> bool((finals.value > 0).all())
+        True
     """
     _check(config)
     options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
@@ -141,7 +156,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Outcome:
         for d in data
     ]
     done = _estimate(jobs, config, threads, progress)
-    return Outcome(tuple(job.folder for job in jobs), done, tuple(_failures(jobs)))
+    return Results(tuple(job.folder for job in jobs), done, tuple(_failures(jobs)))
 
 
 def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -> Job:
@@ -158,7 +173,7 @@ def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -
             for file in estimates.glob("*.zip"):
                 file.unlink()
         elif changed:
-            raise GcbenchError(
+            raise DatasetError(
                 f"{path} holds estimates of something else ({'; '.join(changed)}); choose another "
                 "--results folder, delete this one, or discard them by --retry ok"
             )
@@ -174,7 +189,7 @@ def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -
     return Job(folder, data, tuple(todo))
 
 
-def score(folder: RunFolder, data: Data) -> list[Result]:
+def score_run(folder: RunFolder, data: Data) -> list[Result]:
     """Score every stored estimate of a run, write the table, and return its lines.
 
     Raises GcbenchError if an estimate is missing or damaged.
@@ -209,9 +224,9 @@ def cpu_count() -> int:
 
 def _check(config: EvalConfig) -> None:
     if not config.method:
-        raise GcbenchError("name a method: --method gcpose (or several)")
+        raise ConfigError("name a method: --method gcpose (or several)")
     if config.workers < 1 or not config.timeout > 0:
-        raise GcbenchError("--workers and --timeout must be more than 0")
+        raise ConfigError("--workers and --timeout must be more than 0")
 
 
 def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any],
@@ -264,7 +279,7 @@ def _estimate_by(source: str, jobs: list[Job], config: EvalConfig, threads: int,
             path = str(job.data.dataset.path)
             owner[Task(path, name, row.inputs, row.knowledge, row.oracles)] = job
         if not job.todo:
-            score(job.folder, job.data)
+            score_run(job.folder, job.data)
     left = Counter(id(job) for job in owner.values())
     failed = 0
     with closing(run(source, list(owner), config.workers, threads, config.timeout)) as answers:
@@ -283,7 +298,7 @@ def _estimate_by(source: str, jobs: list[Job], config: EvalConfig, threads: int,
             left[id(job)] -= 1
             if not left[id(job)]:
                 bar.set_description(f"score {job.folder.run.row.name}")
-                score(job.folder, job.data)
+                score_run(job.folder, job.data)
                 bar.set_description("estimate")
 
 

@@ -9,17 +9,14 @@ import csv
 import io
 import math
 import re
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...renderer.types import Estimate, Inputs, Knowledge
 from ...robots.files import write_atomically
 from ...robots.geometry import Array
@@ -30,16 +27,18 @@ from ..results import (
     KNOWLEDGE,
     RUN,
     STATUSES,
+    Results,
     Row,
     Run,
     RunFolder,
     Stored,
     dump_stored,
+    read_arrays,
     read_run,
     run_folder,
 )
 from .datasets import SUITES, Data, from_folders, from_suite
-from .driver import describe_run, prepare, score
+from .driver import describe_run, prepare, score_run
 from .suite import read_suite
 
 FORMAT = """\
@@ -101,14 +100,45 @@ class ScoreConfig:
     """Where suites are rendered."""
 
 
-def score_predictions(config: ScoreConfig) -> tuple[RunFolder, ...]:
-    """Score a file on datasets; replaces what an earlier file of the same row left.
+def score(
+    predictions: str | Path,
+    data: str | Path | Sequence[str | Path] = (),
+    results: str | Path = "results",
+    suite: str = "mini",
+) -> Results:
+    """Score predictions of a method that ran elsewhere.
 
-    Raises GcbenchError, with the expected format, if the file is not of it or a target is missing.
+    Args:
+        predictions: A CSV or an NPZ file; the message of the error for a wrong file describes the
+            formats.
+        data: One or more datasets that the predictions are for.
+        results: Folder where estimates and scores go. An earlier file of the same row is replaced.
+        suite: Name of a suite, or a TOML file, instead of `data`; missing sequences are rendered.
+
+    Returns:
+        The runs, one for each dataset, with all scores as a pandas frame.
+
+    Raises:
+        DatasetError: If the file is invalid or a prediction is missing, or a dataset cannot be
+            read.
+
+    Example:
+        >>> import gcbench as gb
+        >>> results = gb.score("mine.csv", "data/ur5")
+        >>> results.runs[0].run.row.method
+        'mine'
     """
+    folders = [data] if isinstance(data, str | Path) else data
+    return score_predictions(
+        ScoreConfig(Path(predictions), suite, tuple(map(Path, folders)), Path(results))
+    )
+
+
+def score_predictions(config: ScoreConfig) -> Results:
+    """Score predictions with all options; see `score`."""
     file, results = config.predictions, config.results
     if not file.is_file():
-        raise GcbenchError(f"{file}: no such file")
+        raise DatasetError(f"{file}: no such file")
     if config.data:
         data = from_folders(config.data, config.keep_unobservable)
     else:
@@ -125,16 +155,16 @@ def score_predictions(config: ScoreConfig) -> tuple[RunFolder, ...]:
                 estimate = Estimate(found.displacement[key], found.screw.get(key))
                 path = job.folder.path / ESTIMATES / f"{target.sequence}.zip"
                 write_atomically(path, dump_stored(Stored("ok", estimate=estimate)))
-        score(job.folder, d)
+        score_run(job.folder, d)
         folders.append(job.folder)
-    return tuple(folders)
+    return Results(tuple(folders), len(wanted))
 
 
 def refuse_other_source(run: Run, results: Path) -> None:
-    """Raises GcbenchError where a method that ran here has that row: a file does not replace it."""
+    """Raises DatasetError where a method that ran here has that row: a file does not replace it."""
     path = run_folder(results, run.row, run.dataset) / RUN
     if path.exists() and read_run(path).source != run.source:
-        raise GcbenchError(
+        raise DatasetError(
             f"{path.parent} holds a method that ran here, {run.row.title}; declare another name, "
             "or choose another --results folder"
         )
@@ -152,18 +182,18 @@ def targets(data: Sequence[Data]) -> dict[str, Target]:
 
 
 def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
-    """The file. Raises GcbenchError with the expected format."""
+    """The file. Raises DatasetError with the expected format."""
     try:
         with file.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise GcbenchError(f"{file}: {error.strerror}") from error
+        raise DatasetError(f"{file}: {error.strerror}") from error
     if len(data) > MAX_BYTES:
-        raise GcbenchError(f"{file}: larger than {MAX_BYTES} bytes")
+        raise DatasetError(f"{file}: larger than {MAX_BYTES} bytes")
     try:
         return parse_npz(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
     except (ValueError, csv.Error) as error:
-        raise GcbenchError(f"{file}: {error}; {FORMAT}") from error
+        raise DatasetError(f"{file}: {error}; {FORMAT}") from error
 
 
 def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
@@ -206,16 +236,7 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
 
 def parse_npz(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
     """An NPZ. Raises ValueError."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as file:
-            members = file.infolist()
-            if sum(m.file_size for m in members) > MAX_BYTES:
-                raise ValueError("inflates to more than a prediction needs")
-            arrays = {m.filename.removesuffix(".npy"): _npy(file.read(m)) for m in members}
-    except (
-        zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError,
-    ) as error:  # fmt: skip
-        raise ValueError(f"not a whole NPZ ({error})") from error
+    arrays = read_arrays(data, MAX_BYTES)
     texts = {key: arrays.pop(key) for key in _KEYS if key in arrays}
     for key, text in texts.items():
         if text.dtype.kind != "U" or text.shape != ():
@@ -307,19 +328,6 @@ def _real(text: str, where: str) -> float:
     except ValueError:
         raise ValueError(f"{where} is {_short(text)}, expected a number") from None
     return value if math.isfinite(value) else math.nan
-
-
-def _npy(data: bytes) -> NDArray[Any]:
-    """An NPY whose header promises no more than there is."""
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    if version != (1, 0):
-        raise ValueError("an array is not of NPY version 1.0")
-    shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
-    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
-        raise ValueError("an array holds objects, or its header does not fit its data")
-    stream.seek(0)
-    return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def _known(wanted: Mapping[str, Target]) -> str:

@@ -10,16 +10,8 @@ import numpy as np
 from gcbench.benchmark.protocol.scoring import AXES_KNOWN, joint_results
 from gcbench.benchmark.protocol.truth import Truth
 from gcbench.benchmark.results.estimates import Stored, dump_stored
-from gcbench.benchmark.results.rows import (
-    ESTIMATES,
-    SCORES,
-    Result,
-    Row,
-    Run,
-    run_folder,
-    write_run,
-    write_scores,
-)
+from gcbench.benchmark.results.rows import Result, Row, write_scores
+from gcbench.benchmark.results.runs import ESTIMATES, SCORES, Run, run_folder, write_run
 from gcbench.renderer.types.observation import Estimate
 
 GCPOSE = Row("gcpose", "1.0", "rgbd", "axes", "none")

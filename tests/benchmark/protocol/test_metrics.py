@@ -10,7 +10,8 @@ from gcbench.benchmark.protocol import metrics
 from gcbench.benchmark.protocol.scoring import joint_results, score_sequence
 from gcbench.benchmark.protocol.truth import Truth, part_labels, truth_of
 from gcbench.benchmark.results.estimates import Stored
-from gcbench.benchmark.results.rows import Result, Row, Run
+from gcbench.benchmark.results.rows import Result, Row
+from gcbench.benchmark.results.runs import Run
 from gcbench.renderer.types.observation import Estimate
 from gcbench.robots.geometry import revolute_motion
 

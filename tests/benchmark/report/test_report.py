@@ -28,14 +28,8 @@ from gcbench.benchmark.report.leaderboard import read_leaderboard, sequence_erro
 from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
 from gcbench.benchmark.report.tables import paper_tables
-from gcbench.benchmark.results.rows import (
-    SCORES,
-    Row,
-    find_runs,
-    read_scores,
-    write_run,
-    write_scores,
-)
+from gcbench.benchmark.results.rows import Row, read_scores, write_scores
+from gcbench.benchmark.results.runs import SCORES, find_runs, write_run
 
 from ...support.fake_results import FREE, GCPOSE, ICP, JOINTS, NOISY, ORACLE, STILL, write_results
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench import GcbenchError
+from gcbench import DatasetError, GcbenchError
 from gcbench.benchmark.results.estimates import (
     InvalidEstimateError,
     Shape,
@@ -20,18 +20,8 @@ from gcbench.benchmark.results.estimates import (
     dump_stored,
     read_stored,
 )
-from gcbench.benchmark.results.rows import (
-    COLUMNS,
-    Result,
-    Row,
-    Run,
-    find_runs,
-    read_scores,
-    run_folder,
-    table,
-    write_run,
-    write_scores,
-)
+from gcbench.benchmark.results.rows import COLUMNS, Result, Row, read_scores, write_scores
+from gcbench.benchmark.results.runs import SCORES, Results, Run, find_runs, run_folder, write_run
 from gcbench.renderer.runtime.zip_archive import ArchiveWriter
 from gcbench.renderer.types.observation import Estimate
 
@@ -62,9 +52,17 @@ def test_scores_come_back(tmp_path: Path) -> None:
     assert dataclasses.replace(first, value=0) == dataclasses.replace(RESULT, value=0)
     assert first.value == pytest.approx(RESULT.value, rel=1e-8)
     assert (second.joint, second.frame, second.value) == ("", 3, 2e-7)
-    frame = table([first, second])
+
+
+def test_the_frame_holds_every_score(tmp_path: Path) -> None:
+    for dataset in ("ur5", "iiwa14"):
+        folder = run_folder(tmp_path, ROW, dataset)
+        write_run(folder, dataclasses.replace(RUN, dataset=dataset))
+        write_scores(folder / SCORES, [RESULT, dataclasses.replace(RESULT, frame=3, value=2e-7)])
+    frame = Results(tuple(find_runs(tmp_path))).frame
     assert tuple(frame.columns) == COLUMNS
-    assert frame["value"].sum() == pytest.approx(first.value + 2e-7)
+    assert len(frame) == 4
+    assert frame["value"].sum() == pytest.approx(2 * (RESULT.value + 2e-7), rel=1e-8)
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
@@ -91,15 +89,25 @@ def test_runs_come_back_and_are_found(tmp_path: Path) -> None:
         find_runs(tmp_path / "nowhere")
 
 
-@pytest.mark.parametrize("change", [
-    {"format": "x"}, {"sequences": ["../../etc"]}, {"row": []}, {"config": 3}, {"assets": [1]},
-    {"surplus": 1}, {"dataset": 7},
+@pytest.mark.parametrize(("change", "message"), [
+    ({"format": "x"}, "format is 'x'"),
+    ({"sequences": ["../../etc"]}, r"\$\.sequences\[0\]: expected str matching"),
+    ({"sequences": ["000000\n"]}, r"\$\.sequences\[0\]: expected str matching"),
+    ({"row": []}, r"\$\.row: expected object"),
+    ({"row": {**dataclasses.asdict(ROW), "inputs": "x"}}, r"\$\.row\.inputs: expected one of none"),
+    ({"config": 3}, r"\$\.config: expected object, got 3"),
+    ({"assets": [1]}, r"\$\.assets\[0\]: expected object, got 1"),
+    ({"surplus": 1}, r"\$\.surplus: unknown field; there are row, source"),
+    ({"dataset": 7}, r"\$\.dataset: expected str, got 7"),
+    ({"left_out": -1}, r"\$\.left_out: expected int >= 0, got -1"),
 ])  # fmt: skip
-def test_a_run_that_is_none_is_refused(tmp_path: Path, change: dict[str, object]) -> None:
+def test_an_invalid_run_is_refused_by_file_and_field(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
     write_run(tmp_path, RUN)
     tree = json.loads((tmp_path / "run.json").read_text())
     (tmp_path / "run.json").write_text(json.dumps(tree | change))
-    with pytest.raises(GcbenchError, match=r"run\.json: "):
+    with pytest.raises(DatasetError, match=rf"run\.json: {message}"):
         find_runs(tmp_path)
 
 
@@ -178,11 +186,11 @@ def test_harm_is_not_loaded(tmp_path: Path) -> None:
     assert read_stored(archive(path, npz(displacement=good)), SHAPE).status == "ok"
     refused(npz(displacement=npy(np.array([[{}] * 2] * 3), allow_pickle=True)), "damaged")
     refused(pickle.dumps("x"), "damaged")
-    refused(npz(displacement=good, part=b"\0" * 10_000_000), "larger than an estimate")
+    refused(npz(displacement=good, part=b"\0" * 10_000_000), "inflates to more than")
     lying = good.replace(b"(3, 2)", b"(9, 9)")
     refused(npz(displacement=lying), "header does not fit")
     refused(npz(screw=npy(np.zeros((2, 6)))), "no displacement")
     refused(npz(displacement=good, other=good), "unknown array 'other'")
     refused(npz(displacement=good)[:-30], "damaged")
-    refused(npz(displacement=good), "not of the format", status="perfect")
-    refused(npz(displacement=good), "not a number", seconds="fast")
+    refused(npz(displacement=good), r"\$\.status: expected one of ok, raised", status="perfect")
+    refused(npz(displacement=good), r"\$\.seconds: expected float", seconds="fast")

@@ -24,8 +24,9 @@ from gcbench.benchmark.report.formats import leaderboard_text
 from gcbench.benchmark.report.leaderboard import build_leaderboard
 from gcbench.benchmark.results.estimates import read_stored
 from gcbench.benchmark.results.rows import Result
+from gcbench.benchmark.results.runs import Results
 from gcbench.benchmark.run.datasets import from_folders
-from gcbench.benchmark.run.driver import EvalConfig, Outcome, evaluate
+from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.renderer.dataset.reader import open_dataset
 
 from ...support import analytic, bench_data
@@ -44,7 +45,7 @@ def calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "calls"
 
 
-def run(data: Path, results: Path, name: str, **changes: object) -> Outcome:
+def run(data: Path, results: Path, name: str, **changes: object) -> Results:
     method = name if name in methods.METHODS else f"{METHODS}:{name}"
     config = EvalConfig(method=(method,), data=(data,), results=results)
     return evaluate(dataclasses.replace(config, **changes), progress=False)  # type: ignore[arg-type]
@@ -173,7 +174,7 @@ def test_another_version_does_not_mix(data: Path, tmp_path: Path) -> None:
 
 
 def test_results_do_not_depend_on_workers(data: Path, tmp_path: Path) -> None:
-    def numbers(outcome: Outcome) -> list[tuple[object, ...]]:
+    def numbers(outcome: Results) -> list[tuple[object, ...]]:
         return [(r.sequence, r.joint, r.frame, r.metric, r.value)
                 for r in outcome.runs[0].results() if r.unit not in ("s", "MiB")]
 

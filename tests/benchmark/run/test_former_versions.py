@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from gcbench.benchmark.methods import registry as methods
 from gcbench.benchmark.report.page import report
-from gcbench.benchmark.results.rows import Result, RunFolder, find_runs
-from gcbench.benchmark.run.driver import EvalConfig, Outcome, evaluate
+from gcbench.benchmark.results.rows import Result
+from gcbench.benchmark.results.runs import Results, RunFolder, find_runs
+from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.renderer.dataset.reader import open_dataset
 from gcbench.renderer.scene.config_files import read_config
 
@@ -78,7 +79,7 @@ def data(tmp_path: Path) -> Path:
     return folder
 
 
-def hold_still(data: Path, results: Path) -> Outcome:
+def hold_still(data: Path, results: Path) -> Results:
     return evaluate(EvalConfig(method=("hold-still",), data=(data,), results=results), False)
 
 

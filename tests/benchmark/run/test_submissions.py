@@ -10,7 +10,9 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
 from gcbench.benchmark.report.leaderboard import build_leaderboard
-from gcbench.benchmark.results.rows import Result, find_runs
+from gcbench.benchmark.results.rows import Result
+from gcbench.benchmark.results.runs import find_runs
+from gcbench.benchmark.run import submissions
 from gcbench.benchmark.run.submissions import FORMAT, ScoreConfig, score_predictions
 from gcbench.renderer.dataset.reader import open_dataset
 
@@ -34,7 +36,7 @@ def csv_of(data: Path, change: Callable[[np.ndarray], np.ndarray] = lambda q: q)
 
 
 def score(file: Path, data: Path, tmp_path: Path) -> list[Result]:
-    (folder,) = score_predictions(ScoreConfig(file, data=(data,), results=tmp_path / "results"))
+    (folder,) = submissions.score(file, data, tmp_path / "results").runs
     return folder.results()
 
 
@@ -160,7 +162,7 @@ def test_several_datasets_have_names(data: Path, tmp_path: Path) -> None:
                     for line in text.splitlines() if line.startswith("arm/000000"))
     file.write_text(text)
     config = ScoreConfig(file, data=(data, other), results=tmp_path / "results")
-    folders = score_predictions(config)
+    folders = score_predictions(config).runs
     assert [f.run.dataset for f in folders] == ["arm", "other"]
     assert all(max(finals(f.results())) < 1e-6 for f in folders)
 

@@ -10,7 +10,7 @@ import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.benchmark.report.gallery import WIDTH, chosen, draw, final_estimate
 from gcbench.benchmark.report.leaderboard import read_leaderboard
-from gcbench.benchmark.results.rows import find_runs, write_run
+from gcbench.benchmark.results.runs import find_runs, write_run
 from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.scene.config import STUDIO, RenderConfig
 from gcbench.renderer.scene.models import model_of

@@ -1,0 +1,128 @@
+"""Results folders: what was run, the stored estimates and the scores.
+
+    results/ROW/DATASET/run.json                what the row and the data are, and on what it ran
+    results/ROW/DATASET/estimates/000000.zip    one a sequence: status, time, arrays (estimates.py)
+    results/ROW/DATASET/scores.csv              a line is a `Result`; derived from the estimates
+
+ROW is NAME[@ORACLE+...]_INPUTS_KNOWLEDGE; DATASET is a folder's name, or SUITE/NAME. Files are
+replaced atomically: the estimates that exist show where a run continues, and scoring never runs a
+method again. The files are text or arrays without pickle, and are read as untrusted input.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+
+from ...errors import DatasetError
+from ...renderer.runtime import dump_json, read_record
+from ...robots.files import write_atomically
+from .rows import COLUMNS, Result, Row, read_scores
+
+if TYPE_CHECKING:
+    import pandas
+
+RUN, ESTIMATES, SCORES = "run.json", "estimates", "scores.csv"
+_FORMAT = "gcbench-results/1"
+_SequenceName = Annotated[str, msgspec.Meta(pattern=r"^[0-9]{6,}\Z")]
+
+
+@dataclass(frozen=True)
+class Run:
+    """`run.json`: one row on one dataset."""
+
+    row: Row
+    source: str
+    """The method's identity with its options, "icp" or "gcpose?flow=raft" (module:attribute if it
+    is not registered, and for all methods in earlier versions), or "predictions"."""
+    dataset: str
+    """Name of a folder, or SUITE/NAME."""
+    data: str
+    """Folder of the dataset, as given by the user."""
+    config: Mapping[str, Any]
+    """The dataset's RenderConfig."""
+    assets: tuple[Mapping[str, Any], ...]
+    """Models of the dataset with their sources and licences."""
+    sequences: tuple[_SequenceName, ...]
+    """The sequences that are scored, in order."""
+    left_out: Annotated[int, msgspec.Meta(ge=0)]
+    """Number of sequences that are not observable or have no scored joint."""
+    limits: Mapping[str, Any]
+    """seconds_per_sequence, workers, threads (of one worker)."""
+    environments: tuple[Mapping[str, Any], ...]
+    """Versions and machine of each installation that ran a part, in order."""
+    settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """Tuned numbers of the method; empty if it has none, or in files of earlier versions."""
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """A run on disk."""
+
+    path: Path
+    run: Run
+
+    def estimate_path(self, sequence: str) -> Path:
+        """Return the path of the estimate of a sequence, which need not exist."""
+        return self.path / ESTIMATES / f"{sequence}.zip"
+
+    def results(self) -> list[Result]:
+        """Read the scores. Raises DatasetError if they are missing or damaged."""
+        return read_scores(self.path / SCORES)
+
+
+def run_folder(results: Path, row: Row, dataset: str) -> Path:
+    """Return the folder of the run of a row on a dataset."""
+    return results / row.folder / dataset
+
+
+def find_runs(results: Path | Iterable[Path]) -> list[RunFolder]:
+    """Find every run under the folder or folders, sorted by path.
+
+    Raises:
+        DatasetError: If a folder does not exist or a run in it is damaged.
+    """
+    found: list[RunFolder] = []
+    for folder in [results] if isinstance(results, Path) else results:
+        if not folder.is_dir():
+            raise DatasetError(f"{folder}: no such folder; `gcbench eval` makes one")
+        found += [RunFolder(path.parent, read_run(path)) for path in sorted(folder.rglob(RUN))]
+    return found
+
+
+def read_run(path: Path) -> Run:
+    """Read a `run.json`. Raises DatasetError that names the invalid field."""
+    return read_record(path, Run, _FORMAT, only_known=True)
+
+
+def write_run(folder: Path, run: Run) -> None:
+    """Create or replace the `run.json` of a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / RUN, dump_json({"format": _FORMAT, **dataclasses.asdict(run)}))
+
+
+@dataclass(frozen=True)
+class Results:
+    """The scored runs of one or more methods on one or more datasets."""
+
+    runs: tuple[RunFolder, ...]
+    """One for each row and dataset."""
+    estimated: int = 0
+    """Number of sequences that were estimated now, not by an earlier call."""
+    failures: tuple[str, ...] = ()
+    """One line for each estimate that failed, now or earlier."""
+
+    @cached_property
+    def frame(self) -> pandas.DataFrame:
+        """All scores: one number a line, with the fields of `Result` as columns."""
+        import pandas
+
+        rows = [r for folder in self.runs for r in folder.results()]
+        columns = {name: [getattr(row, name) for row in rows] for name in COLUMNS}
+        return pandas.DataFrame(columns, columns=list(COLUMNS))

@@ -1,0 +1,58 @@
+"""The functions of the package that evaluate, score and report, as their documentation shows."""
+
+from __future__ import annotations
+
+import doctest
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gcbench as gb
+import pytest
+
+from ...support import bench_data
+
+HEADER = "# method: mine\n# inputs: rgbd\n# knowledge: free\n# training: none\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with a dataset and a file of predictions."""
+    data = bench_data.make_dataset(tmp_path / "data" / "ur5", 2)
+    rows = [
+        f"{index:06d},{t},{j + 1},{float(q)!r}"
+        for index in range(2)
+        for t, positions in enumerate(bench_data.truth(data, index)) if t
+        for j, q in enumerate(positions)
+    ]  # fmt: skip
+    table = "\n".join(["sequence,frame,joint,displacement", *rows, ""])
+    (tmp_path / "mine.csv").write_text(HEADER + table)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_examples_hold(folder: Path) -> None:
+    runner = doctest.DocTestRunner()
+    functions: tuple[Callable[..., Any], ...] = (gb.evaluate, gb.score, gb.report)
+    for function in functions:
+        tests = doctest.DocTestFinder(recurse=False).find(function, function.__name__)
+        assert any(test.examples for test in tests)
+        for test in tests:
+            runner.run(test)
+    assert not runner.failures
+
+
+def test_results_of_several_kinds_make_one_report(folder: Path) -> None:
+    evaluated = gb.evaluate(
+        gb.EvalConfig(method=("hold-still",), data=(Path("data/ur5"),)), progress=False
+    )
+    assert evaluated.estimated == 2
+    assert list(evaluated.frame["method"].unique()) == ["hold-still"]
+    scored = gb.score("mine.csv", "data/ur5")
+    assert scored.frame.query("metric == 'final_error'")["value"].max() < 1e-6
+    written = [gb.report(results, folder / name, pictures=False) for name, results in (
+        ("one", "results"), ("two", gb.Results(evaluated.runs + scored.runs)),
+        ("three", ["results"]),
+    )]  # fmt: skip
+    for other in written[1:]:
+        assert [p.read_bytes() for p in written[0]] == [p.read_bytes() for p in other]
