@@ -6,11 +6,9 @@ from dataclasses import replace
 
 from . import textures as pictures
 from .doors import door, hung_handle
-from .finish import Finish, draw_finish
-from .fittings import GAP, centred, hollow_box
+from .finish import Finish, clock, draw_finish, label
+from .fittings import GAP, basket, centred, dishes, hollow_box
 from .partnet_export import Link, Paint, Shape, Thing
-from .prints import clock, label
-from .racks import basket, dishes
 from .sampling import Dice
 from .shapes import at, disc, facing, joined, slab
 

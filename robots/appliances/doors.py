@@ -8,10 +8,9 @@ import numpy as np
 
 from . import textures as pictures
 from .finish import Finish
-from .lofts import Solid, cosine, sine
 from .partnet_export import Link, Paint, Shape
 from .sampling import Dice
-from .shapes import at, disc, frame, joined, slab, tube
+from .shapes import Solid, at, cosine, disc, frame, joined, sine, slab, tube
 
 
 def handle(dice: Dice, look: Finish, length: float, upright: bool) -> tuple[tuple[Shape, ...],

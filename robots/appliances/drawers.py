@@ -11,10 +11,9 @@ from . import textures as pictures
 from .doors import handle
 from .finish import COLORS, Finish, draw_finish
 from .fittings import centred
-from .lofts import Solid
 from .partnet_export import Link, Paint, Shape, Thing
 from .sampling import Dice
-from .shapes import at, disc, facing, joined, slab
+from .shapes import Solid, at, disc, facing, joined, slab
 
 _WOODS = ((150, 104, 66), (196, 156, 110), (96, 66, 46), (214, 186, 146), (122, 78, 52))
 _GAP = 0.003

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 from . import textures as pictures
 from .doors import door, hung_handle
-from .finish import Finish, draw_finish
+from .finish import Finish, clock, decal, door_label, draw_finish, keys, label
 from .fittings import GAP, centred, feet, hollow_box, knob, vents
 from .partnet_export import Link, Paint, Shape, Thing
-from .prints import clock, decal, door_label, keys, label
 from .sampling import Dice
 from .shapes import at, disc, facing, joined, slab
 

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array
-from .lofts import Solid
-from .shapes import joined
+from .shapes import Solid, joined
 from .textures import Color, Picture, png
 
 Indices = NDArray[np.int64]

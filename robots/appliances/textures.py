@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .lofts import cosine, sine
+from .shapes import cosine, sine
 
 Color = tuple[int, int, int]
 """sRGB, 0..255"""
