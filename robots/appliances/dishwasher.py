@@ -6,11 +6,10 @@ from dataclasses import replace
 
 from . import textures as pictures
 from .doors import door, hung_handle
-from .finish import Finish, clock, draw_finish, label
-from .fittings import GAP, basket, centred, dishes, hollow_box
-from .partnet_export import Link, Paint, Shape, Thing
-from .sampling import Dice
+from .finish import Finish, Paint, Shape, clock, draw_finish, label
+from .fittings import GAP, Link, Thing, basket, centred, dishes, hollow_box
 from .shapes import at, disc, facing, joined, slab
+from .textures import Dice
 
 
 def dishwasher(dice: Dice, number: int) -> Thing:

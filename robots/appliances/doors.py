@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from . import textures as pictures
-from .finish import Finish
-from .partnet_export import Link, Paint, Shape
-from .sampling import Dice
+from .finish import Finish, Paint, Shape
+from .fittings import Link
 from .shapes import Solid, at, cosine, disc, frame, joined, sine, slab, tube
+from .textures import Dice
 
 
 def handle(dice: Dice, look: Finish, length: float, upright: bool) -> tuple[tuple[Shape, ...],

@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 
 from . import textures as pictures
 from .doors import handle
-from .finish import COLORS, Finish, draw_finish
-from .fittings import centred
-from .partnet_export import Link, Paint, Shape, Thing
-from .sampling import Dice
+from .finish import COLORS, Finish, Paint, Shape, draw_finish
+from .fittings import Link, Thing, centred
 from .shapes import Solid, at, disc, facing, joined, slab
+from .textures import Dice
 
 _WOODS = ((150, 104, 66), (196, 156, 110), (96, 66, 46), (214, 186, 146), (122, 78, 52))
 _GAP = 0.003

@@ -6,10 +6,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from . import textures as pictures
-from .partnet_export import Paint, Shape
-from .sampling import Dice
-from .shapes import at, picture
-from .textures import Color
+from .shapes import Solid, at, picture
+from .textures import Color, Dice, Picture
+
+
+@dataclass(frozen=True)
+class Paint:
+    """What a surface looks like."""
+
+    name: str
+    color: Color
+    opacity: float = 1.0
+    picture: Picture | None = None
+    tile: float = 0.3
+    """m: side of the picture where the solid has no texture coordinates of its own."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A piece of a link, in the object's frame with every joint at zero."""
+
+    name: str
+    solid: Solid
+    paint: Paint
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from ..geometry import Array
-from .finish import LIFT, Finish
-from .partnet_export import Link, Paint, Shape, Thing
-from .sampling import Dice
+from .finish import LIFT, Finish, Paint, Shape
 from .shapes import (
     Solid,
     at,
@@ -26,7 +25,37 @@ from .shapes import (
     slab,
     tube,
 )
-from .textures import Color
+from .textures import Color, Dice
+
+Joint = Literal["revolute", "continuous", "prismatic", "fixed"]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid part."""
+
+    role: str
+    """Its meaning: "body", "door", "handle", "rack", "knob"."""
+    shapes: tuple[Shape, ...]
+    parent: int = 0
+    """Index of the link that it hangs on; of the body, which is number 0, without meaning."""
+    joint: Joint = "fixed"
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """A point of the joint's axis, m, in the object's frame."""
+    axis: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    limits: tuple[float, float] = (0.0, 0.0)
+    """rad or m"""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An articulated object."""
+
+    category: str
+    """As PartNet-Mobility spells it: "Microwave"."""
+    number: int
+    links: tuple[Link, ...]
+
 
 GAP = 0.002
 """m of the seam around a door."""

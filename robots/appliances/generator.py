@@ -8,13 +8,20 @@ same loader. Files are the same bytes on every machine.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
 from ..files import cache_folder, whole_folder
+from .dishwasher import dishwasher
+from .drawers import drawer
+from .fittings import Thing
+from .microwave import microwave
+from .oven import oven
+from .partnet_export import write_thing
+from .textures import Dice
 
 VERSION = 3
 """Of the generator; a change of any instance's bytes is a new one."""
@@ -27,6 +34,10 @@ IDS: Mapping[str, range] = MappingProxyType({
 LAST_ID = IDS["train"].stop - 1
 APPLIANCE_SOURCE = f"gcbench appliance generator, version {VERSION}"
 APPLIANCE_LICENCE = "MIT"
+
+DESIGNS: dict[str, Callable[[Dice, int], Thing]] = {
+    "microwave": microwave, "dishwasher": dishwasher, "oven": oven, "drawer": drawer,
+}
 
 
 def appliance_folder(category: str, number: int) -> Path:
@@ -42,9 +53,5 @@ def appliance_folder(category: str, number: int) -> Path:
 
 def write_appliance(category: str, number: int, folder: Path) -> None:
     """Write the files of an instance into an empty folder."""
-    from .designs import DESIGNS
-    from .partnet_export import write_thing
-    from .sampling import Dice
-
     rng = np.random.Generator(np.random.PCG64([zlib.crc32(category.encode()), number]))
     write_thing(DESIGNS[category](Dice(rng), number), folder)

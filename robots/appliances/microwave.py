@@ -6,11 +6,10 @@ from dataclasses import replace
 
 from . import textures as pictures
 from .doors import door, hung_handle
-from .finish import Finish, clock, decal, door_label, draw_finish, keys, label
-from .fittings import GAP, centred, feet, hollow_box, knob, vents
-from .partnet_export import Link, Paint, Shape, Thing
-from .sampling import Dice
+from .finish import Finish, Paint, Shape, clock, decal, door_label, draw_finish, keys, label
+from .fittings import GAP, Link, Thing, centred, feet, hollow_box, knob, vents
 from .shapes import at, disc, facing, joined, slab
+from .textures import Dice
 
 
 def microwave(dice: Dice, number: int) -> Thing:

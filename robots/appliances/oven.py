@@ -7,11 +7,10 @@ from itertools import pairwise
 
 from . import textures as pictures
 from .doors import door, hung_handle
-from .finish import Finish, clock, decal, door_label, draw_finish, label
-from .fittings import GAP, centred, feet, heating, hollow_box, knob, vents, wire_rack
-from .partnet_export import Link, Paint, Shape, Thing
-from .sampling import Dice
+from .finish import Finish, Paint, Shape, clock, decal, door_label, draw_finish, label
+from .fittings import GAP, Link, Thing, centred, feet, heating, hollow_box, knob, vents, wire_rack
 from .shapes import Solid, at, disc, facing, frame, joined, slab
+from .textures import Dice
 
 
 def oven(dice: Dice, number: int) -> Thing:

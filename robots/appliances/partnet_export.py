@@ -10,70 +10,22 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array
+from .finish import Shape
+from .fittings import Thing
 from .shapes import Solid, joined
-from .textures import Color, Picture, png
+from .textures import png
 
 Indices = NDArray[np.int64]
-Joint = Literal["revolute", "continuous", "prismatic", "fixed"]
 _WORDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "fixed": "static"}
 _DIGITS = 5
 """Of a metre: a hundredth of a millimetre."""
-
-
-@dataclass(frozen=True)
-class Paint:
-    """What a surface looks like."""
-
-    name: str
-    color: Color
-    opacity: float = 1.0
-    picture: Picture | None = None
-    tile: float = 0.3
-    """m: side of the picture where the solid has no texture coordinates of its own."""
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A piece of a link, in the object's frame with every joint at zero."""
-
-    name: str
-    solid: Solid
-    paint: Paint
-
-
-@dataclass(frozen=True)
-class Link:
-    """A rigid part."""
-
-    role: str
-    """Its meaning: "body", "door", "handle", "rack", "knob"."""
-    shapes: tuple[Shape, ...]
-    parent: int = 0
-    """Index of the link that it hangs on; of the body, which is number 0, without meaning."""
-    joint: Joint = "fixed"
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """A point of the joint's axis, m, in the object's frame."""
-    axis: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    limits: tuple[float, float] = (0.0, 0.0)
-    """rad or m"""
-
-
-@dataclass(frozen=True)
-class Thing:
-    """An articulated object."""
-
-    category: str
-    """As PartNet-Mobility spells it: "Microwave"."""
-    number: int
-    links: tuple[Link, ...]
 
 
 def write_thing(thing: Thing, folder: Path) -> None:

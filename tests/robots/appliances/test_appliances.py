@@ -15,12 +15,10 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.robots.appliances import generator as appliances
-from gcbench.robots.appliances.designs import DESIGNS
-from gcbench.robots.appliances.generator import CATEGORIES, GENERATED, IDS, write_appliance
-from gcbench.robots.appliances.partnet_export import Thing
-from gcbench.robots.appliances.sampling import Dice
+from gcbench.robots.appliances.fittings import Thing
+from gcbench.robots.appliances.generator import CATEGORIES, DESIGNS, GENERATED, IDS, write_appliance
 from gcbench.robots.appliances.shapes import cavity, disc, frame, rounded_rectangle, slab, tube
-from gcbench.robots.appliances.textures import Picture, keypad, png, words
+from gcbench.robots.appliances.textures import Dice, Picture, keypad, png, words
 from gcbench.robots.catalog import load_robot
 from gcbench.robots.files.download import whole_folder
 from gcbench.robots.geometry import apply
