@@ -6,36 +6,36 @@ from dataclasses import replace
 
 import numpy as np
 
-from . import textures as pictures
-from .finish import Finish, Paint, Shape
-from .fittings import Link
-from .shapes import Solid, at, cosine, disc, frame, joined, sine, slab, tube
-from .textures import Dice
+from . import textures
+from .finish import Finish, Finishes, Shape
+from .fittings import Part
+from .shapes import Solid, cosine, disc, frame, join, shift, sine, slab, tube
+from .textures import SeededRng
 
 
-def handle(dice: Dice, look: Finish, length: float, upright: bool) -> tuple[tuple[Shape, ...],
+def handle(rng: SeededRng, look: Finishes, length: float, upright: bool) -> tuple[tuple[Shape, ...],
                                                                            float]:
     """A handle about the origin, on a plane that faces the front, and how far it stands out."""
-    style = dice.pick(("bar", "arch", "flat", "loop", "ledge"), (5, 3, 4, 3, 2))
-    r = dice.length(0.005, 0.011)
-    out = dice.length(0.026, 0.042)
+    style = rng.choice(("bar", "arch", "flat", "loop", "ledge"), (5, 3, 4, 3, 2))
+    r = rng.length(0.005, 0.011)
+    out = rng.length(0.026, 0.042)
     half = length / 2
     solids: list[Solid]
     if style == "bar":
-        post = half * dice.pick((0.7, 0.8, 0.92))
+        post = half * rng.choice((0.7, 0.8, 0.92))
         solids = [tube([[-half, 0, out], [half, 0, out]], r, [0, 1, 0], 12)]
-        solids += [at(disc(r * 0.8, (0.0, out)), x=s * post) for s in (-1, 1)]
+        solids += [shift(disc(r * 0.8, (0.0, out)), x=s * post) for s in (-1, 1)]
         reach = out + r
     elif style == "arch":
         angles = np.linspace(0.0, 180.0, 13)
-        rise = np.minimum(1.0, sine(angles) * dice.pick((1.0, 1.4, 2.0)))
+        rise = np.minimum(1.0, sine(angles) * rng.choice((1.0, 1.4, 2.0)))
         path = np.column_stack([-half * cosine(angles), np.zeros(13), out * rise])
-        solids = [tube(path, r, [0, 1, 0], 10, flat=dice.pick((1.0, 1.4)))]
+        solids = [tube(path, r, [0, 1, 0], 10, flat=rng.choice((1.0, 1.4)))]
         reach = out + r
     elif style == "flat":
-        wide = dice.length(0.014, 0.026)
-        solids = [at(slab(length, wide, (out - 0.004, out + 0.006), wide / 2, 0.003, 0.003))]
-        solids += [at(slab(0.014, wide * 0.7, (0.0, out), 0.003), x=s * (half - 0.03))
+        wide = rng.length(0.014, 0.026)
+        solids = [shift(slab(length, wide, (out - 0.004, out + 0.006), wide / 2, 0.003, 0.003))]
+        solids += [shift(slab(0.014, wide * 0.7, (0.0, out), 0.003), x=s * (half - 0.03))
                    for s in (-1, 1)]
         reach = out + 0.006
     elif style == "loop":
@@ -44,65 +44,65 @@ def handle(dice: Dice, look: Finish, length: float, upright: bool) -> tuple[tupl
         first = np.column_stack([-half + c * (1 - cosine(turn)), np.zeros(5),
                                  out - c + c * sine(turn)])
         path = np.vstack([[[-half, 0, 0]], first, first[::-1] * [-1, 1, 1], [[half, 0, 0]]])
-        solids = [tube(path, r, [0, 1, 0], 10, flat=dice.pick((1.0, 1.5)))]
+        solids = [tube(path, r, [0, 1, 0], 10, flat=rng.choice((1.0, 1.5)))]
         reach = out + r
     else:
-        reach = dice.length(0.018, 0.028)
-        solids = [slab(length, dice.length(0.02, 0.034), (0.0, reach), 0.008, 0.006)]
+        reach = rng.length(0.018, 0.028)
+        solids = [slab(length, rng.length(0.02, 0.034), (0.0, reach), 0.008, 0.006)]
     if upright:  # turned about z by a quarter
         turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]], np.float64)
         solids = [replace(s, vertices=s.vertices @ turn.T, normals=s.normals @ turn.T)
                   for s in solids]
-    return (Shape("handle", joined(solids), look.handle),), reach
+    return (Shape("handle", join(solids), look.handle),), reach
 
 
-def door(dice: Dice, look: Finish, size: tuple[float, float, float],
+def door(rng: SeededRng, look: Finishes, size: tuple[float, float, float],
          window: tuple[float, float, float, float] | None, screen: bool = False) -> list[Shape]:
     """A door about the origin, its back in the plane 0; size is width, height, thickness.
 
     `window` is x, y of its centre, its width and height; `screen` puts dots on the glass.
     """
     w, h, t = size
-    r, edge = dice.length(0.002, 0.02), min(dice.length(0.002, 0.008), 0.4 * t)
-    liner = Paint("liner", look.inside.color)
+    r, edge = rng.length(0.002, 0.02), min(rng.length(0.002, 0.008), 0.4 * t)
+    liner = Finish("liner", look.inside.color)
     seal = frame(w - 0.03, h - 0.03, (0, 0, w - 0.05, h - 0.05), (-0.004, 0.0), 0.012, 0.0, 0.008)
     shapes = [Shape("seal", seal, look.rubber)]
-    pattern = pictures.dotted(look.glass.color, (70, 72, 76)) if screen else None
-    glass = replace(look.glass, picture=pattern, tile=dice.length(0.03, 0.05)) if pattern \
+    pattern = textures.dot_pattern(look.glass.color, (70, 72, 76)) if screen else None
+    glass = replace(look.glass, image=pattern, tile=rng.length(0.03, 0.05)) if pattern \
         else look.glass
-    style = dice.pick(("frame", "bezel", "sheet"), (4, 4, 4)) if window else "plain"
+    style = rng.choice(("frame", "bezel", "sheet"), (4, 4, 4)) if window else "plain"
     if window is None:
         shapes += [Shape("door_panel", slab(w, h, (0.0, t), r, edge, edge), look.front),
                    Shape("liner", slab(w - 0.07, h - 0.07, (-0.006, 0.0), 0.02, 0.003), liner)]
         return shapes
     x, y, ww, wh = window
-    corner = dice.pick((0.003, 0.012, 0.03, 0.3 * min(ww, wh)))
-    panel = Paint("sheet", (20, 21, 23)) if style == "sheet" else look.front
+    corner = rng.choice((0.003, 0.012, 0.03, 0.3 * min(ww, wh)))
+    panel = Finish("sheet", (20, 21, 23)) if style == "sheet" else look.front
     shapes += [
         Shape("door_panel", frame(w, h, window, (0.0, t), r, edge, corner), panel),
-        Shape("window", at(slab(ww - 0.001, wh - 0.001, (0.3 * t, t - 0.0025), corner), x, y),
+        Shape("window", shift(slab(ww - 0.001, wh - 0.001, (0.3 * t, t - 0.0025), corner), x, y),
               glass)]
     if style == "bezel":
-        wide = dice.length(0.006, 0.02)
+        wide = rng.length(0.006, 0.02)
         rim = frame(ww + 2 * wide, wh + 2 * wide, (0, 0, ww - 0.004, wh - 0.004),
                     (t - 0.002, t + 0.002), corner + wide, 0.0015, corner)
-        shapes.append(Shape("bezel", at(rim, x, y), look.trim))
-    if style == "sheet" and dice.chance(60):  # a coloured rail along an edge
-        wide = dice.length(0.02, 0.045)
+        shapes.append(Shape("bezel", shift(rim, x, y), look.trim))
+    if style == "sheet" and rng.chance(60):  # a coloured rail along an edge
+        wide = rng.length(0.02, 0.045)
         rail = slab(w - 0.002, wide, (t - 0.003, t + 0.0015), 0.002)
-        shapes.append(Shape("rail", at(rail, 0, dice.pick((-1, 1)) * (h / 2 - wide / 2 - 0.001)),
-                            look.front))
+        level = rng.choice((-1, 1)) * (h / 2 - wide / 2 - 0.001)
+        shapes.append(Shape("rail", shift(rail, 0, level), look.front))
     rim = frame(w - 0.07, h - 0.07, (x, y, ww, wh), (-0.006, 0.0), 0.02, 0.002, corner)
     if abs(x) + ww / 2 < w / 2 - 0.038 and abs(y) + wh / 2 < h / 2 - 0.038:
         shapes.append(Shape("liner", rim, liner))
     return shapes
 
 
-def hung_handle(
-    dice: Dice, look: Finish, length: float, upright: bool, place: tuple[float, float, float],
-    hangs_on: Link,
-) -> Link:
+def door_handle(
+    rng: SeededRng, look: Finishes, length: float, upright: bool, place: tuple[float, float, float],
+    hangs_on: Part,
+) -> Part:
     """A handle that is fixed to the door (link 1)."""
-    shapes, _ = handle(dice, look, length, upright)
-    return Link("handle", tuple(replace(s, solid=at(s.solid, *place)) for s in shapes), 1,
+    shapes, _ = handle(rng, look, length, upright)
+    return Part("handle", tuple(replace(s, solid=shift(s.solid, *place)) for s in shapes), 1,
                 origin=hangs_on.origin)

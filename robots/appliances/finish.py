@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from . import textures as pictures
-from .shapes import Solid, at, picture
-from .textures import Color, Dice, Picture
+from . import textures
+from .shapes import Solid, image_quad, shift
+from .textures import Color, PaletteImage, SeededRng
 
 
 @dataclass(frozen=True)
-class Paint:
+class Finish:
     """What a surface looks like."""
 
     name: str
     color: Color
     opacity: float = 1.0
-    picture: Picture | None = None
+    image: PaletteImage | None = None
     tile: float = 0.3
     """m: side of the picture where the solid has no texture coordinates of its own."""
 
@@ -28,25 +28,25 @@ class Shape:
 
     name: str
     solid: Solid
-    paint: Paint
+    finish: Finish
 
 
 @dataclass(frozen=True)
-class Finish:
+class Finishes:
     """The looks of one appliance."""
 
     textured: bool
-    body: Paint
-    front: Paint
+    body: Finish
+    front: Finish
     """Of the door."""
-    panel: Paint
+    panel: Finish
     """Of the controls."""
-    trim: Paint
-    inside: Paint
-    handle: Paint
-    knob: Paint
-    glass: Paint
-    rubber: Paint
+    trim: Finish
+    inside: Finish
+    handle: Finish
+    knob: Finish
+    glass: Finish
+    rubber: Finish
     ink: Color
     """Of letters on the panel."""
     lit: Color
@@ -65,67 +65,70 @@ _SOUNDS = ("NOR", "KEL", "VIR", "ASTRA", "BOR", "MIR", "LUX", "TEK", "HAL", "ZEN
 _ENDS = ("VA", "IO", "EX", "ON", "A", "TECH", "MAX", "IS", "UM", "LINE", "EN", "OX")
 
 
-def draw_finish(dice: Dice, fronts: Sequence[str], weights: Sequence[int]) -> Finish:
+def draw_finishes(rng: SeededRng, fronts: Sequence[str], weights: Sequence[int]) -> Finishes:
     """Colours that go together."""
-    textured = dice.chance(50)
-    front = dice.pick(fronts, weights)
-    body = front if dice.chance(45) else dice.pick(("white", "black", "steel", "graphite"))
-    panel = dice.pick((front, "black", "graphite", "steel", "white"), (5, 4, 1, 2, 1))
-    paints = {role: _coat(dice, role, color, textured)
+    textured = rng.chance(50)
+    front = rng.choice(fronts, weights)
+    body = front if rng.chance(45) else rng.choice(("white", "black", "steel", "graphite"))
+    panel = rng.choice((front, "black", "graphite", "steel", "white"), (5, 4, 1, 2, 1))
+    paints = {role: _coat(rng, role, color, textured)
               for role, color in (("body", body), ("front", front), ("panel", panel))}
     dark_panel = sum(paints["panel"].color) < 380
-    handle = dice.pick(("steel", front, "black", "bronze", "graphite"), (6, 3, 3, 1, 1))
-    tone = dice.pick((14, 22, 34, 48))
-    glass = Paint("glass", (tone, tone + dice.number(0, 4), tone + dice.number(0, 8)),
-                  dice.pick((1.0, 0.9, 0.8, 0.7), (5, 2, 2, 2)))
-    inside = dice.pick(((206, 206, 200), (150, 152, 154), (120, 122, 126), (226, 224, 214)))
-    return Finish(
+    handle = rng.choice(("steel", front, "black", "bronze", "graphite"), (6, 3, 3, 1, 1))
+    tone = rng.choice((14, 22, 34, 48))
+    glass = Finish("glass", (tone, tone + rng.integer(0, 4), tone + rng.integer(0, 8)),
+                  rng.choice((1.0, 0.9, 0.8, 0.7), (5, 2, 2, 2)))
+    inside = rng.choice(((206, 206, 200), (150, 152, 154), (120, 122, 126), (226, 224, 214)))
+    return Finishes(
         textured, paints["body"], paints["front"], paints["panel"],
-        _coat(dice, "trim", dice.pick(("steel", "black", "graphite", body)), False),
-        Paint("inside", dice.near(inside, 6)),
-        _coat(dice, "handle", handle, False),
-        _coat(dice, "knob", dice.pick(("black", "steel", "white", handle, front)), False), glass,
-        Paint("rubber", (38, 38, 40)),
+        _coat(rng, "trim", rng.choice(("steel", "black", "graphite", body)), False),
+        Finish("inside", rng.near(inside, 6)),
+        _coat(rng, "handle", handle, False),
+        _coat(rng, "knob", rng.choice(("black", "steel", "white", handle, front)), False), glass,
+        Finish("rubber", (38, 38, 40)),
         (232, 232, 228) if dark_panel else (40, 40, 44),
-        dice.pick(((90, 220, 235), (80, 235, 130), (250, 160, 60), (240, 240, 245), (240, 80, 70))),
-        dice.pick(_SOUNDS) + dice.pick(_ENDS))
+        rng.choice(((90, 220, 235), (80, 235, 130), (250, 160, 60), (240, 240, 245),
+                    (240, 80, 70))),
+        rng.choice(_SOUNDS) + rng.choice(_ENDS))
 
 
-def _coat(dice: Dice, role: str, color: str, textured: bool) -> Paint:
-    tone = dice.near(COLORS[color], 9)
+def _coat(rng: SeededRng, role: str, color: str, textured: bool) -> Finish:
+    tone = rng.near(COLORS[color], 9)
     if not textured:
-        return Paint(role, tone)
+        return Finish(role, tone)
     if color in ("steel", "slate", "bronze", "graphite"):
-        image = pictures.brushed(dice.rng, tone, dice.number(5, 12), dice.chance(60))
-        return Paint(role, tone, picture=image, tile=dice.length(0.15, 0.4))
-    image = pictures.speckled(dice.rng, tone, dice.number(2, 5))
-    return Paint(role, tone, picture=image, tile=dice.length(0.12, 0.3))
+        image = textures.brushed_metal(rng.generator, tone, rng.integer(5, 12), rng.chance(60))
+        return Finish(role, tone, image=image, tile=rng.length(0.15, 0.4))
+    image = textures.speckled_enamel(rng.generator, tone, rng.integer(2, 5))
+    return Finish(role, tone, image=image, tile=rng.length(0.12, 0.3))
 
 
-LIFT = 0.0006
+DECAL_LIFT = 0.0006
 """m that a decal lies before its surface."""
 
 
-def decal(name: str, image: pictures.Picture, width: float, place: tuple[float, float, float],
+def decal(name: str, image: textures.Picture, width: float, place: tuple[float, float, float],
           height: float | None = None) -> Shape:
     """A picture on a plane that faces the front, about a place; its own shape unless a height."""
     rows, columns = image.pixels.shape
-    solid = picture(width, width * rows / columns if height is None else height, LIFT)
-    return Shape(name, at(solid, *place), Paint(name, (255, 255, 255), picture=image))
+    solid = image_quad(width, width * rows / columns if height is None else height, DECAL_LIFT)
+    return Shape(name, shift(solid, *place), Finish(name, (255, 255, 255), image=image))
 
 
-def label(dice: Dice, look: Finish, width: float, height: float, on: Paint,
+def label(rng: SeededRng, look: Finishes, width: float, height: float, on: Finish,
           place: tuple[float, float, float]) -> Shape:
     """The maker's name in a colour that shows on its ground; the sizes are the most it takes."""
     light = sum(on.color) > 380
-    ink = dice.pick(((40, 40, 44), (120, 30, 34), (30, 50, 110)), (4, 1, 1)) if light else \
-        dice.pick(((235, 235, 232), (200, 202, 205), (214, 176, 96)), (3, 2, 1))
-    image = pictures.words(look.brand, ink, on.color)
+    ink = rng.choice(((40, 40, 44), (120, 30, 34), (30, 50, 110)), (4, 1, 1)) if light else \
+        rng.choice(((235, 235, 232), (200, 202, 205), (214, 176, 96)), (3, 2, 1))
+    image = textures.text_image(look.brand, ink, on.color)
     rows, columns = image.pixels.shape
     return decal("logo", image, min(width, height * columns / rows), place)
 
 
-def door_label(dice: Dice, look: Finish, width: float, shapes: Sequence[Shape]) -> list[Shape]:
+def door_label(
+    rng: SeededRng, look: Finishes, width: float, shapes: Sequence[Shape]
+) -> list[Shape]:
     """The maker's name below the window of a door of these shapes, if there is room for it."""
     panel = next(s for s in shapes if s.name == "door_panel")
     low, high = panel.solid.vertices.min(0), panel.solid.vertices.max(0)
@@ -139,34 +142,38 @@ def door_label(dice: Dice, look: Finish, width: float, shapes: Sequence[Shape]) 
             ceiling = min(ceiling, bottom)
     space = ceiling - floor
     place = (float(middle[0]), float(floor + space / 2), float(high[2]) + 0.0002)
-    sign = label(dice, look, width, 0.75 * space, panel.paint, place)
+    sign = label(rng, look, width, 0.75 * space, panel.finish, place)
     return [sign] if space > 0.014 else []
 
 
-def clock(dice: Dice, look: Finish, width: float, place: tuple[float, float, float]) -> Shape:
+def clock_display(
+    rng: SeededRng, look: Finishes, width: float, place: tuple[float, float, float]
+) -> Shape:
     """A display with the time of day."""
-    text = f"{dice.number(0, 23):02d}:{dice.number(0, 59):02d}"
-    return decal("display", pictures.words(text, look.lit, (12, 14, 16), 4, 2), width, place)
+    text = f"{rng.integer(0, 23):02d}:{rng.integer(0, 59):02d}"
+    return decal("display", textures.text_image(text, look.lit, (12, 14, 16), 4, 2), width, place)
 
 
-def keys(dice: Dice, look: Finish, size: tuple[float, float], place: tuple[float, float, float],
-         rows: int) -> Shape:
+def keypad(
+    rng: SeededRng, look: Finishes, size: tuple[float, float], place: tuple[float, float, float],
+    rows: int,
+) -> Shape:
     """A field of printed or pressed buttons."""
     digits = [["1", "2", "3"], ["4", "5", "6"], ["7", "8", "9"], ["0"]]
     names = ["POP", "COOK", "DEF", "TIME", "AUTO", "FISH", "SOUP", "RICE", "WARM", "GRILL", "HI",
              "LO", "ECO", "TEA", "MENU", "KEEP"]
-    order = dice.rng.permutation(len(names)).tolist()
+    order = rng.generator.permutation(len(names)).tolist()
     table: list[list[str]] = []
-    if rows >= 6 or dice.chance(50):
+    if rows >= 6 or rng.chance(50):
         table += digits[:max(1, min(4, rows - 2))]
     while len(table) < rows:
-        columns = dice.number(1, 3)
+        columns = rng.integer(1, 3)
         table.append([names[order.pop()] for _ in range(columns)])
-    if dice.chance(30):
+    if rng.chance(30):
         table.reverse()
-    table[-1] = ["STOP", "START"] if dice.chance(70) else ["C", "OK"]
+    table[-1] = ["STOP", "START"] if rng.chance(70) else ["C", "OK"]
     paper = look.panel.color
     light = sum(paper) > 380
-    button = dice.near((208, 208, 206) if light else (66, 68, 72), 14)
-    image = pictures.keypad(table, look.ink, paper, button, dice.chance(35))
+    button = rng.near((208, 208, 206) if light else (66, 68, 72), 14)
+    image = textures.keypad_image(table, look.ink, paper, button, rng.chance(35))
     return decal("keypad", image, size[0], place, size[1])

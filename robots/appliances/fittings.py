@@ -8,30 +8,30 @@ from typing import Literal
 import numpy as np
 
 from ..geometry import Array
-from .finish import LIFT, Finish, Paint, Shape
+from .finish import DECAL_LIFT, Finish, Finishes, Shape
 from .shapes import (
     Solid,
-    at,
     cavity,
-    circle,
+    circle_outline,
     disc,
-    facing,
-    joined,
+    image_quad,
+    join,
     loft,
-    picture,
+    orient,
     ring,
-    rod,
     shell,
+    shift,
     slab,
     tube,
+    wire,
 )
-from .textures import Color, Dice
+from .textures import Color, SeededRng
 
 Joint = Literal["revolute", "continuous", "prismatic", "fixed"]
 
 
 @dataclass(frozen=True)
-class Link:
+class Part:
     """A rigid part."""
 
     role: str
@@ -48,55 +48,55 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Thing:
+class Appliance:
     """An articulated object."""
 
     category: str
     """As PartNet-Mobility spells it: "Microwave"."""
     number: int
-    links: tuple[Link, ...]
+    links: tuple[Part, ...]
 
 
-GAP = 0.002
+DOOR_GAP = 0.002
 """m of the seam around a door."""
 
 
 def hollow_box(
-    look: Finish, size: tuple[float, float], z: tuple[float, float],
+    look: Finishes, size: tuple[float, float], z: tuple[float, float],
     hole: tuple[float, float, float, float], middle: float, behind: float, edge: float,
     corner: float,
 ) -> list[Shape]:
     """A box with a cavity that reaches to `behind` m from its back; y of its middle is given."""
     outside = shell(*size, z, hole, max(edge, 0.004), edge, corner)
-    inside = at(cavity(hole[2:], (z[0] + behind, z[1]), corner), hole[0], hole[1])
-    return [Shape("cabinet", at(outside, y=middle), look.body),
-            Shape("cavity", at(inside, y=middle), look.inside)]
+    inside = shift(cavity(hole[2:], (z[0] + behind, z[1]), corner), hole[0], hole[1])
+    return [Shape("cabinet", shift(outside, y=middle), look.body),
+            Shape("cavity", shift(inside, y=middle), look.inside)]
 
 
-def knob(dice: Dice, look: Finish, radius: float, place: tuple[float, float, float],
-         style: int) -> Link:
+def knob(rng: SeededRng, look: Finishes, radius: float, place: tuple[float, float, float],
+         style: int) -> Part:
     """A knob that turns about z; all of one appliance have one style."""
     high = radius * (0.7 + 0.1 * (style % 4))
     x, y, z = place
     solids = [disc(radius * 1.12, (0.0, 0.004), 0.001), disc(radius, (0.004, high), 0.0025,
                                                               top=radius * (0.85, 1.0)[style % 2])]
     if style >= 2:
-        solids.append(at(slab(radius * 0.34, radius * 1.9, (high - 0.001, high + radius * 0.35),
+        solids.append(shift(slab(radius * 0.34, radius * 1.9, (high - 0.001, high + radius * 0.35),
                               radius * 0.15, 0.001)))
     top = high + (radius * 0.35 if style >= 2 else 0.0)
     mark_color: Color = (235, 235, 232) if sum(look.knob.color) < 380 else (30, 30, 32)
-    mark = at(slab(radius * 0.14, radius * 0.6, (top - 0.0005, top + 0.0005)), y=radius * 0.5)
-    shapes = (Shape("knob", at(joined(solids), *place), look.knob),
-              Shape("mark", at(mark, *place), Paint("mark", mark_color)))
-    return Link("knob", shapes, 0, "revolute", (x, y, z), (0.0, 0.0, 1.0),
-                (0.0, dice.pick((3.142, 4.712, 5.236))))
+    mark = shift(slab(radius * 0.14, radius * 0.6, (top - 0.0005, top + 0.0005)), y=radius * 0.5)
+    shapes = (Shape("knob", shift(join(solids), *place), look.knob),
+              Shape("mark", shift(mark, *place), Finish("mark", mark_color)))
+    return Part("knob", shapes, 0, "revolute", (x, y, z), (0.0, 0.0, 1.0),
+                (0.0, rng.choice((3.142, 4.712, 5.236))))
 
 
-def feet(dice: Dice, look: Finish, spots: tuple[float, float], high: float) -> list[Shape]:
+def feet(rng: SeededRng, look: Finishes, spots: tuple[float, float], high: float) -> list[Shape]:
     """Four feet under (x, z) in every combination of signs, from the ground up."""
-    r = dice.length(0.008, 0.016)
-    foot = facing(disc(r, (0.0, high + 0.002)), "up")
-    return [Shape("feet", joined([at(foot, sx * spots[0], 0.0, sz * spots[1])
+    r = rng.length(0.008, 0.016)
+    foot = orient(disc(r, (0.0, high + 0.002)), "up")
+    return [Shape("feet", join([shift(foot, sx * spots[0], 0.0, sz * spots[1])
                                   for sx in (-1, 1) for sz in (-1, 1)]), look.rubber)]
 
 
@@ -104,82 +104,83 @@ def vents(center: tuple[float, float, float], size: tuple[float, float], where: 
           slots: int) -> Shape:
     """Dark slots in a row, on the side that looks `where`; size is along the row and across."""
     step = size[0] / slots
-    one = picture(step * 0.5, size[1], LIFT)
-    row = joined([at(one, (k - (slots - 1) / 2) * step) for k in range(slots)])
+    one = image_quad(step * 0.5, size[1], DECAL_LIFT)
+    row = join([shift(one, (k - (slots - 1) / 2) * step) for k in range(slots)])
     row = replace(row, uv=None)
-    return Shape("vents", at(facing(row, where) if where != "front" else row, *center),
-                 Paint("slot", (24, 24, 26)))
+    return Shape("vents", shift(orient(row, where) if where != "front" else row, *center),
+                 Finish("slot", (24, 24, 26)))
 
 
-def centred(category: str, number: int, links: list[Link]) -> Thing:
+def centre_appliance(category: str, number: int, links: list[Part]) -> Appliance:
     """The object with the centre of its bounding box at the origin, as in PartNet-Mobility."""
     points = np.concatenate([s.solid.vertices for link in links for s in link.shapes])
     x, y, z = (-np.round((points.min(0) + points.max(0)) / 2.0, 4)).tolist()
 
-    def moved(link: Link) -> Link:
-        shapes = tuple(replace(s, solid=at(s.solid, x, y, z)) for s in link.shapes)
+    def moved(link: Part) -> Part:
+        shapes = tuple(replace(s, solid=shift(s.solid, x, y, z)) for s in link.shapes)
         a, b, c = link.origin
         origin = (round(a + x, 5), round(b + y, 5), round(c + z, 5))
         return replace(link, shapes=shapes, origin=origin if link.joint != "fixed" or link.parent
                        else (0.0, 0.0, 0.0))
 
-    return Thing(category, number, tuple(moved(link) for link in links))
+    return Appliance(category, number, tuple(moved(link) for link in links))
 
 
-def wire_rack(dice: Dice, width: float, depth: float) -> Solid:
+def wire_rack(rng: SeededRng, width: float, depth: float) -> Solid:
     """An oven's shelf about the origin, in the plane y = 0."""
     x, z, r = width / 2, depth / 2, 0.003
-    bars = [rod([-x, 0, s * z], [x, 0, s * z], r) for s in (-1, 1)]
-    bars += [rod([s * x, 0, -z], [s * x, 0, z], r) for s in (-1, 1)]
-    count = dice.number(9, 16)
-    bars += [rod([x * (2 * k / count - 1), 0.002, -z], [x * (2 * k / count - 1), 0.002, z], 0.0017)
+    bars = [wire([-x, 0, s * z], [x, 0, s * z], r) for s in (-1, 1)]
+    bars += [wire([s * x, 0, -z], [s * x, 0, z], r) for s in (-1, 1)]
+    count = rng.integer(9, 16)
+    bars += [wire([x * (2 * k / count - 1), 0.002, -z], [x * (2 * k / count - 1), 0.002, z], 0.0017)
              for k in range(1, count)]
-    bars.append(rod([-x, 0, 0], [x, 0, 0], r))
-    return joined(bars)
+    bars.append(wire([-x, 0, 0], [x, 0, 0], r))
+    return join(bars)
 
 
-def basket(dice: Dice, width: float, depth: float, high: float) -> Solid:
+def basket(rng: SeededRng, width: float, depth: float, high: float) -> Solid:
     """A dishwasher's rack about the origin, its bottom in the plane y = 0."""
     x, z, r = width / 2, depth / 2, 0.0018
     bars: list[Solid] = []
     for y, thick in ((0.0, r), (high, 0.003)):
         corners = [[-x, y, -z], [x, y, -z], [x, y, z], [-x, y, z]]
-        bars += [rod(corners[k], corners[(k + 1) % 4], thick) for k in range(4)]
-    n, m = dice.number(5, 8), dice.number(5, 8)
+        bars += [wire(corners[k], corners[(k + 1) % 4], thick) for k in range(4)]
+    n, m = rng.integer(5, 8), rng.integer(5, 8)
     for k in range(n + 1):
         u = x * (2 * k / n - 1)
-        bars += [rod([u, 0, -z], [u, 0, z], r, 4)]
-        bars += [rod([u, 0, s * z], [u, high, s * z], r, 4) for s in (-1, 1)]
+        bars += [wire([u, 0, -z], [u, 0, z], r, 4)]
+        bars += [wire([u, 0, s * z], [u, high, s * z], r, 4) for s in (-1, 1)]
     for k in range(m + 1):
         v = z * (2 * k / m - 1)
-        bars += [rod([-x, 0, v], [x, 0, v], r, 4)]
-        bars += [rod([s * x, 0, v], [s * x, high, v], r, 4) for s in (-1, 1)]
+        bars += [wire([-x, 0, v], [x, 0, v], r, 4)]
+        bars += [wire([s * x, 0, v], [s * x, high, v], r, 4) for s in (-1, 1)]
     tines = min(0.07, high)
     for k in range(1, n):
-        bars += [rod([x * (2 * k / n - 1), 0, z * s], [x * (2 * k / n - 1), tines, z * s], r, 4)
+        bars += [wire([x * (2 * k / n - 1), 0, z * s], [x * (2 * k / n - 1), tines, z * s], r, 4)
                  for s in (-0.5, 0.5)]
-    return joined(bars)
+    return join(bars)
 
 
-def dishes(dice: Dice, width: float, depth: float) -> list[tuple[Solid, Color]]:
+def dishes(rng: SeededRng, width: float, depth: float) -> list[tuple[Solid, Color]]:
     """Plates that stand in a basket about the origin."""
     out: list[tuple[Solid, Color]] = []
-    for k in range(dice.number(2, 7)):
-        r = dice.length(0.08, 0.115)
-        plate = loft([ring(circle(r * 0.5), 0.0, 0.0, -1.0), ring(circle(r * 0.5), 0.0),
-                      ring(circle(r), 0.012, 0.6, -0.8), ring(circle(r), 0.015, 0.0, 1.0),
-                      ring(circle(r * 0.5), 0.004, 0.0, 1.0)], first_cap=True, last_cap=True)
+    for k in range(rng.integer(2, 7)):
+        r = rng.length(0.08, 0.115)
+        foot, rim = circle_outline(r * 0.5), circle_outline(r)
+        plate = loft([ring(foot, 0.0, 0.0, -1.0), ring(foot, 0.0), ring(rim, 0.012, 0.6, -0.8),
+                      ring(rim, 0.015, 0.0, 1.0), ring(foot, 0.004, 0.0, 1.0)],
+                     first_cap=True, last_cap=True)
         place = -width / 2 + 0.05 + k * 0.035
         if place > width / 2 - 0.03:
             break
-        z = dice.pick((-1, 1)) * max(0.0, depth / 2 - r - 0.02) * 0.5
-        out.append((at(facing(plate, "right"), place, r + 0.004, z),
-                    dice.near(dice.pick(((236, 234, 228), (120, 150, 180), (200, 120, 90))), 10)))
+        z = rng.choice((-1, 1)) * max(0.0, depth / 2 - r - 0.02) * 0.5
+        out.append((shift(orient(plate, "right"), place, r + 0.004, z),
+                    rng.near(rng.choice(((236, 234, 228), (120, 150, 180), (200, 120, 90))), 10)))
     return out
 
 
 def heating(
-    dice: Dice, hole: tuple[float, float, float, float], middle: float, depth: float
+    rng: SeededRng, hole: tuple[float, float, float, float], middle: float, depth: float
 ) -> list[Shape]:
     """Heating loops near floor and ceiling of a cavity, and rails for shelves at its sides."""
     x, y, w, h = hole
@@ -188,10 +189,10 @@ def heating(
                (-1, -1))
     path: Array = np.array([[a * u, 0.0, b * v] for u, v in corners])
     loop = tube(path, 0.004, [0, 1, 0], 6)
-    levels = [s * (h / 2 - 0.012) for s in ((-1, 1) if dice.chance(70) else (1,))]
-    shapes = [Shape("heating", joined([at(loop, x, middle + y + level, 0.0) for level in levels]),
-                    Paint("heating", dice.pick(((110, 66, 50), (70, 70, 74)))))]
-    rails = [at(slab(0.006, 0.008, (-depth / 2 + 0.08, depth / 2 - 0.03)),
+    levels = [s * (h / 2 - 0.012) for s in ((-1, 1) if rng.chance(70) else (1,))]
+    shapes = [Shape("heating", join([shift(loop, x, middle + y + level, 0.0) for level in levels]),
+                    Finish("heating", rng.choice(((110, 66, 50), (70, 70, 74)))))]
+    rails = [shift(slab(0.006, 0.008, (-depth / 2 + 0.08, depth / 2 - 0.03)),
                 x + s * (w / 2 - 0.003), middle + y + h * q)
              for s in (-1, 1) for q in (-0.28, -0.08, 0.12, 0.32)]
-    return [*shapes, Shape("rails", joined(rails), Paint("rails", (150, 152, 154)))]
+    return [*shapes, Shape("rails", join(rails), Finish("rails", (150, 152, 154)))]

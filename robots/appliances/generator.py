@@ -17,11 +17,11 @@ import numpy as np
 from ..files import cache_folder, whole_folder
 from .dishwasher import dishwasher
 from .drawers import drawer
-from .fittings import Thing
+from .fittings import Appliance
 from .microwave import microwave
 from .oven import oven
-from .partnet_export import write_thing
-from .textures import Dice
+from .partnet_export import write_partnet
+from .textures import SeededRng
 
 VERSION = 3
 """Of the generator; a change of any instance's bytes is a new one."""
@@ -35,7 +35,7 @@ LAST_ID = IDS["train"].stop - 1
 APPLIANCE_SOURCE = f"gcbench appliance generator, version {VERSION}"
 APPLIANCE_LICENCE = "MIT"
 
-DESIGNS: dict[str, Callable[[Dice, int], Thing]] = {
+DESIGNS: dict[str, Callable[[SeededRng, int], Appliance]] = {
     "microwave": microwave, "dishwasher": dishwasher, "oven": oven, "drawer": drawer,
 }
 
@@ -54,4 +54,4 @@ def appliance_folder(category: str, number: int) -> Path:
 def write_appliance(category: str, number: int, folder: Path) -> None:
     """Write the files of an instance into an empty folder."""
     rng = np.random.Generator(np.random.PCG64([zlib.crc32(category.encode()), number]))
-    write_thing(DESIGNS[category](Dice(rng), number), folder)
+    write_partnet(DESIGNS[category](SeededRng(rng), number), folder)

@@ -4,114 +4,125 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from . import textures as pictures
-from .doors import door, hung_handle
-from .finish import Finish, Paint, Shape, clock, decal, door_label, draw_finish, keys, label
-from .fittings import GAP, Link, Thing, centred, feet, hollow_box, knob, vents
-from .shapes import at, disc, facing, joined, slab
-from .textures import Dice
+from . import textures
+from .doors import door, door_handle
+from .finish import (
+    Finish,
+    Finishes,
+    Shape,
+    clock_display,
+    decal,
+    door_label,
+    draw_finishes,
+    keypad,
+    label,
+)
+from .fittings import DOOR_GAP, Appliance, Part, centre_appliance, feet, hollow_box, knob, vents
+from .shapes import disc, join, orient, shift, slab
+from .textures import SeededRng
 
 
-def microwave(dice: Dice, number: int) -> Thing:
+def microwave(rng: SeededRng, number: int) -> Appliance:
     """A door beside its controls, hinged at the left (85 %) or the right."""
-    look = draw_finish(dice, ("white", "black", "steel", "slate", "cream", "red", "teal", "yellow"),
-                       (5, 6, 6, 2, 2, 2, 2, 1))
-    w, h, d = dice.length(0.44, 0.56), dice.length(0.26, 0.34), dice.length(0.32, 0.46)
-    wall, foot = dice.length(0.015, 0.03), dice.length(0.006, 0.014)
-    share, side = dice.number(700, 800) / 1000, 1 if dice.chance(85) else -1
+    look = draw_finishes(
+        rng, ("white", "black", "steel", "slate", "cream", "red", "teal", "yellow"),
+        (5, 6, 6, 2, 2, 2, 2, 1))
+    w, h, d = rng.length(0.44, 0.56), rng.length(0.26, 0.34), rng.length(0.32, 0.46)
+    wall, foot = rng.length(0.015, 0.03), rng.length(0.006, 0.014)
+    share, side = rng.integer(700, 800) / 1000, 1 if rng.chance(85) else -1
     dw = round(share * w, 4)
     pw, front, middle = w - dw, d / 2, foot + h / 2
     door_x, panel_x = -side * (w - dw) / 2, side * (w - pw) / 2
     hole = (door_x, 0.0, dw - 2 * wall - 0.02, h - 2 * wall - 0.02)
     body = hollow_box(look, (w, h), (-d / 2, front), hole, middle, 0.06,
-                    dice.length(0.003, 0.014), 0.012)
-    body += feet(dice, look, (w / 2 - 0.05, d / 2 - 0.05), foot)
-    body += _turntable(dice, hole, middle, (front - d + 0.06, front))
-    body += [vents((s * w / 2, middle + dice.length(-0.05, 0.05), -dice.length(0.0, 0.08)),
-                   (dice.length(0.08, 0.14), dice.length(0.01, 0.04)), "right" if s > 0 else "left",
-                   dice.number(5, 12)) for s in (-1, 1)]
+                    rng.length(0.003, 0.014), 0.012)
+    body += feet(rng, look, (w / 2 - 0.05, d / 2 - 0.05), foot)
+    body += _turntable(rng, hole, middle, (front - d + 0.06, front))
+    body += [vents((s * w / 2, middle + rng.length(-0.05, 0.05), -rng.length(0.0, 0.08)),
+                   (rng.length(0.08, 0.14), rng.length(0.01, 0.04)), "right" if s > 0 else "left",
+                   rng.integer(5, 12)) for s in (-1, 1)]
 
-    t = dice.length(0.02, 0.034)
-    panel_w, panel_h = pw - GAP, h - 2 * GAP
-    plate = slab(panel_w, panel_h, (0.0, t), dice.length(0.002, 0.01), 0.003)
-    body.append(Shape("panel", at(plate, panel_x, middle, front), look.panel))
+    t = rng.length(0.02, 0.034)
+    panel_w, panel_h = pw - DOOR_GAP, h - 2 * DOOR_GAP
+    plate = slab(panel_w, panel_h, (0.0, t), rng.length(0.002, 0.01), 0.003)
+    body.append(Shape("panel", shift(plate, panel_x, middle, front), look.panel))
     top = (panel_x, middle, front + t)
-    details, knobs = _microwave_controls(dice, look, (panel_w, panel_h), top)
+    details, knobs = _microwave_controls(rng, look, (panel_w, panel_h), top)
     body += details
 
-    size = (dw - GAP, h - 2 * GAP, t)
-    grip = dice.pick(("handle", "push", "pocket"), (6, 3, 2))
+    size = (dw - DOOR_GAP, h - 2 * DOOR_GAP, t)
+    grip = rng.choice(("handle", "push", "pocket"), (6, 3, 2))
     margin = 0.05 if grip == "handle" else 0.03
-    window = (-side * (margin - 0.03) / 2, 0.0, dw - 0.05 - margin - dice.length(0.0, 0.04),
-              h - dice.length(0.06, 0.11))
-    shapes = [replace(s, solid=at(s.solid, door_x, middle, front + 0.001))
-              for s in door(dice, look, size, window, screen=dice.chance(65))]
-    if dice.chance(60):
-        shapes += door_label(dice, look, dice.length(0.04, 0.08), shapes)
-    edge_x = door_x + side * (dw / 2 - dice.length(0.02, 0.028))
-    links = [Link("body", tuple(body))]
-    axis_x = -side * (w / 2 - dice.length(0.005, 0.012))
-    links.append(Link("door", tuple(shapes), 0, "revolute", (axis_x, middle, front + t / 2),
-                      (0.0, -float(side), 0.0), (0.0, dice.angle(1.57, 2.1))))
+    window = (-side * (margin - 0.03) / 2, 0.0, dw - 0.05 - margin - rng.length(0.0, 0.04),
+              h - rng.length(0.06, 0.11))
+    shapes = [replace(s, solid=shift(s.solid, door_x, middle, front + 0.001))
+              for s in door(rng, look, size, window, screen=rng.chance(65))]
+    if rng.chance(60):
+        shapes += door_label(rng, look, rng.length(0.04, 0.08), shapes)
+    edge_x = door_x + side * (dw / 2 - rng.length(0.02, 0.028))
+    links = [Part("body", tuple(body))]
+    axis_x = -side * (w / 2 - rng.length(0.005, 0.012))
+    links.append(Part("door", tuple(shapes), 0, "revolute", (axis_x, middle, front + t / 2),
+                      (0.0, -float(side), 0.0), (0.0, rng.angle(1.57, 2.1))))
     if grip == "handle":
-        links.append(hung_handle(dice, look, h * dice.pick((0.55, 0.7, 0.82)), True,
+        links.append(door_handle(rng, look, h * rng.choice((0.55, 0.7, 0.82)), True,
                              (edge_x, middle, front + t + 0.001), links[1]))
     elif grip == "pocket":
-        pocket = at(slab(0.018, h * 0.4, (0.0, 0.004), 0.006, 0.002), edge_x, middle, front + t)
-        links.append(Link("handle", (Shape("handle", pocket, look.trim),), 1,
+        pocket = shift(slab(0.018, h * 0.4, (0.0, 0.004), 0.006, 0.002), edge_x, middle, front + t)
+        links.append(Part("handle", (Shape("handle", pocket, look.trim),), 1,
                           origin=links[1].origin))
-    return centred("Microwave", number, [*links, *knobs])
+    return centre_appliance("Microwave", number, [*links, *knobs])
 
 
 def _turntable(
-    dice: Dice, hole: tuple[float, float, float, float], middle: float, z: tuple[float, float]
+    rng: SeededRng, hole: tuple[float, float, float, float], middle: float, z: tuple[float, float]
 ) -> list[Shape]:
     """A microwave's plate and the cover of its wave guide."""
     floor, depth = middle + hole[1] - hole[3] / 2, z[1] - z[0]
     r = min(hole[2], depth) / 2 - 0.012
-    plate = joined([facing(disc(0.02, (0.0, 0.012)), "up"),
-                    at(facing(disc(r * 0.9, (0.0, 0.005), top=r), "up"), y=0.012)])
-    cover = facing(slab(min(0.1, depth * 0.4), 0.05, (0.0, 0.0015), 0.006), "left")
-    return [Shape("plate", at(plate, hole[0], floor, (z[0] + z[1]) / 2),
-                  Paint("plate", dice.near((196, 212, 214), 8))),
-            Shape("cover", at(cover, hole[0] + hole[2] / 2, middle + 0.02, (z[0] + z[1]) / 2),
-                  Paint("cover", (206, 196, 168)))]
+    plate = join([orient(disc(0.02, (0.0, 0.012)), "up"),
+                    shift(orient(disc(r * 0.9, (0.0, 0.005), top=r), "up"), y=0.012)])
+    cover = orient(slab(min(0.1, depth * 0.4), 0.05, (0.0, 0.0015), 0.006), "left")
+    return [Shape("plate", shift(plate, hole[0], floor, (z[0] + z[1]) / 2),
+                  Finish("plate", rng.near((196, 212, 214), 8))),
+            Shape("cover", shift(cover, hole[0] + hole[2] / 2, middle + 0.02, (z[0] + z[1]) / 2),
+                  Finish("cover", (206, 196, 168)))]
 
 
 def _microwave_controls(
-    dice: Dice, look: Finish, size: tuple[float, float], place: tuple[float, float, float]
-) -> tuple[list[Shape], list[Link]]:
+    rng: SeededRng, look: Finishes, size: tuple[float, float], place: tuple[float, float, float]
+) -> tuple[list[Shape], list[Part]]:
     """Display, buttons and knobs about the centre of a panel's front."""
     (w, h), (x, y, z) = size, place
     inner, top = w - 0.016, y + h / 2
-    shapes, knobs = list[Shape](), list[Link]()
-    style = dice.pick(("keys", "knobs", "mixed"), (5, 3, 3))
-    if dice.chance(75):
-        shapes.append(label(dice, look, inner * 0.62, 0.02, look.panel, (x, top - 0.014, z)))
-    if style != "knobs" or dice.chance(40):
-        wide = inner * dice.number(70, 100) / 100
-        shapes.append(clock(dice, look, wide, (x, top - 0.03 - wide * 0.16, z)))
+    shapes, knobs = list[Shape](), list[Part]()
+    style = rng.choice(("keys", "knobs", "mixed"), (5, 3, 3))
+    if rng.chance(75):
+        shapes.append(label(rng, look, inner * 0.62, 0.02, look.panel, (x, top - 0.014, z)))
+    if style != "knobs" or rng.chance(40):
+        wide = inner * rng.integer(70, 100) / 100
+        shapes.append(clock_display(rng, look, wide, (x, top - 0.03 - wide * 0.16, z)))
     low = y - h / 2 + 0.021  # above a button
     space = h - 0.039 - inner * 0.42
     if style == "keys":
-        shapes.append(keys(dice, look, (inner, space - 0.02), (x, low + (space - 0.02) / 2, z),
-                           dice.number(5, 9)))
+        shapes.append(keypad(rng, look, (inner, space - 0.02), (x, low + (space - 0.02) / 2, z),
+                           rng.integer(5, 9)))
     else:
-        count = 1 if style == "mixed" else dice.pick((1, 2), (1, 4))
+        count = 1 if style == "mixed" else rng.choice((1, 2), (1, 4))
         most = 0.2 * space / count + (0.006 if style == "knobs" else -0.009)
-        radius = min(inner * 0.3, most, dice.length(0.018, 0.027))
-        kind = dice.number(0, 3)
-        marks = pictures.gauge(look.ink, look.panel.color, dice.number(7, 15))
+        radius = min(inner * 0.3, most, rng.length(0.018, 0.027))
+        kind = rng.integer(0, 3)
+        marks = textures.gauge_image(look.ink, look.panel.color, rng.integer(7, 15))
         for k in range(count):
             spot = (x, low + space * (0.24 + 0.44 * k) if count > 1 else low + space * 0.3, z)
             shapes.append(decal("gauge", marks, 2.8 * radius, spot))
-            knobs.append(knob(dice, look, radius, spot, kind))
+            knobs.append(knob(rng, look, radius, spot, kind))
         if style == "mixed":
             high = space * 0.42
-            shapes.append(keys(dice, look, (inner, high), (x, low + space - 0.012 - high / 2, z),
-                               dice.number(2, 4)))
-    if dice.chance(45):
-        button = at(slab(inner * 0.7, 0.016, (0.0, 0.003), 0.004, 0.001), x,
+            shapes.append(keypad(rng, look, (inner, high), (x, low + space - 0.012 - high / 2, z),
+                               rng.integer(2, 4)))
+    if rng.chance(45):
+        button = shift(slab(inner * 0.7, 0.016, (0.0, 0.003), 0.004, 0.001), x,
                     y - h / 2 + 0.011, z - 0.001)
-        shapes.append(Shape("button", button, dice.pick((look.trim, look.knob))))
+        shapes.append(Shape("button", button, rng.choice((look.trim, look.knob))))
     return shapes, knobs

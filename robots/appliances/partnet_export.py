@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from ..geometry import Array
 from .finish import Shape
-from .fittings import Thing
-from .shapes import Solid, joined
-from .textures import png
+from .fittings import Appliance
+from .shapes import Solid, join
+from .textures import encode_png
 
 Indices = NDArray[np.int64]
 _WORDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "fixed": "static"}
@@ -28,7 +28,7 @@ _DIGITS = 5
 """Of a metre: a hundredth of a millimetre."""
 
 
-def write_thing(thing: Thing, folder: Path) -> None:
+def write_partnet(thing: Appliance, folder: Path) -> None:
     """Write all files of the object into an empty folder."""
     for name in ("textured_objs", "images"):
         (folder / name).mkdir(parents=True)
@@ -67,18 +67,18 @@ def _write_mesh(
     """An OBJ with a group a paint, and its MTL; new pictures are numbered."""
     lines, materials = [f"mtllib original-{number}.mtl"], list[str]()
     counts = np.zeros(3, np.int64)
-    for k, paint in enumerate(dict.fromkeys(shape.paint.name for shape in shapes)):
-        group = [shape for shape in shapes if shape.paint.name == paint]
-        solid, look = joined([shape.solid for shape in group]), group[0].paint
+    for k, paint in enumerate(dict.fromkeys(shape.finish.name for shape in shapes)):
+        group = [shape for shape in shapes if shape.finish.name == paint]
+        solid, finish = join([shape.solid for shape in group]), group[0].finish
         name = f"material_{number}_{k}"
-        red, green, blue = (value / 255.0 for value in look.color)
+        red, green, blue = (value / 255.0 for value in finish.color)
         materials += [f"newmtl {name}", f"Kd {red:.4f} {green:.4f} {blue:.4f}", "Ka 0 0 0",
-                      "Ks 0.2 0.2 0.2", "Ns 40", f"d {look.opacity:.3g}"]
+                      "Ks 0.2 0.2 0.2", "Ns 40", f"d {finish.opacity:.3g}"]
         uv, uv_index = None, solid.faces
-        if look.picture is not None:
-            image = pictures.setdefault(png(look.picture), len(pictures))
+        if finish.image is not None:
+            image = pictures.setdefault(encode_png(finish.image), len(pictures))
             materials.append(f"map_Kd ../images/texture_{image}.png")
-            uv, uv_index = _texture_coordinates(solid, look.tile)
+            uv, uv_index = _texture_coordinates(solid, finish.tile)
         lines += [f"g {group[0].name}-{k}", f"usemtl {name}"]
         lines += _obj_group(solid, uv, uv_index, counts)
     _write(folder / "textured_objs" / f"original-{number}.obj", "\n".join(lines) + "\n")
@@ -125,7 +125,7 @@ def _texture_coordinates(solid: Solid, tile: float) -> tuple[Array, Indices]:
     return uv.reshape(-1, 2), np.arange(3 * len(p), dtype=np.int64).reshape(-1, 3)
 
 
-def _urdf(thing: Thing, files: Sequence[Sequence[tuple[str, int]]]) -> str:
+def _urdf(thing: Appliance, files: Sequence[Sequence[tuple[str, int]]]) -> str:
     name = hashlib.sha256(f"{thing.category} {thing.number}".encode()).hexdigest()[:32]
     out = ['<?xml version="1.0" ?>', f'<robot name="partnet_{name}">', '\t<link name="base"/>']
     for k, (link, visuals) in enumerate(zip(thing.links, files, strict=True)):
@@ -155,7 +155,7 @@ def _urdf(thing: Thing, files: Sequence[Sequence[tuple[str, int]]]) -> str:
     return "\n".join(out) + "\n"
 
 
-def _mobility(thing: Thing, files: Sequence[Sequence[tuple[str, int]]]) -> list[dict[str, Any]]:
+def _mobility(thing: Appliance, files: Sequence[Sequence[tuple[str, int]]]) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
     for k, (link, visuals) in enumerate(zip(thing.links, files, strict=True)):
         data: dict[str, Any] = {}
@@ -174,7 +174,9 @@ def _mobility(thing: Thing, files: Sequence[Sequence[tuple[str, int]]]) -> list[
     return out
 
 
-def _part_tree(thing: Thing, files: Sequence[Sequence[tuple[str, int]]]) -> list[dict[str, Any]]:
+def _part_tree(
+    thing: Appliance, files: Sequence[Sequence[tuple[str, int]]]
+) -> list[dict[str, Any]]:
     number = sum(map(len, files)) + 1  # leaves have the numbers of their files
     children: list[dict[str, Any]] = []
     for link, visuals in zip(thing.links, files, strict=True):

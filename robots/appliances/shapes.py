@@ -60,7 +60,7 @@ def rounded_rectangle(width: float, height: float, radius: float) -> tuple[Array
     return corner * [width / 2.0 - r, height / 2.0 - r] + r * normal, normal
 
 
-def circle(radius: float, sides: int = 24) -> tuple[Array, Array]:
+def circle_outline(radius: float, sides: int = 24) -> tuple[Array, Array]:
     """Outline [N 2] about the origin, counter-clockwise, and its normals [N 2]."""
     angles = 360.0 * np.arange(sides) / sides
     normal = np.stack([cosine(angles), sine(angles)], axis=1)
@@ -172,17 +172,18 @@ def cavity(opening: tuple[float, float], z: tuple[float, float], radius: float) 
     points, normal = rounded_rectangle(*opening, radius)
     outline = points, -normal
     walls = loft([ring(outline, z[1]), ring(outline, z[0])])
-    return joined([walls, loft([ring(outline, z[0])], last_cap=True)])
+    return join([walls, loft([ring(outline, z[0])], last_cap=True)])
 
 
 def disc(radius: float, z: tuple[float, float], edge: float = 0.0, sides: int = 24,
          top: float | None = None) -> Solid:
     """A cylinder along z, tapered to the radius `top`, its front edge rounded by `edge`."""
     last = radius if top is None else top
-    rings = [ring(circle(radius, sides), z[0]), ring(circle(last, sides), z[1] - edge)]
+    rings = [ring(circle_outline(radius, sides), z[0]),
+             ring(circle_outline(last, sides), z[1] - edge)]
     if edge > 0:
         steps = np.linspace(0.0, 90.0, _EDGE + 1)[1:]
-        rings += [ring(circle(last - edge * (1 - c), sides), z[1] - edge * (1 - s), c, s)
+        rings += [ring(circle_outline(last - edge * (1 - c), sides), z[1] - edge * (1 - s), c, s)
                   for c, s in zip(cosine(steps), sine(steps), strict=True)]
     return loft(rings, first_cap=True, last_cap=True)
 
@@ -201,7 +202,7 @@ def tube(path: ArrayLike, radius: float, normal: ArrayLike, sides: int = 10,
     length = np.sqrt((along * along).sum(1, keepdims=True))  # 2 cos(half the bend)
     along = along / length
     side = np.cross(across, along)
-    unit = circle(1.0, sides)[1]
+    unit = circle_outline(1.0, sides)[1]
     rings: list[Ring] = []
     for k in range(len(p)):
         wide = 2.0 / float(length[k, 0])  # a mitre is wider than the bar
@@ -212,7 +213,7 @@ def tube(path: ArrayLike, radius: float, normal: ArrayLike, sides: int = 10,
     return loft(rings, first_cap=True, last_cap=True)
 
 
-def rod(a: ArrayLike, b: ArrayLike, radius: float, sides: int = 6) -> Solid:
+def wire(a: ArrayLike, b: ArrayLike, radius: float, sides: int = 6) -> Solid:
     """A straight bar from a to b, each [3]."""
     line = np.asarray([a, b], np.float64)
     along = np.abs(line[1] - line[0])
@@ -221,7 +222,7 @@ def rod(a: ArrayLike, b: ArrayLike, radius: float, sides: int = 6) -> Solid:
     return tube(line, radius, normal / np.sqrt((normal * normal).sum()), sides)
 
 
-def picture(width: float, height: float, z: float) -> Solid:
+def image_quad(width: float, height: float, z: float) -> Solid:
     """A rectangle that faces +z and shows a whole texture."""
     corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float64)
     vertices = np.column_stack([corner * [width / 2.0, height / 2.0], np.full(4, z)])
@@ -238,19 +239,19 @@ _TURNS = {
 }
 
 
-def facing(solid: Solid, where: str) -> Solid:
+def orient(solid: Solid, where: str) -> Solid:
     """The solid turned so that its +z looks right, left, up, down or back."""
     turn = _TURNS[where]
     # one term of each sum is not zero, so that the order of summation does not matter
     return Solid(solid.vertices @ turn.T, solid.normals @ turn.T, solid.faces, solid.uv)
 
 
-def at(solid: Solid, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
+def shift(solid: Solid, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
     """The solid shifted."""
     return Solid(solid.vertices + np.array([x, y, z]), solid.normals, solid.faces, solid.uv)
 
 
-def joined(solids: Sequence[Solid]) -> Solid:
+def join(solids: Sequence[Solid]) -> Solid:
     """All of them as one; UVs are kept if all have them."""
     starts = np.cumsum([0, *(len(s.vertices) for s in solids)])
     uvs = [s.uv for s in solids if s.uv is not None]

@@ -18,31 +18,31 @@ T = TypeVar("T")
 Color = tuple[int, int, int]
 """sRGB, 0..255"""
 
-class Dice:
+class SeededRng:
     """Draws on grids of integers: the same on every machine."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.rng = rng
+    def __init__(self, generator: np.random.Generator) -> None:
+        self.generator = generator
 
-    def number(self, low: int, high: int) -> int:
+    def integer(self, low: int, high: int) -> int:
         """Both ends included."""
-        return int(self.rng.integers(low, high + 1))
+        return int(self.generator.integers(low, high + 1))
 
     def length(self, low: float, high: float) -> float:
         """m, on a grid of a millimetre."""
-        return self.number(round(low * 1000), round(high * 1000)) / 1000
+        return self.integer(round(low * 1000), round(high * 1000)) / 1000
 
     def angle(self, low: float, high: float) -> float:
         """rad, on a grid of a thousandth."""
         return self.length(low, high)
 
     def chance(self, percent: int) -> bool:
-        return self.number(0, 99) < percent
+        return self.integer(0, 99) < percent
 
-    def pick(self, options: Sequence[T], weights: Sequence[int] | None = None) -> T:
+    def choice(self, options: Sequence[T], weights: Sequence[int] | None = None) -> T:
         """One of the options; integer weights."""
         chances = weights or [1] * len(options)
-        drawn = self.number(0, sum(chances) - 1)
+        drawn = self.integer(0, sum(chances) - 1)
         for option, weight in zip(options, chances, strict=True):
             drawn -= weight
             if drawn < 0:
@@ -51,8 +51,8 @@ class Dice:
 
     def near(self, color: Color, spread: int) -> Color:
         """A colour that is up to `spread` lighter or darker, its channels almost alike."""
-        shift, tint = self.number(-spread, spread), spread // 5
-        r, g, b = (min(255, max(0, c + shift + self.number(-tint, tint))) for c in color)
+        shift, tint = self.integer(-spread, spread), spread // 5
+        r, g, b = (min(255, max(0, c + shift + self.integer(-tint, tint))) for c in color)
         return r, g, b
 
 
@@ -71,7 +71,7 @@ _GLYPHS = {
 
 
 @dataclass(frozen=True)
-class Picture:
+class PaletteImage:
     """An image of at most 256 colours."""
 
     pixels: NDArray[np.uint8]
@@ -79,7 +79,7 @@ class Picture:
     palette: tuple[Color, ...]
 
 
-def png(picture: Picture) -> bytes:
+def encode_png(picture: PaletteImage) -> bytes:
     """A PNG whose bytes depend on the pixels alone: stored, for compressors differ."""
     height, width = picture.pixels.shape
     lines = np.zeros((height, width + 1), np.uint8)  # filter 0 before each row
@@ -97,14 +97,16 @@ def png(picture: Picture) -> bytes:
         for kind, data in ((b"IHDR", header), (b"PLTE", colors), (b"IDAT", stream), (b"IEND", b"")))
 
 
-def words(text: str, ink: Color, paper: Color, scale: int = 4, margin: int = 1) -> Picture:
+def text_image(
+    text: str, ink: Color, paper: Color, scale: int = 4, margin: int = 1
+) -> PaletteImage:
     """A line of capitals and digits; margins in dots of `scale` px."""
-    return Picture(_written(text, margin).repeat(scale, 0).repeat(scale, 1), (paper, ink))
+    return PaletteImage(_written(text, margin).repeat(scale, 0).repeat(scale, 1), (paper, ink))
 
 
-def keypad(
+def keypad_image(
     labels: Sequence[Sequence[str]], ink: Color, paper: Color, button: Color, round_: bool
-) -> Picture:
+) -> PaletteImage:
     """A grid of buttons with words on them; each row has its own number of buttons."""
     cell, width = 24, 144
     out = np.zeros((cell * len(labels) + 4, width), np.uint8)
@@ -123,26 +125,28 @@ def keypad(
             dots = dots.repeat(scale, 0).repeat(scale, 1)[: high - 2, : wide - 2]
             y, x = top + (high - dots.shape[0]) // 2, left + (wide - dots.shape[1]) // 2
             out[y : y + dots.shape[0], x : x + dots.shape[1]][dots > 0] = 1
-    return Picture(out, (paper, ink, button))
+    return PaletteImage(out, (paper, ink, button))
 
 
-def brushed(rng: np.random.Generator, tone: Color, contrast: int, along_u: bool = True) -> Picture:
+def brushed_metal(
+    rng: np.random.Generator, tone: Color, contrast: int, along_u: bool = True
+) -> PaletteImage:
     """Fine streaks of brushed metal, 128 x 128."""
     streak = rng.integers(-contrast, contrast + 1, (128, 1)) + rng.integers(-2, 3, (128, 128))
     for shift in (1, 2, 3, 5):  # grains are longer than a pixel
         streak[:, shift:] = (streak[:, shift:] * 3 + streak[:, :-shift]) // 4
-    return Picture(_levels(streak if along_u else streak.T), shades(tone))
+    return PaletteImage(_levels(streak if along_u else streak.T), shades(tone))
 
 
-def speckled(rng: np.random.Generator, tone: Color, contrast: int) -> Picture:
+def speckled_enamel(rng: np.random.Generator, tone: Color, contrast: int) -> PaletteImage:
     """Enamel with fine dots, 128 x 128."""
     noise = rng.integers(-2, 3, (128, 128))
     dots = rng.integers(0, 128, (420, 2))
     noise[dots[:, 0], dots[:, 1]] += np.where(np.arange(420) % 2 > 0, 4 * contrast, -4 * contrast)
-    return Picture(_levels(noise), shades(tone))
+    return PaletteImage(_levels(noise), shades(tone))
 
 
-def wood(rng: np.random.Generator, tone: Color, contrast: int) -> Picture:
+def wood_grain(rng: np.random.Generator, tone: Color, contrast: int) -> PaletteImage:
     """Vertical grain of veneer, 128 x 128, tileable from top to bottom."""
     out = np.zeros((128, 128), np.int64)
     u, v = np.arange(128), np.arange(128)[:, None]
@@ -153,17 +157,17 @@ def wood(rng: np.random.Generator, tone: Color, contrast: int) -> Picture:
         place = (u[None] + bend + phase) % period
         out += weight * (np.abs(2 * place - period) * 2 - period) // period
     out += rng.integers(-1, 2, (1, 128))
-    return Picture(_levels(out * contrast // 4), shades(tone))
+    return PaletteImage(_levels(out * contrast // 4), shades(tone))
 
 
-def dotted(ink: Color, paper: Color) -> Picture:
+def dot_pattern(ink: Color, paper: Color) -> PaletteImage:
     """The screen in a microwave's window, a tile of 16 holes."""
     v, u = np.indices((64, 64))
     near = (v % 16 - 8) ** 2 + (u % 16 - 8) ** 2 <= 18
-    return Picture(near.astype(np.uint8), (paper, ink))
+    return PaletteImage(near.astype(np.uint8), (paper, ink))
 
 
-def gauge(ink: Color, paper: Color, marks: int) -> Picture:
+def gauge_image(ink: Color, paper: Color, marks: int) -> PaletteImage:
     """Marks around a knob, over three quarters of a turn, 96 x 96."""
     out = np.zeros((96, 96), np.uint8)
     for k in range(marks):
@@ -171,7 +175,7 @@ def gauge(ink: Color, paper: Color, marks: int) -> Picture:
         for r in range(38, 46 if k % 2 == 0 else 42):
             y, x = round(48 - r * float(sine(angle))), round(48 + r * float(cosine(angle)))
             out[y - 1 : y + 1, x - 1 : x + 1] = 1
-    return Picture(out, (paper, ink))
+    return PaletteImage(out, (paper, ink))
 
 
 def shades(tone: Color) -> tuple[Color, ...]:

@@ -15,10 +15,16 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.robots.appliances import generator as appliances
-from gcbench.robots.appliances.fittings import Thing
+from gcbench.robots.appliances.fittings import Appliance
 from gcbench.robots.appliances.generator import CATEGORIES, DESIGNS, GENERATED, IDS, write_appliance
 from gcbench.robots.appliances.shapes import cavity, disc, frame, rounded_rectangle, slab, tube
-from gcbench.robots.appliances.textures import Dice, Picture, keypad, png, words
+from gcbench.robots.appliances.textures import (
+    PaletteImage,
+    SeededRng,
+    encode_png,
+    keypad_image,
+    text_image,
+)
 from gcbench.robots.catalog import load_robot
 from gcbench.robots.files.download import whole_folder
 from gcbench.robots.geometry import apply
@@ -63,19 +69,19 @@ def written(category: str, number: int, folder: Path) -> Path:
     return folder
 
 
-def designed(category: str, number: int) -> Thing:
+def designed(category: str, number: int) -> Appliance:
     rng = np.random.Generator(np.random.PCG64([7, number]))
-    return DESIGNS[category](Dice(rng), number)
+    return DESIGNS[category](SeededRng(rng), number)
 
 
-def looks(thing: Thing) -> str:
+def looks(thing: Appliance) -> str:
     """Of everything that decides how an object looks and moves."""
     total = hashlib.sha256()
     for link in thing.links:
         total.update(repr((link.role, link.joint, link.origin, link.axis, link.limits)).encode())
         for shape in link.shapes:
             total.update(np.round(shape.solid.vertices, 5).tobytes())
-            total.update(repr(shape.paint.color).encode())
+            total.update(repr(shape.finish.color).encode())
     return total.hexdigest()
 
 
@@ -181,7 +187,7 @@ def test_no_two_colours_lie_in_one_plane(category: str, count: int) -> None:
                     inside = centre_inside(corners[faces][:, :, others])
                     for i, j in np.argwhere(inside & (who[faces] != who[faces][:, None])):
                         a, b = shapes[who[faces[i]]], shapes[who[faces[j]]]
-                        assert a.paint.color == b.paint.color, (number, a.name, b.name)
+                        assert a.finish.color == b.finish.color, (number, a.name, b.name)
 
 
 def centre_inside(triangles: np.ndarray) -> np.ndarray:
@@ -274,11 +280,11 @@ def test_yourdfpy_loads_an_instance_unchanged(category: str, tmp_path: Path) -> 
 
 
 def test_pictures_are_pngs_of_their_pixels() -> None:
-    for picture in (words("AZ:09", (250, 1, 2), (3, 4, 5)),
-                    keypad([["STOP", "GO"], ["1"]], (0, 0, 0), (9, 9, 9), (5, 200, 5), True),
-                    Picture(np.arange(200 * 400, dtype=np.uint32).reshape(200, 400).astype(np.uint8)
-                            % 64, tuple((k, 2 * k, 3 * k) for k in range(64)))):
-        image = np.asarray(Image.open(io.BytesIO(png(picture))).convert("RGB"))
+    for picture in (text_image("AZ:09", (250, 1, 2), (3, 4, 5)),
+                    keypad_image([["STOP", "GO"], ["1"]], (0, 0, 0), (9, 9, 9), (5, 200, 5), True),
+                    PaletteImage((np.arange(200 * 400) % 64).reshape(200, 400).astype(np.uint8),
+                                 tuple((k, 2 * k, 3 * k) for k in range(64)))):
+        image = np.asarray(Image.open(io.BytesIO(encode_png(picture))).convert("RGB"))
         np.testing.assert_array_equal(image, np.array(picture.palette, np.uint8)[picture.pixels])
 
 
