@@ -10,6 +10,7 @@ from .generator import (
     IDS,
     LAST_ID,
     appliance_folder,
+    appliance_model,
     write_appliance,
 )
 
@@ -21,5 +22,6 @@ __all__ = [
     "IDS",
     "LAST_ID",
     "appliance_folder",
+    "appliance_model",
     "write_appliance",
 ]

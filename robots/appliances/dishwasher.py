@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..model import JointType
 from . import textures
 from .doors import door, door_handle
 from .finish import Finish, Finishes, Shape, clock_display, draw_finishes, label
@@ -78,7 +79,7 @@ def dishwasher(rng: SeededRng, number: int) -> Appliance:
     shapes.append(Shape("dispenser", dispenser, look.rubber))
     hinge = (0.0, kick + DOOR_GAP + t / 2, front + 0.001 + t / 2)
     links = [Part("body", tuple(body)),
-             Part("door", tuple(shapes), 0, "revolute", hinge, (1.0, 0.0, 0.0),
+             Part("door", tuple(shapes), 0, JointType.REVOLUTE, hinge, (1.0, 0.0, 0.0),
                   (0.0, rng.angle(1.40, 1.57)))]
     grip = rng.choice(("handle", "pocket", "none"), (7, 3, 2))
     hy = top - strip - named - rng.length(0.035, 0.06)
@@ -100,8 +101,9 @@ def dishwasher(rng: SeededRng, number: int) -> Appliance:
         if rng.chance(40):
             rack += [Shape("dish", shift(s, 0.0, y0, z0), Finish(f"dish{i}", c))
                      for i, (s, c) in enumerate(dishes(rng, wide, deep)) if k == 0]
-        links.append(Part("rack", tuple(rack), 0, "prismatic", (0.0, round(y0, 5), round(z0, 5)),
-                          (0.0, 0.0, 1.0), (0.0, round(min(0.45, 0.9 * deep), 3))))
+        place = (0.0, round(y0, 5), round(z0, 5))
+        links.append(Part("rack", tuple(rack), 0, JointType.PRISMATIC, place, (0.0, 0.0, 1.0),
+                          (0.0, round(min(0.45, 0.9 * deep), 3))))
     return centre_appliance("Dishwasher", number, links)
 
 

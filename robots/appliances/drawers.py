@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from ..model import JointType
 from . import textures
 from .doors import handle
 from .finish import COLORS, Finish, Finishes, Shape, draw_finishes
@@ -157,8 +158,9 @@ def _drawer(
     tall, floor = round(h * rng.integer(55, 80) / 100, 4), y - h / 2 + 0.012
     shapes.append(Shape("tray", join(_tray((wide, tall, deep), (x, floor, back))), style.tray))
     shapes += _contents(rng, (wide - 0.03, tall, deep - 0.03), (x, floor + 0.009, back - 0.015))
-    link = Part("drawer", tuple(shapes), 0, "prismatic", (round(x, 5), round(y, 5), round(back, 5)),
-                (0.0, 0.0, 1.0), (0.0, round(rng.integer(70, 90) / 100 * deep, 3)))
+    place = (round(x, 5), round(y, 5), round(back, 5))
+    link = Part("drawer", tuple(shapes), 0, JointType.PRISMATIC, place, (0.0, 0.0, 1.0),
+                (0.0, round(rng.integer(70, 90) / 100 * deep, 3)))
     if not style.grips:
         return [link]
     placed = tuple(replace(s, solid=shift(s.solid, x, middle, face)) for s in style.grips)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from ..geometry import Array
+from ..model import JointType
 from .finish import DECAL_LIFT, Finish, Finishes, Shape
 from .shapes import (
     Solid,
+    Vector,
     cavity,
     circle_outline,
     disc,
@@ -27,34 +29,33 @@ from .shapes import (
 )
 from .textures import Color, SeededRng
 
-Joint = Literal["revolute", "continuous", "prismatic", "fixed"]
-
 
 @dataclass(frozen=True)
 class Part:
-    """A rigid part."""
+    """A rigid part of an appliance, in the object's frame with every joint at zero."""
 
     role: str
-    """Its meaning: "body", "door", "handle", "rack", "knob"."""
+    """"body", "door", "drawer", "handle", "rack" or "knob"."""
     shapes: tuple[Shape, ...]
     parent: int = 0
-    """Index of the link that it hangs on; of the body, which is number 0, without meaning."""
-    joint: Joint = "fixed"
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """A point of the joint's axis, m, in the object's frame."""
-    axis: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Index of the parent part. The body is part 0; its own value is not used."""
+    joint: JointType = JointType.FIXED
+    origin: Vector = (0.0, 0.0, 0.0)
+    """m, a point of the joint's axis."""
+    axis: Vector = (0.0, 0.0, 0.0)
+    """Unit direction of the joint's axis; zeros for a fixed joint."""
     limits: tuple[float, float] = (0.0, 0.0)
-    """rad or m"""
+    """rad or m."""
 
 
 @dataclass(frozen=True)
 class Appliance:
-    """An articulated object."""
+    """An articulated object, centred at the origin."""
 
     category: str
     """As PartNet-Mobility spells it: "Microwave"."""
     number: int
-    links: tuple[Part, ...]
+    parts: tuple[Part, ...]
 
 
 DOOR_GAP = 0.002
@@ -88,7 +89,7 @@ def knob(rng: SeededRng, look: Finishes, radius: float, place: tuple[float, floa
     mark = shift(slab(radius * 0.14, radius * 0.6, (top - 0.0005, top + 0.0005)), y=radius * 0.5)
     shapes = (Shape("knob", shift(join(solids), *place), look.knob),
               Shape("mark", shift(mark, *place), Finish("mark", mark_color)))
-    return Part("knob", shapes, 0, "revolute", (x, y, z), (0.0, 0.0, 1.0),
+    return Part("knob", shapes, 0, JointType.REVOLUTE, (x, y, z), (0.0, 0.0, 1.0),
                 (0.0, rng.choice((3.142, 4.712, 5.236))))
 
 
@@ -111,19 +112,22 @@ def vents(center: tuple[float, float, float], size: tuple[float, float], where: 
                  Finish("slot", (24, 24, 26)))
 
 
-def centre_appliance(category: str, number: int, links: list[Part]) -> Appliance:
-    """The object with the centre of its bounding box at the origin, as in PartNet-Mobility."""
-    points = np.concatenate([s.solid.vertices for link in links for s in link.shapes])
+def centre_appliance(category: str, number: int, parts: Sequence[Part]) -> Appliance:
+    """Return the appliance with the centre of its bounding box at the origin.
+
+    PartNet-Mobility centres its objects likewise.
+    """
+    points = np.concatenate([s.solid.vertices for part in parts for s in part.shapes])
     x, y, z = (-np.round((points.min(0) + points.max(0)) / 2.0, 4)).tolist()
 
-    def moved(link: Part) -> Part:
-        shapes = tuple(replace(s, solid=shift(s.solid, x, y, z)) for s in link.shapes)
-        a, b, c = link.origin
+    def centre(part: Part) -> Part:
+        shapes = tuple(replace(s, solid=shift(s.solid, x, y, z)) for s in part.shapes)
+        a, b, c = part.origin
+        moves = part.joint is not JointType.FIXED or part.parent
         origin = (round(a + x, 5), round(b + y, 5), round(c + z, 5))
-        return replace(link, shapes=shapes, origin=origin if link.joint != "fixed" or link.parent
-                       else (0.0, 0.0, 0.0))
+        return replace(part, shapes=shapes, origin=origin if moves else (0.0, 0.0, 0.0))
 
-    return Appliance(category, number, tuple(moved(link) for link in links))
+    return Appliance(category, number, tuple(map(centre, parts)))
 
 
 def wire_rack(rng: SeededRng, width: float, depth: float) -> Solid:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..model import JointType
 from . import textures
 from .doors import door, door_handle
 from .finish import (
@@ -62,7 +63,7 @@ def microwave(rng: SeededRng, number: int) -> Appliance:
     edge_x = door_x + side * (dw / 2 - rng.length(0.02, 0.028))
     links = [Part("body", tuple(body))]
     axis_x = -side * (w / 2 - rng.length(0.005, 0.012))
-    links.append(Part("door", tuple(shapes), 0, "revolute", (axis_x, middle, front + t / 2),
+    links.append(Part("door", tuple(shapes), 0, JointType.REVOLUTE, (axis_x, middle, front + t / 2),
                       (0.0, -float(side), 0.0), (0.0, rng.angle(1.57, 2.1))))
     if grip == "handle":
         links.append(door_handle(rng, look, h * rng.choice((0.55, 0.7, 0.82)), True,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
+from ..model import JointType
 from . import textures
 from .doors import door, door_handle
 from .finish import Finish, Finishes, Shape, clock_display, decal, door_label, draw_finishes, label
@@ -118,7 +119,7 @@ def _with_oven_door(
         shapes += door_label(rng, look, min(0.3 * w, rng.length(0.06, 0.1)), shapes)
     hinge = (x, y - h / 2 + t / 2, front + 0.001 + t / 2)
     links = [Part("body", tuple(body)),
-             Part("door", tuple(shapes), 0, "revolute", hinge, (1.0, 0.0, 0.0),
+             Part("door", tuple(shapes), 0, JointType.REVOLUTE, hinge, (1.0, 0.0, 0.0),
                   (0.0, rng.angle(1.40, 1.57)))]
     links.append(door_handle(rng, look, w * rng.choice((0.6, 0.75, 0.9)), False,
                          (x, y + h / 2 - min(0.035, 0.13 * h), z), links[1]))
@@ -128,7 +129,7 @@ def _with_oven_door(
     for k in range(count):
         y0 = middle + hole[1] + hole[3] * ((k + 1) / (count + 1) - 0.5)
         rack = shift(wire_rack(rng, wide, deep), x, y0, z0)
-        links.append(Part("rack", (Shape("rack", rack, steel),), 0, "prismatic",
+        links.append(Part("rack", (Shape("rack", rack, steel),), 0, JointType.PRISMATIC,
                           (x, round(y0, 5), round(z0, 5)), (0.0, 0.0, 1.0),
                           (0.0, round(min(0.4, 0.85 * deep), 3))))
     return centre_appliance("Oven", number, [*links, *knobs])

@@ -1,7 +1,7 @@
-"""Writes an articulated object as a folder in the layout of PartNet-Mobility.
+"""Write an appliance as a folder in the layout of PartNet-Mobility.
 
 Meshes are in the object's frame (y up, z to the front); the root `base` turns them upright. The
-bytes depend on the object alone.
+files depend on the appliance alone.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,105 +18,134 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array
-from .finish import Shape
-from .fittings import Appliance
+from ..model import JointType
+from .finish import Finish, Shape
+from .fittings import Appliance, Part
 from .shapes import Solid, join
 from .textures import encode_png
 
-Indices = NDArray[np.int64]
-_WORDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "fixed": "static"}
+_WORDS = {JointType.REVOLUTE: "hinge", JointType.PRISMATIC: "slider", JointType.FIXED: "static"}
 _DIGITS = 5
-"""Of a metre: a hundredth of a millimetre."""
+"""Decimals of lengths in m."""
 
 
-def write_partnet(thing: Appliance, folder: Path) -> None:
-    """Write all files of the object into an empty folder."""
+@dataclass(frozen=True)
+class MeshGroup:
+    """Triangles of one finish, with the digits that the files have."""
+
+    name: str
+    finish: Finish
+    vertices: Array
+    """[V 3] m, sorted."""
+    normals: Array
+    """[N 3] unit up to rounding, sorted."""
+    uv: Array | None
+    """[T 2] texture coordinates, sorted; None without an image."""
+    corners: NDArray[np.int64]
+    """[F 3 2] indices (vertex, normal), or [F 3 3] (vertex, uv, normal)."""
+
+
+def mesh_groups(part: Part) -> dict[str, list[MeshGroup]]:
+    """Return the meshes of a part by the name of their shapes; each has one group per finish."""
+    out: dict[str, list[MeshGroup]] = {}
+    for shape in part.shapes:
+        if shape.name in out:
+            continue
+        shapes = [s for s in part.shapes if s.name == shape.name]
+        finishes = dict.fromkeys(s.finish.name for s in shapes)
+        out[shape.name] = [_mesh_group([s for s in shapes if s.finish.name == finish])
+                           for finish in finishes]
+    return out
+
+
+def urdf_text(appliance: Appliance) -> str:
+    """Return the URDF of an appliance; its mesh files are numbered in the order of the parts."""
+    name = hashlib.sha256(f"{appliance.category} {appliance.number}".encode()).hexdigest()[:32]
+    out = ['<?xml version="1.0" ?>', f'<robot name="partnet_{name}">', '\t<link name="base"/>']
+    for k, (part, meshes) in enumerate(zip(appliance.parts, _mesh_numbers(appliance), strict=True)):
+        out.append(f'\t<link name="link_{k}">')
+        place = _vector(-np.array(part.origin))
+        for tag in ("visual", "collision"):
+            for role, number in meshes:
+                named = f' name="{role}-{number}"' if tag == "visual" else ""
+                out += [f"\t\t<{tag}{named}>", f'\t\t\t<origin xyz="{place}"/>', "\t\t\t<geometry>",
+                        f'\t\t\t\t<mesh filename="textured_objs/original-{number}.obj"/>',
+                        "\t\t\t</geometry>", f"\t\t</{tag}>"]
+        out.append("\t</link>")
+    for k, part in enumerate(appliance.parts[1:], 1):
+        shift = np.array(part.origin) - np.array(appliance.parts[part.parent].origin)
+        out += [f'\t<joint name="joint_{k}" type="{part.joint}">',
+                f'\t\t<origin xyz="{_vector(shift)}"/>']
+        if part.joint is not JointType.FIXED:
+            out.append(f'\t\t<axis xyz="{_vector(np.array(part.axis))}"/>')
+        out += [f'\t\t<child link="link_{k}"/>', f'\t\t<parent link="link_{part.parent}"/>']
+        if part.joint is not JointType.FIXED:
+            low, high = part.limits
+            out.append(f'\t\t<limit lower="{low:g}" upper="{high:g}"/>')
+        out.append("\t</joint>")
+    out += ['\t<joint name="joint_0" type="fixed">',
+            '\t\t<origin rpy="1.570796326794897 0 -1.570796326794897" xyz="0 0 0"/>',
+            '\t\t<child link="link_0"/>', '\t\t<parent link="base"/>', "\t</joint>", "</robot>"]
+    return "\n".join(out) + "\n"
+
+
+def write_partnet(appliance: Appliance, folder: Path) -> None:
+    """Write all files of an appliance into an empty folder."""
     for name in ("textured_objs", "images"):
         (folder / name).mkdir(parents=True)
-    pictures: dict[bytes, int] = {}
-    files: list[list[tuple[str, int]]] = []  # of each link: (name of the visual, number of its OBJ)
-    count = 0
-    for link in thing.links:
-        mine: list[tuple[str, int]] = []
-        for name in dict.fromkeys(shape.name for shape in link.shapes):
-            shapes = [shape for shape in link.shapes if shape.name == name]
-            _write_mesh(folder, count, shapes, pictures)
-            mine.append((name, count))
-            count += 1
-        files.append(mine)
-    for data, number in pictures.items():
+    images: dict[bytes, int] = {}
+    meshes = [groups for part in appliance.parts for groups in mesh_groups(part).values()]
+    for number, groups in enumerate(meshes):
+        _write_mesh(folder, number, groups, images)
+    for data, number in images.items():
         (folder / "images" / f"texture_{number}.png").write_bytes(data)
-    _write(folder / "mobility.urdf", _urdf(thing, files))
+    _write(folder / "mobility.urdf", urdf_text(appliance))
     _write(folder / "semantics.txt", "\n".join(
-        f"link_{k} {_WORDS[link.joint] if k else 'heavy'} {link.role}"
-        for k, link in enumerate(thing.links)) + "\n")
-    points = np.concatenate([s.solid.vertices for link in thing.links for s in link.shapes])
-    _write_json(folder / "bounding_box.json", {"min": _rounded(points.min(0)).tolist(),
-                                               "max": _rounded(points.max(0)).tolist()})
+        f"link_{k} {_WORDS[part.joint] if k else 'heavy'} {part.role}"
+        for k, part in enumerate(appliance.parts)) + "\n")
+    points = np.concatenate([s.solid.vertices for part in appliance.parts for s in part.shapes])
+    _write_json(folder / "bounding_box.json", {
+        "min": round_lengths(points.min(0)).tolist(), "max": round_lengths(points.max(0)).tolist()})
     _write_json(folder / "meta.json", {
-        "model_id": f"{thing.category.lower()}-{thing.number}", "anno_id": str(thing.number),
-        "user_id": "gcbench", "time_in_sec": 0, "version": "1", "model_cat": thing.category})
-    _write_json(folder / "mobility_v2.json", _mobility(thing, files))
-    tree = _part_tree(thing, files)
+        "model_id": f"{appliance.category.lower()}-{appliance.number}",
+        "anno_id": str(appliance.number), "user_id": "gcbench", "time_in_sec": 0, "version": "1",
+        "model_cat": appliance.category})
+    _write_json(folder / "mobility_v2.json", _mobility(appliance))
+    tree = _part_tree(appliance)
     _write_json(folder / "result.json", tree)
     _write_json(folder / "result_after_merging.json", tree)
 
 
-def _write_mesh(
-    folder: Path, number: int, shapes: Sequence[Shape], pictures: dict[bytes, int]
-) -> None:
-    """An OBJ with a group a paint, and its MTL; new pictures are numbered."""
-    lines, materials = [f"mtllib original-{number}.mtl"], list[str]()
-    counts = np.zeros(3, np.int64)
-    for k, paint in enumerate(dict.fromkeys(shape.finish.name for shape in shapes)):
-        group = [shape for shape in shapes if shape.finish.name == paint]
-        solid, finish = join([shape.solid for shape in group]), group[0].finish
-        name = f"material_{number}_{k}"
-        red, green, blue = (value / 255.0 for value in finish.color)
-        materials += [f"newmtl {name}", f"Kd {red:.4f} {green:.4f} {blue:.4f}", "Ka 0 0 0",
-                      "Ks 0.2 0.2 0.2", "Ns 40", f"d {finish.opacity:.3g}"]
-        uv, uv_index = None, solid.faces
-        if finish.image is not None:
-            image = pictures.setdefault(encode_png(finish.image), len(pictures))
-            materials.append(f"map_Kd ../images/texture_{image}.png")
-            uv, uv_index = _texture_coordinates(solid, finish.tile)
-        lines += [f"g {group[0].name}-{k}", f"usemtl {name}"]
-        lines += _obj_group(solid, uv, uv_index, counts)
-    _write(folder / "textured_objs" / f"original-{number}.obj", "\n".join(lines) + "\n")
-    _write(folder / "textured_objs" / f"original-{number}.mtl", "\n".join(materials) + "\n")
+def round_lengths(values: Array) -> Array:
+    """Return lengths in m with the digits of the files; minus zero becomes zero."""
+    return np.round(values, _DIGITS) + 0.0
 
 
-def _obj_group(
-    solid: Solid, uv: Array | None, uv_index: Indices, counts: Indices
-) -> list[str]:
-    """Lines of a group; `counts` [3] of v, vt, vn so far goes on."""
-    def unique(values: Array, digits: int, tag: str) -> tuple[list[str], Indices]:
-        known, index = np.unique(np.round(values, digits) + 0.0, axis=0, return_inverse=True)
-        text = [f"{tag} " + " ".join(f"{x:.{digits}f}" for x in row) for row in known.tolist()]
-        return text, index.reshape(-1).astype(np.int64)
-
-    lines, v = unique(solid.vertices, _DIGITS, "v")
-    place = v[solid.faces]
-    kept = (place != np.roll(place, 1, axis=1)).all(1)  # corners of no radius have flat triangles
-    corners = [place + 1 + counts[0]]
-    counts[0] += len(lines)
-    if uv is not None:
-        text, t = unique(uv, 4, "vt")
-        corners.append(t[uv_index] + 1 + counts[1])
-        counts[1] += len(text)
-        lines += text
-    text, n = unique(solid.normals, 3, "vn")
-    corners.append(n[solid.faces] + 1 + counts[2])
-    counts[2] += len(text)
-    separator = "/" if uv is not None else "//"
-    table = np.stack(corners, axis=-1)[kept].tolist()
-    return [*lines, *text, *("f " + " ".join(separator.join(map(str, c)) for c in face)
-                             for face in table)]
+def _mesh_group(shapes: Sequence[Shape]) -> MeshGroup:
+    solid, finish = join([shape.solid for shape in shapes]), shapes[0].finish
+    vertices, vertex = _unique(solid.vertices, _DIGITS)
+    normals, normal = _unique(solid.normals, 3)
+    corners, uv = [vertex[solid.faces]], None
+    if finish.image is not None:
+        values, faces = _texture_coordinates(solid, finish.tile)
+        uv, index = _unique(values, 4)
+        corners.append(index[faces])
+    corners.append(normal[solid.faces])
+    # corners without radius have triangles without area
+    kept = (corners[0] != np.roll(corners[0], 1, axis=1)).all(1)
+    return MeshGroup(shapes[0].name, finish, vertices, normals, uv,
+                     np.stack(corners, axis=-1)[kept])
 
 
-def _texture_coordinates(solid: Solid, tile: float) -> tuple[Array, Indices]:
+def _unique(values: Array, digits: int) -> tuple[Array, NDArray[np.int64]]:
+    """Unique rows of rounded values, and the index of each value among them."""
+    rows, index = np.unique(np.round(values, digits) + 0.0, axis=0, return_inverse=True)
+    return rows, index.reshape(-1).astype(np.int64)
+
+
+def _texture_coordinates(solid: Solid, tile: float) -> tuple[Array, NDArray[np.int64]]:
     """Coordinates [K 2] and their index [F 3]: the solid's own, else a projection of each face
-    along the axis that it looks along most."""
+    along the axis that its normal is nearest to."""
     if solid.uv is not None:
         return solid.uv, solid.faces
     p = solid.vertices[solid.faces]
@@ -125,76 +155,86 @@ def _texture_coordinates(solid: Solid, tile: float) -> tuple[Array, Indices]:
     return uv.reshape(-1, 2), np.arange(3 * len(p), dtype=np.int64).reshape(-1, 3)
 
 
-def _urdf(thing: Appliance, files: Sequence[Sequence[tuple[str, int]]]) -> str:
-    name = hashlib.sha256(f"{thing.category} {thing.number}".encode()).hexdigest()[:32]
-    out = ['<?xml version="1.0" ?>', f'<robot name="partnet_{name}">', '\t<link name="base"/>']
-    for k, (link, visuals) in enumerate(zip(thing.links, files, strict=True)):
-        out.append(f'\t<link name="link_{k}">')
-        place = _vector(-np.array(link.origin))
-        for tag in ("visual", "collision"):
-            for role, number in visuals:
-                named = f' name="{role}-{number}"' if tag == "visual" else ""
-                out += [f"\t\t<{tag}{named}>", f'\t\t\t<origin xyz="{place}"/>', "\t\t\t<geometry>",
-                        f'\t\t\t\t<mesh filename="textured_objs/original-{number}.obj"/>',
-                        "\t\t\t</geometry>", f"\t\t</{tag}>"]
-        out.append("\t</link>")
-    for k, link in enumerate(thing.links[1:], 1):
-        shift = np.array(link.origin) - np.array(thing.links[link.parent].origin)
-        out += [f'\t<joint name="joint_{k}" type="{link.joint}">',
-                f'\t\t<origin xyz="{_vector(shift)}"/>']
-        if link.joint != "fixed":
-            out.append(f'\t\t<axis xyz="{_vector(np.array(link.axis))}"/>')
-        out += [f'\t\t<child link="link_{k}"/>', f'\t\t<parent link="link_{link.parent}"/>']
-        if link.joint in ("revolute", "prismatic"):
-            low, high = link.limits
-            out.append(f'\t\t<limit lower="{low:g}" upper="{high:g}"/>')
-        out.append("\t</joint>")
-    out += ['\t<joint name="joint_0" type="fixed">',
-            '\t\t<origin rpy="1.570796326794897 0 -1.570796326794897" xyz="0 0 0"/>',
-            '\t\t<child link="link_0"/>', '\t\t<parent link="base"/>', "\t</joint>", "</robot>"]
-    return "\n".join(out) + "\n"
+def _write_mesh(
+    folder: Path, number: int, groups: Sequence[MeshGroup], images: dict[bytes, int]
+) -> None:
+    """Write an OBJ and its MTL; new images are numbered."""
+    lines, materials = [f"mtllib original-{number}.mtl"], list[str]()
+    counts = {"v": 1, "vt": 1, "vn": 1}  # OBJ numbers from 1
+    for k, group in enumerate(groups):
+        name = f"material_{number}_{k}"
+        red, green, blue = (value / 255.0 for value in group.finish.color)
+        materials += [f"newmtl {name}", f"Kd {red:.4f} {green:.4f} {blue:.4f}", "Ka 0 0 0",
+                      "Ks 0.2 0.2 0.2", "Ns 40", f"d {group.finish.opacity:.3g}"]
+        if group.finish.image is not None:
+            image = images.setdefault(encode_png(group.finish.image), len(images))
+            materials.append(f"map_Kd ../images/texture_{image}.png")
+        lines += [f"g {group.name}-{k}", f"usemtl {name}", *_obj_lines(group, counts)]
+    _write(folder / "textured_objs" / f"original-{number}.obj", "\n".join(lines) + "\n")
+    _write(folder / "textured_objs" / f"original-{number}.mtl", "\n".join(materials) + "\n")
 
 
-def _mobility(thing: Appliance, files: Sequence[Sequence[tuple[str, int]]]) -> list[dict[str, Any]]:
+def _obj_lines(group: MeshGroup, counts: dict[str, int]) -> list[str]:
+    """Lines of a group; `counts`, the next number of each kind of row, goes on."""
+    tables: dict[str, tuple[Array, int]] = {"v": (group.vertices, _DIGITS)}
+    if group.uv is not None:
+        tables["vt"] = group.uv, 4
+    tables["vn"] = group.normals, 3
+    lines = [f"{tag} " + " ".join(f"{x:.{digits}f}" for x in row)
+             for tag, (rows, digits) in tables.items() for row in rows.tolist()]
+    separator = "//" if group.uv is None else "/"
+    corners = group.corners + [counts[tag] for tag in tables]
+    for tag, (rows, _) in tables.items():
+        counts[tag] += len(rows)
+    return [*lines, *("f " + " ".join(separator.join(map(str, c)) for c in face)
+                      for face in corners.tolist())]
+
+
+def _mesh_numbers(appliance: Appliance) -> list[list[tuple[str, int]]]:
+    """(Name of a mesh, number of its OBJ) of each part."""
+    out, count = list[list[tuple[str, int]]](), 0
+    for part in appliance.parts:
+        names = list(dict.fromkeys(shape.name for shape in part.shapes))
+        out.append([(name, count + k) for k, name in enumerate(names)])
+        count += len(names)
+    return out
+
+
+def _mobility(appliance: Appliance) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
-    for k, (link, visuals) in enumerate(zip(thing.links, files, strict=True)):
+    for k, (part, meshes) in enumerate(zip(appliance.parts, _mesh_numbers(appliance), strict=True)):
         data: dict[str, Any] = {}
-        if link.joint != "fixed":
-            low, high = link.limits
-            if link.joint != "prismatic":
-                low, high = (round(math.degrees(x), 4) for x in link.limits)
-            data = {"axis": {"origin": _rounded(np.array(link.origin)).tolist(),
-                             "direction": list(link.axis)},
-                    "limit": {"a": low, "b": high, "noLimit": link.joint == "continuous"}}
+        if part.joint is not JointType.FIXED:
+            low, high = part.limits
+            if part.joint is not JointType.PRISMATIC:
+                low, high = (round(math.degrees(x), 4) for x in part.limits)
+            data = {"axis": {"origin": round_lengths(np.array(part.origin)).tolist(),
+                             "direction": list(part.axis)},
+                    "limit": {"a": low, "b": high, "noLimit": False}}
         out.append({
-            "id": k, "parent": link.parent if k else -1,
-            "joint": _WORDS[link.joint] if k else "heavy", "name": link.role,
-            "parts": [{"id": n, "name": role, "children": []} for role, n in visuals],
+            "id": k, "parent": part.parent if k else -1,
+            "joint": _WORDS[part.joint] if k else "heavy", "name": part.role,
+            "parts": [{"id": n, "name": role, "children": []} for role, n in meshes],
             "jointData": data})
     return out
 
 
-def _part_tree(
-    thing: Appliance, files: Sequence[Sequence[tuple[str, int]]]
-) -> list[dict[str, Any]]:
-    number = sum(map(len, files)) + 1  # leaves have the numbers of their files
+def _part_tree(appliance: Appliance) -> list[dict[str, Any]]:
+    numbers = _mesh_numbers(appliance)
+    number = sum(map(len, numbers)) + 1  # leaves have the numbers of their meshes
     children: list[dict[str, Any]] = []
-    for link, visuals in zip(thing.links, files, strict=True):
+    for part, meshes in zip(appliance.parts, numbers, strict=True):
         leaves = [{"id": n, "name": role, "text": role.replace("_", " ").title(),
-                   "objs": [f"original-{n}"]} for role, n in visuals]
-        children.append({"id": number, "name": link.role, "text": link.role.title(),
+                   "objs": [f"original-{n}"]} for role, n in meshes]
+        children.append({"id": number, "name": part.role, "text": part.role.title(),
                          "children": leaves})
         number += 1
-    name = thing.category.lower()
-    return [{"id": number, "name": name, "text": thing.category, "children": children}]
-
-
-def _rounded(values: Array) -> Array:
-    return np.round(values, _DIGITS) + 0.0
+    name = appliance.category.lower()
+    return [{"id": number, "name": name, "text": appliance.category, "children": children}]
 
 
 def _vector(values: Array) -> str:
-    return " ".join(f"{x:.{_DIGITS}f}" for x in _rounded(values).tolist())
+    return " ".join(f"{x:.{_DIGITS}f}" for x in round_lengths(values).tolist())
 
 
 def _write(path: Path, text: str) -> None:

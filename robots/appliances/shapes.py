@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Array
 
+Vector = tuple[float, float, float]
+"""x, y, z: a point in m, or a direction."""
 _ARC = 5
 """Facets of a rounded corner of an outline."""
 

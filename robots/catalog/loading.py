@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ...errors import ModelError
-from ..appliances import APPLIANCE_LICENCE, APPLIANCE_SOURCE, GENERATED, appliance_folder
+from ..appliances import GENERATED, appliance_folder, appliance_model
 from ..model import ArticulatedModel
 from ..motion import default_scored_joints
 from .entries import GeneratedRobot, find_robot, is_local, robot_folder
@@ -142,13 +142,13 @@ def _load_file(path: Path, packages: Mapping[str, Path], allow_missing: bool) ->
 def _load_object(
     name: str, packages: Mapping[str, Path], allow_missing: bool, download: bool
 ) -> ArticulatedModel:
+    kind, number = parse_object_name(name)
+    if kind in GENERATED:
+        return appliance_model(kind, number)
     from ..urdf import partnet
 
-    kind, number = parse_object_name(name)
     model = partnet.load_object(_object_folder(name, packages, download), allow_missing)
     name = f"{kind}:{number}"
-    if kind in GENERATED:
-        return replace(model, name=name, source=APPLIANCE_SOURCE, licence=APPLIANCE_LICENCE)
     return replace(model, name=name, source=f"{name}, PartNet-Mobility", licence=partnet.LICENCE)
 
 

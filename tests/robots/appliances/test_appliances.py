@@ -16,7 +16,14 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.robots.appliances import generator as appliances
 from gcbench.robots.appliances.fittings import Appliance
-from gcbench.robots.appliances.generator import CATEGORIES, DESIGNS, GENERATED, IDS, write_appliance
+from gcbench.robots.appliances.generator import (
+    CATEGORIES,
+    DESIGNS,
+    GENERATED,
+    IDS,
+    appliance_model,
+    write_appliance,
+)
 from gcbench.robots.appliances.shapes import cavity, disc, frame, rounded_rectangle, slab, tube
 from gcbench.robots.appliances.textures import (
     PaletteImage,
@@ -34,7 +41,7 @@ from gcbench.robots.model import (
     joint_screws,
 )
 from gcbench.robots.motion.collision import CollisionChecker
-from gcbench.robots.urdf.partnet import part_names, scored_joints
+from gcbench.robots.urdf.partnet import load_object, part_names, scored_joints
 from PIL import Image
 
 SIZES = {
@@ -44,8 +51,8 @@ SIZES = {
 }
 """m: depth (with handle), width, height."""
 OPENING = {"microwave": (1.57, 2.10), "dishwasher": (1.40, 1.57), "oven": (1.40, 1.57)}
-# Of the files of four instances; if they change, so must appliances.VERSION, or a cache is stale.
-DIGESTS = {3: "c00ec26fd486957fee03d97babef03ea0a905d775f09e39d9a2b01b4cbf68913"}
+VERSIONED = {3: "1132d7799412ec6b197b006f7a4071ee2733283010e93cd5d46aaf9cb020b0fa"}
+"""`contents` of four instances by version of the generator: datasets name instances by it."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -77,7 +84,7 @@ def designed(category: str, number: int) -> Appliance:
 def looks(thing: Appliance) -> str:
     """Of everything that decides how an object looks and moves."""
     total = hashlib.sha256()
-    for link in thing.links:
+    for link in thing.parts:
         total.update(repr((link.role, link.joint, link.origin, link.axis, link.limits)).encode())
         for shape in link.shapes:
             total.update(np.round(shape.solid.vertices, 5).tobytes())
@@ -109,11 +116,45 @@ def test_files_are_the_same_bytes_in_every_process(tmp_path: Path) -> None:
     assert len({*here, digest(written("oven", 18, tmp_path / "18"))}) == 5
 
 
-def test_a_change_of_the_generator_is_a_new_version(tmp_path: Path) -> None:
-    """Caches and datasets name instances by the version: it stands for these bytes."""
-    for category in GENERATED:
-        written(category, 3, tmp_path / category)
-    assert digest(tmp_path) == DIGESTS[appliances.VERSION]
+def contents(model: ArticulatedModel) -> str:
+    """Digest of geometry, textures and joints; not of how a file encodes them."""
+    total = hashlib.sha256()
+    for values in (model.parent, model.joint_child, np.round(model.limits * 1e6),
+                   np.round(model.screw * 1e6), np.round(model.parent_from_part_at_zero * 1e5)):
+        total.update((values + 0.0).tobytes())
+    total.update(repr((model.part_names, model.joint_names)).encode())
+    for visual in model.visuals:
+        triangles = np.round(visual.vertices[visual.faces] * 1e5).astype(np.int64)
+        total.update(triangles.tobytes() + bytes([visual.part]))
+        color, texture = visual.material.base_color, visual.material.texture
+        total.update(np.round(np.array(color) * 1e4).astype(np.int64).tobytes())
+        total.update(b"" if texture is None else texture.tobytes())
+    return total.hexdigest()
+
+
+def test_a_change_of_the_generator_is_a_new_version() -> None:
+    found = " ".join(contents(appliance_model(category, 3)) for category in GENERATED)
+    assert hashlib.sha256(found.encode()).hexdigest() == VERSIONED[appliances.VERSION]
+
+
+@pytest.mark.parametrize("category", GENERATED)
+@pytest.mark.parametrize("count", [4, pytest.param(50, marks=pytest.mark.slow)])
+def test_the_files_hold_the_model_to_the_last_bit(
+    category: str, count: int, tmp_path: Path
+) -> None:
+    for number in range(count):
+        made, read = (appliance_model(category, number),
+                      load_object(written(category, number, tmp_path / str(number))))
+        assert (made.part_names, made.joint_names, made.joint_types, made.sha256, made.notes) == (
+            read.part_names, read.joint_names, read.joint_types, read.sha256, read.notes)
+        for name in ("parent", "parent_from_part_at_zero", "screw", "joint", "multiplier",
+                     "offset", "joint_child", "limits"):
+            np.testing.assert_array_equal(getattr(made, name), getattr(read, name), err_msg=name)
+        for a, b in zip(made.visuals, read.visuals, strict=True):
+            assert (a.part, a.material.base_color) == (b.part, b.material.base_color)
+            for name in ("vertices", "faces", "normals", "uv"):
+                np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+            np.testing.assert_array_equal(a.material.texture, b.material.texture)
 
 
 def test_streams_share_no_instance() -> None:
@@ -132,7 +173,7 @@ def test_no_two_instances_look_alike(category: str, count: int) -> None:
 def test_nothing_covers_what_is_printed_on_the_front(category: str, count: int) -> None:
     """Names, displays, keys and gauges do not reach under each other or under what stands out."""
     for number in range(count):
-        shapes = [s for link in designed(category, number).links for s in link.shapes]
+        shapes = [s for link in designed(category, number).parts for s in link.shapes]
         corners = [s.solid.vertices[s.solid.faces] for s in shapes]  # [F 3 3]
         for k, printed in enumerate(shapes):
             if printed.name not in ("logo", "display", "keypad", "gauge"):
@@ -171,7 +212,7 @@ def test_a_door_opens_from_limit_to_limit_and_touches_nothing(category: str, cou
 def test_no_two_colours_lie_in_one_plane(category: str, count: int) -> None:
     """Of faces at least 5 mm wide that look along an axis: the depth test could not choose."""
     for number in range(count):
-        shapes = [s for link in designed(category, number).links for s in link.shapes]
+        shapes = [s for link in designed(category, number).parts for s in link.shapes]
         corners = np.concatenate([s.solid.vertices[s.solid.faces] for s in shapes])  # [F 3 3]
         who = np.repeat(np.arange(len(shapes)), [len(s.solid.faces) for s in shapes])
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
