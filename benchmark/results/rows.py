@@ -14,7 +14,7 @@ from typing import Any, get_args
 
 from ...errors import DatasetError
 from ...renderer.types import Inputs, Knowledge
-from ...robots.files import read_file, write_atomically
+from ...robots.files import read_bounded, write_atomically
 
 INPUTS: tuple[Inputs, ...] = get_args(Inputs)
 KNOWLEDGE: tuple[Knowledge, ...] = get_args(Knowledge)
@@ -110,7 +110,7 @@ def write_scores(path: Path, results: Iterable[Result]) -> None:
 
 def read_scores(path: Path) -> list[Result]:
     """Read a table of scores. Raises DatasetError that names the line that is invalid."""
-    text = read_file(path, _MAX_SCORES, DatasetError).decode(errors="replace")
+    text = read_bounded(path, _MAX_SCORES, DatasetError).decode(errors="replace")
     lines = csv.reader(io.StringIO(text, newline=""), strict=True)
     out: list[Result] = []
     try:

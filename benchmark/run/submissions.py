@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...renderer.types import Estimate, Inputs, Knowledge
-from ...robots.files import write_atomically
+from ...robots.files import read_bounded, write_atomically
 from ...robots.geometry import Array
 from ..protocol import allowed, shape_of
 from ..results import (
@@ -183,13 +183,7 @@ def targets(data: Sequence[Data]) -> dict[str, Target]:
 
 def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
     """The file. Raises DatasetError with the expected format."""
-    try:
-        with file.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise DatasetError(f"{file}: {error.strerror}") from error
-    if len(data) > MAX_BYTES:
-        raise DatasetError(f"{file}: larger than {MAX_BYTES} bytes")
+    data = read_bounded(file, MAX_BYTES, DatasetError)
     try:
         return parse_npz(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
     except (ValueError, csv.Error) as error:

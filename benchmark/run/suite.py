@@ -23,8 +23,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, cast
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, GcbenchError
 from ...renderer.scene import RenderConfig, parse_config, resolved
+from ...robots.files import read_bounded
 
 if sys.version_info >= (3, 11):
     from importlib.resources.abc import Traversable
@@ -75,11 +76,7 @@ def read_suite(name_or_file: str | Path) -> Suite:
         raise GcbenchError(
             f"no suite {text!r}; there are {', '.join(shipped())}, and any path to a .toml file"
         )
-    try:
-        with path.open("rb") as file:
-            return parse_suite(file.read(_MAX_TOML), text)
-    except OSError as error:
-        raise GcbenchError(f"{path}: {error.strerror}") from error
+    return parse_suite(read_bounded(path, _MAX_TOML, ConfigError), text)
 
 
 def parse_suite(data: bytes, where: str) -> Suite:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import GcbenchError
-from ...robots.files import temporary_name
+from ...robots.files import replace_atomically
 from ..networks.torch_runtime import torch
 from ..networks.weights import read_weights
 
@@ -75,11 +75,8 @@ def write_weights(path: Path, network: torch.nn.Module) -> None:
 def _save(path: Path, tensors: dict[str, torch.Tensor]) -> None:
     from safetensors.torch import save_file
 
-    temporary = temporary_name(path)
     try:
-        save_file({k: v.detach().cpu().contiguous() for k, v in tensors.items()}, temporary)
-        temporary.replace(path)
+        with replace_atomically(path) as temporary:
+            save_file({k: v.detach().cpu().contiguous() for k, v in tensors.items()}, temporary)
     except OSError as error:
         raise GcbenchError(f"{path}: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)

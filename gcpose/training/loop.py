@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import GcbenchError
 from ...renderer.dataset import open_dataset
-from ...robots.files import locked
+from ...robots.files import lock_folder
 from ..images import dis_flow, fine_dis_flow
 from ..images.network_flow import RaftFlow
 from ..networks.raft import Raft
@@ -62,7 +62,7 @@ def train(config: TrainConfig) -> dict[str, dict[str, FlowErrors]]:
     given = folders(config.data)
     refuse_test_streams(given)
     config.out.mkdir(parents=True, exist_ok=True)
-    with locked(config.out), (config.out / "log.jsonl").open("a") as log:
+    with lock_folder(config.out), (config.out / "log.jsonl").open("a") as log:
         at = read_checkpoint(config.out, network, optimizer)
         if at.step < config.steps:
             own = config.out / "data"

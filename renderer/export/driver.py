@@ -19,7 +19,7 @@ from typing import Any, Literal, Protocol
 
 from ... import __version__
 from ...errors import GcbenchError
-from ...robots.files import LOCK, locked
+from ...robots.files import LOCK, lock_folder
 from ..dataset import Dataset, open_dataset, sequence_paths
 from ..runtime import Archive, dump_json, frame_bar, open_archive
 from ..types import Sequence
@@ -96,7 +96,7 @@ def export(
     part = out.with_name(f".{out.name}.part")
     try:
         part.mkdir(parents=True, exist_ok=True)
-        with locked(part):
+        with lock_folder(part):
             frames = _write_all(kind, part, data, names, format, progress)
             (part / LOCK).unlink()
             part.rename(out)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import GcbenchError
-from ...robots.files import locked, remove_leftovers
+from ...robots.files import lock_folder, remove_leftovers
 from ..dataset import (
     FILE,
     FOLDER,
@@ -108,7 +108,7 @@ def generate(
         raise GcbenchError(f"{n} sequences cannot be rendered; ask for 1 or more")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with locked(out):
+        with lock_folder(out):
             _tidy(out)
             provenance = _open(out, config)
             there = sequence_paths(out)

@@ -26,7 +26,7 @@ import msgspec
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError
-from ...robots.files import read_file
+from ...robots.files import read_bounded
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -132,7 +132,7 @@ def read_record(
     Raises:
         DatasetError: if the file cannot be read, or its content is not such a record.
     """
-    tree = parse_json(read_file(path, limit, DatasetError), str(path), file_format)
+    tree = parse_json(read_bounded(path, limit, DatasetError), str(path), file_format)
     if only_known:
         tree.pop("format", None)
     return to_record(tree, kind, str(path), only_known)

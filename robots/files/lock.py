@@ -15,7 +15,7 @@ LOCK = ".lock"
 
 
 @contextmanager
-def locked(out: Path) -> Generator[None]:
+def lock_folder(out: Path) -> Generator[None]:
     """Holds the folder for this process. Raises GcbenchError if another one holds it."""
     with (out / LOCK).open("a+") as file:
         try:

@@ -4,7 +4,7 @@ Models are untrusted input. The rule: a reference is relative (or `package://`),
 that of a mesh or a texture, and the file it leads to, symbolic links followed, lies inside the
 asset root. The root is what the caller says, else the parent of the nearest folder above the URDF
 that holds a `package.xml` (sibling packages are reachable, as in a ROS workspace), else the folder
-MAX_LEVELS above the URDF; it never is the file system's root, the user's home or a folder above
+three levels above the URDF; it never is the file system's root, the user's home or a folder above
 it. Folders that the caller names as packages, or in ROS_PACKAGE_PATH, are roots of their own.
 """
 
@@ -12,21 +12,19 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from ...errors import GcbenchError, ModelError
+from ...errors import ModelError
 
 MESHES = frozenset({".stl", ".obj", ".dae", ".ply", ".glb", ".gltf"})
 TEXTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"})
 MATERIALS = frozenset({".mtl"})
 BUFFERS = frozenset({".bin"})
-MAX_FILE_BYTES = 256 * 2**20
-MAX_LEVELS = 3
-MAX_REFERENCE = 1024
+_MAX_LEVELS = 3
+_MAX_REFERENCE = 1024
 
 
 class MissingAssetError(ModelError):
@@ -118,26 +116,10 @@ def asset_finder(
     return AssetFinder(folder, root, known)
 
 
-def read_file(
-    path: Path, limit: int = MAX_FILE_BYTES, kind: type[GcbenchError] = ModelError
-) -> bytes:
-    """The bytes of a regular file of at most `limit` bytes; raises an error of the given kind."""
-    try:
-        with path.open("rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise kind(f"{path}: is not a regular file")
-            data = file.read(limit + 1)
-    except OSError as error:
-        raise kind(f"{path}: cannot be read ({error.strerror or error})") from error
-    if len(data) > limit:
-        raise kind(f"{path}: is larger than {limit} bytes, the largest file that is read")
-    return data
-
-
 def _default_root(folder: Path) -> Path:
     above = [folder, *folder.parents]
-    wanted = above[min(MAX_LEVELS, len(above) - 1)]
-    for candidate in above[: 2 * MAX_LEVELS]:
+    wanted = above[min(_MAX_LEVELS, len(above) - 1)]
+    for candidate in above[: 2 * _MAX_LEVELS]:
         if (candidate / "package.xml").is_file():
             wanted = candidate.parent
             break
@@ -155,7 +137,7 @@ def _ros_package_path() -> list[Path]:
 def _split(reference: str) -> tuple[str, str]:
     """Scheme ("package" or "") and path of a reference in a URDF, refused where unsafe."""
     text = reference.strip().replace("\\", "/")
-    if not text or len(text) > MAX_REFERENCE or not text.isprintable():
+    if not text or len(text) > _MAX_REFERENCE or not text.isprintable():
         raise ModelError(f"file name {reference[:60]!r} is empty, too long or unprintable")
     match = re.match(r"([A-Za-z][A-Za-z0-9+.-]*):(//)?", text)
     scheme, name = (match[1].lower(), text[match.end():]) if match else ("", text)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ModelError
-from ..files import MAX_FILE_BYTES, AssetFinder, MissingAssetError, read_file
+from ..files import MAX_FILE_BYTES, AssetFinder, MissingAssetError, read_bounded
 from ..geometry import Array
 from .document import Document
 
@@ -148,7 +148,7 @@ class Accessors:
         else:
             try:
                 name = f"./{uri}" if uri[:1].isspace() else uri  # such names begin with a space
-                data = read_file(self._finder.find(name, None).path, MAX_FILE_BYTES)
+                data = read_bounded(self._finder.find(name, None).path, MAX_FILE_BYTES)
             except MissingAssetError:
                 raise
             except ModelError as error:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ModelError
-from ..files import read_file
+from ..files import read_bounded
 from ..geometry import Array, inverse
 from ..meshes import quiet
 from ..model import ArticulatedModel, Link, Visual, deformed, forward_kinematics
@@ -52,7 +52,7 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
     path = Path(path)
     if not path.is_file():
         raise ModelError(f"{path}: no such file")
-    data = read_file(path)
+    data = read_bounded(path)
     try:
         with quiet():
             reader = _Reader(read_document(data), path, allow_missing)

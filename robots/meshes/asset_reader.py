@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ModelError
-from ..files import TEXTURES, Asset, AssetFinder, MissingAssetError, read_file
+from ..files import TEXTURES, Asset, AssetFinder, MissingAssetError, read_bounded
 from ..model import decode_texture
 
 
@@ -50,7 +50,7 @@ class AssetReader:
         Raises:
             ModelError: If it cannot be read, or if all files together exceed the limit.
         """
-        data = read_file(asset.path)
+        data = read_bounded(asset.path)
         self._bytes += len(data)
         if self._bytes > self.limits.total_bytes:
             raise ModelError(

@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ...errors import GcbenchError, ModelError
-from ..files import MissingAssetError, read_file
+from ..files import MissingAssetError, read_bounded
 from ..model import ArticulatedModel
 from .reader import load_urdf
 
@@ -110,7 +110,7 @@ def part_names(folder: Path) -> dict[str, str]:
     path = folder / NAMES
     if not path.is_file():
         return {}
-    text = read_file(path, _LARGEST).decode(errors="replace")
+    text = read_bounded(path, _LARGEST).decode(errors="replace")
     names: dict[str, str] = {}
     taken = {"base"}
     for words in map(str.split, text.splitlines()):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import ModelError
-from ..files import asset_finder, read_file
+from ..files import asset_finder, read_bounded
 from ..geometry import apply
 from ..meshes import MeshLibrary, quiet
 from ..model import (
@@ -58,7 +58,7 @@ def load_urdf(
     path = Path(path)
     if not path.is_file():
         raise ModelError(f"{path}: no such file")
-    data = read_file(path, MAX_URDF_BYTES)
+    data = read_bounded(path, MAX_URDF_BYTES)
     finder = asset_finder(path, packages, asset_root)
     try:
         with quiet():

@@ -28,7 +28,7 @@ from gcbench.renderer.generate.driver import generate
 from gcbench.renderer.runtime.zip_archive import Archive, open_archive
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.types.sequence import Sequence
-from gcbench.robots.files.lock import locked
+from gcbench.robots.files.lock import lock_folder
 
 from ...support import analytic, bench_data
 
@@ -206,7 +206,7 @@ def test_another_export_is_not_continued(
     assert sorted(p.name for p in out.iterdir()) == ["export.json", "training"]
     part = tmp_path / ".new.part"
     part.mkdir()
-    with locked(part), pytest.raises(GcbenchError, match="another gcbench is writing to"):
+    with lock_folder(part), pytest.raises(GcbenchError, match="another gcbench is writing to"):
         export(dataset.path, "kitti", tmp_path / "new", progress=False)
     assert part.exists()
 

@@ -33,7 +33,7 @@ from gcbench.robots.appliances.textures import (
     text_image,
 )
 from gcbench.robots.catalog import load_robot
-from gcbench.robots.files.download import whole_folder
+from gcbench.robots.files.download import create_folder_atomically
 from gcbench.robots.geometry import apply
 from gcbench.robots.model import (
     ArticulatedModel,
@@ -375,7 +375,7 @@ def test_what_fails_halfway_leaves_nothing(tmp_path: Path) -> None:
         raise OSError(28, "No space left on device")
 
     with pytest.raises(GcbenchError, match=r"cannot write it into .*No space left"):
-        whole_folder(tmp_path / "a" / "b", "it", fill)
+        create_folder_atomically(tmp_path / "a" / "b", "it", fill)
     assert list((tmp_path / "a").iterdir()) == []
 
 

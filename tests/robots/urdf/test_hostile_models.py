@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from gcbench.errors import ModelError
 from gcbench.robots.files import paths as references
+from gcbench.robots.files import read_bounded
 from gcbench.robots.meshes import MeshLibrary, MeshLimits
 from gcbench.robots.model import ArticulatedModel
 from gcbench.robots.urdf.reader import load_urdf
@@ -269,7 +270,7 @@ def test_sizes_are_bounded(tmp_path: Path) -> None:
         with pytest.raises(ModelError, match=reason):
             MeshLibrary(finder, limits).surfaces("a.obj")
     with pytest.raises(ModelError, match="larger than 10 bytes"):
-        references.read_file(path, 10)
+        read_bounded(path, 10)
 
 
 def test_the_root_is_never_the_home_or_the_file_system(

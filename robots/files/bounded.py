@@ -1,0 +1,42 @@
+"""Reading of files that may be hostile: regular files only, of bounded size."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from ...errors import GcbenchError, ModelError
+
+MAX_FILE_BYTES = 256 * 2**20
+"""Largest file of a model."""
+
+
+def read_bounded(
+    path: Path, limit: int = MAX_FILE_BYTES, error: type[GcbenchError] = ModelError
+) -> bytes:
+    """Return the bytes of a regular file.
+
+    Args:
+        path: The file; symbolic links are followed.
+        limit: Largest size, bytes.
+        error: Kind of the error to raise.
+
+    Raises:
+        GcbenchError: Of the kind `error`, if the file is missing, is no regular file (a FIFO or a
+            device, which could block), or is larger than `limit`.
+    """
+    try:
+        with open(path, "rb", opener=_open_without_blocking) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise error(f"{path}: is not a regular file")
+            data = file.read(limit + 1)
+    except OSError as problem:
+        raise error(f"{path}: cannot be read ({problem.strerror or problem})") from problem
+    if len(data) > limit:
+        raise error(f"{path}: is larger than {limit} bytes, the largest file that is read")
+    return data
+
+
+def _open_without_blocking(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
