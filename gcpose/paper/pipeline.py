@@ -7,10 +7,12 @@ the video. `gcpose-depth`: with depth, motions by PnP and bundle adjustment over
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import ConfigError, MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
@@ -78,7 +80,7 @@ class FlowOnly:
         video = _observe(observation, self.name, self.flow, None, self.settings)
         if video is None:
             return static_estimate(observation)
-        return _finite(observation, _angles_by_flow(video)[0])
+        return _finite(observation, _angles_by_flow(video))
 
 
 class Epipolar:
@@ -112,7 +114,7 @@ class Epipolar:
         video = _observe(observation, self.name, self.network, None, self.settings)
         if video is None:
             return static_estimate(observation)
-        return _finite(observation, _angles_by_flow(_tune(video, self.network))[0])
+        return _finite(observation, _angles_by_flow(_tune(video, self.network)))
 
 
 class WithDepth:
@@ -240,8 +242,9 @@ def _tune(video: _Video, network: Any) -> _Video:
     height, width = evidence.moving.shape[1:]
     left, top = evidence.corner
     crop = np.ascontiguousarray(rgb[:, top : top + height, left : left + width])
+    sized: Any = for_cuts_of(network, *rgb.shape[1:3])
     flow = tune_flow(
-        for_cuts_of(network, *rgb.shape[1:3]), crop, evidence.moving,
+        sized, crop, evidence.moving,
         float(evidence.intrinsics[0, 0]), video.match, video.settings.paper)
     tracker = VideoTracker(replace(evidence, flow=flow), video.tracker.known, video.settings.rgb)
     return replace(video, tracker=tracker)
@@ -252,8 +255,8 @@ def _match_all(video: _Video) -> list[MatchedParts | None]:
 
 
 def _accumulate(
-    video: _Video, pairs: list[MatchedParts | None], steps: list[list[Array | None]]
-) -> tuple[Array, list[Array]]:
+    video: _Video, pairs: list[MatchedParts | None], steps: Sequence[Sequence[Array | None]]
+) -> tuple[Array, list[NDArray[np.int64]]]:
     """Displacements [T J], and the joints [J] of each pair's parts."""
     known, paper = video.tracker.known, video.settings.paper
     assert known.direction is not None
@@ -263,11 +266,11 @@ def _accumulate(
     return accumulate_angles(pairs, steps, Axes(known.direction, known.parent), orders, paper)
 
 
-def _angles_by_flow(video: _Video) -> tuple[Array, list[Array]]:
+def _angles_by_flow(video: _Video) -> Array:
     """Displacements [T J] by essential matrices (Sec. 3.3)."""
     pairs, none = _match_all(video), [None] * video.tracker.joints
     steps = [none if p is None else rotations(p, video.settings.paper) for p in pairs]
-    return _accumulate(video, pairs, steps)
+    return _accumulate(video, pairs, steps)[0]
 
 
 def _angles_by_depth(video: _Video) -> Array:
@@ -295,7 +298,9 @@ def _angles_by_depth(video: _Video) -> Array:
     return hypothesis.state.angle
 
 
-def _hypothesis(video: _Video, angle: Array, keys: list[int], label: Array) -> VideoHypothesis:
+def _hypothesis(
+    video: _Video, angle: Array, keys: list[int], label: NDArray[np.int64]
+) -> VideoHypothesis:
     """Displacements [T J] and labeled points [N] of key frames, with axes at the first hinges."""
     tracker, known, first = video.tracker, video.tracker.known, video.points[0]
     assert known.direction is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse
 from ..chain import Articulation, Hinges, Known, from_axis, hinges
@@ -103,7 +104,9 @@ class VideoTracker:
             label_inversions=label_inversions(label, rank, points.frame))
         return replace(out, axis_offset=self.axis_offset(out))
 
-    def _places_in_keys(self, rays: MovedRays, depth: Array, keys: Array) -> Array:
+    def _places_in_keys(
+        self, rays: MovedRays, depth: Array, keys: NDArray[np.int64]
+    ) -> Array:
         """[N K J 2] px, of each point in each key frame if it is on part j."""
         there = rays.motion[rays.key][:, keys, 1:]
         place = np.einsum("nkjab,nb->nkja", there[..., :3], rays.ray)
