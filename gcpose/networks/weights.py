@@ -1,16 +1,22 @@
-"""Weights of networks from untrusted files: only tensors are read, never objects or code."""
+"""Weights of networks and checkpoints of training in files.
+
+Files may come from anywhere: only tensors are read, never objects or code.
+"""
 
 # pyright: basic
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...errors import ConfigError, MethodError
+from ...robots.files import replace_atomically
+from .torch_runtime import Tensor, nn, torch
 
-if TYPE_CHECKING:
-    from torch import Tensor
+_CHECKPOINT = "checkpoint.safetensors"
+_MOMENTS = ("exp_avg", "exp_avg_sq")
 
 
 def read_weights(path: Path, like: Mapping[str, Tensor], network: str) -> dict[str, Tensor]:
@@ -48,8 +54,6 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
         ConfigError: If it cannot be read.
         MethodError: If a package is missing.
     """
-    import torch
-
     if not path.is_file():
         raise ConfigError(f"{path}: there is no such file")
     try:
@@ -67,4 +71,70 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
         tree = tree["state_dict"]
     if not isinstance(tree, dict):
         raise ConfigError(f"{path}: holds no tensors by name")
-    return {str(key): value for key, value in tree.items() if isinstance(value, torch.Tensor)}
+    return {str(key): value for key, value in tree.items() if isinstance(value, Tensor)}
+
+
+def write_weights(path: Path, network: nn.Module) -> None:
+    """Write the tensors of a network to a safetensors file, atomically."""
+    _write_tensors(path, dict(network.state_dict()))
+
+
+def _write_tensors(path: Path, tensors: dict[str, Tensor]) -> None:
+    from safetensors.torch import save_file
+
+    try:
+        with replace_atomically(path) as temporary:
+            save_file({k: v.detach().cpu().contiguous() for k, v in tensors.items()}, temporary)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from error
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Progress of a training run."""
+
+    step: int
+    """Steps that are done"""
+    seconds: float
+    """Time that they took"""
+
+
+def write_checkpoint(
+    folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer, at: Checkpoint
+) -> None:
+    """Write the state of network and AdamW, and the network alone (raft.safetensors)."""
+    tensors = {f"network/{key}": value for key, value in network.state_dict().items()}
+    for name, parameter in network.named_parameters():
+        state = optimizer.state[parameter]
+        tensors |= {f"{key}/{name}": state[key] for key in _MOMENTS if key in state}
+    tensors["at"] = torch.tensor([at.step, at.seconds], dtype=torch.float64)
+    _write_tensors(folder / _CHECKPOINT, tensors)
+    write_weights(folder / "raft.safetensors", network)
+
+
+def read_checkpoint(
+    folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer
+) -> Checkpoint:
+    """Restore network and AdamW from a folder; without a checkpoint the run is at step 0.
+
+    Raises:
+        ConfigError: If the file is damaged or of another network.
+    """
+    path = folder / _CHECKPOINT
+    if not path.exists():
+        return Checkpoint(0, 0.0)
+    like = {f"network/{key}": value for key, value in network.state_dict().items()}
+    named = dict(network.named_parameters())
+    like |= {f"{key}/{name}": p for name, p in named.items() for key in _MOMENTS}
+    like["at"] = torch.zeros(2, dtype=torch.float64)
+    found = read_weights(path, like, "this training")
+    step, seconds = found["at"].tolist()
+    if step < 0 or step != int(step):
+        raise ConfigError(f"{path}: step {step} is not a number of steps")
+    network.load_state_dict({k[8:]: v for k, v in found.items() if k.startswith("network/")})
+    for name, parameter in named.items():
+        optimizer.state[parameter] = {
+            "step": torch.tensor(float(step)),
+            **{key: found[f"{key}/{name}"].to(parameter.device) for key in _MOMENTS},
+        }
+    return Checkpoint(int(step), seconds)

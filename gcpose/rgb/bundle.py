@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse
 from ..chain import Articulation, Hinges, axis_basis, closeness, displaced, relative, smoothness
+from ..numerics import Solver
 from .kernels import accumulate
 from .points import InverseDepthPoints
 from .settings import RgbSettings
@@ -85,6 +86,7 @@ def adjust_points(
     hessian = np.zeros((0, 0))
     blocks = _smoothness_blocks(points, settings)
     low, high = settings.min_inverse_depth, settings.max_inverse_depth
+    solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
     for scale in weights.scales:
         basis = tuple(
             axis_basis(state.twist[j], bool(state.prismatic[j]), setup.hinges.point[j],
@@ -97,9 +99,7 @@ def adjust_points(
         by_depth, alone = _solve_depths(equations, moved, blocks, weights.depth_sigma)
         hessian = equations.matrix - equations.coupling.T @ by_depth
         right = equations.vector - equations.coupling.T @ alone
-        damping = settings.damping * np.diag(equations.matrix) + 1e-6
-        step = np.linalg.solve(hessian + np.diag(damping), right)
-        step *= min(1.0, settings.max_step / max(1e-12, float(np.abs(step).max())))
+        step = solver.step(hessian, right, diagonal=np.diag(equations.matrix))
         change = alone - by_depth @ step
         most = settings.max_depth_step
         depth = np.clip(depth + np.clip(change, -most, most), low, high)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array
 from ..chain import Articulation
 from ..images import PatchSearch, PredictedPatches, VideoEvidence, find_patches
+from ..numerics import geman_mcclure_cost
 from .points import InverseDepthPoints, predict_places, predict_warps
 from .settings import RgbSettings
 
@@ -72,7 +73,8 @@ def patch_misfit(
     square = np.einsum("nti,ntij,ntj->nt", away, points.place_information, away)
     found = points.place_information[..., 0, 0] + points.place_information[..., 1, 1] > 0
     limit = settings.patch_outlier_cost
-    cost = np.where(found, limit * square / (limit + square), settings.patch_missing_cost)
+    robust = limit * geman_mcclure_cost(square / limit)
+    cost = np.where(found, robust, settings.patch_missing_cost)
     return float(cost[frames_nearby(points, cost.shape[1], span)].mean())
 
 

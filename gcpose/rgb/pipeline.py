@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from ...errors import MethodError
 from ...renderer.types import Estimate, Observation
-from ...robots.geometry import Array
+from ...robots.geometry import Array, pinhole
 from ..chain import Known, screws_of
 from ..images import Depth, Flow, ImageSettings, VideoEvidence, video_evidence
 from .points import predict_places
@@ -73,8 +73,7 @@ def object_distance(known: Known, evidence: VideoEvidence) -> float:
     if known.line is None or known.prismatic.all():
         return 1.0
     v, u = np.nonzero(evidence.moving[0])
-    k = evidence.intrinsics
-    ray = np.array([(u.mean() - k[0, 2]) / k[0, 0], (v.mean() - k[1, 2]) / k[1, 1], 1.0])
+    ray = pinhole.pixel_rays(evidence.intrinsics, [u.mean(), v.mean()])
     found: list[float] = []
     for line in known.line[~known.prismatic]:  # where each axis passes the line of sight
         l, foot = line[:3], np.cross(line[:3], line[3:])
@@ -98,7 +97,7 @@ def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array 
     if origin[2] <= 0:
         return None
     v, u = np.nonzero(evidence.moving.any(axis=0))
-    at = (evidence.intrinsics @ origin)[:2] / origin[2]
+    at = pinhole.project(evidence.intrinsics, origin)[:2]
     away = np.hypot(u - at[0], v - at[1]).min()
     return origin / origin[2] if away < max(np.ptp(u), np.ptp(v)) else None
 

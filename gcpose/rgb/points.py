@@ -57,8 +57,8 @@ def motions_from_key(state: Articulation, points: InverseDepthPoints) -> Array:
 
 def predict_places(state: Articulation, points: InverseDepthPoints, intrinsics: Array) -> Array:
     """Return the place [N T 2], px, of each point in each frame."""
-    at = _project(motions_from_key(state, points), points)[0]
-    return at * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+    motion = motions_from_key(state, points)
+    return project_rays(motion, points.ray[:, None], points.inverse_depth[:, None], intrinsics)
 
 
 def predict_warps(state: Articulation, points: InverseDepthPoints, settings: RgbSettings) -> Array:
@@ -68,16 +68,22 @@ def predict_warps(state: Articulation, points: InverseDepthPoints, settings: Rgb
     in the ray.
     """
     motion = motions_from_key(state, points)
-    at, depth = _project(motion, points)
+    at, depth = _move(motion, points.ray[:, None], points.inverse_depth[:, None])
     slope = inverse_depth_slopes(points, settings)
     by_ray = motion[..., :3, :2] + motion[..., :3, 3:] * slope[:, None, None]
     return (by_ray[..., :2, :] - at[..., None] * by_ray[..., 2:, :]) / depth[..., None]
 
 
-def _project(motion: Array, points: InverseDepthPoints) -> tuple[Array, Array]:
-    """Places [N T 2] at depth 1, and depths [N T 1] in units of the depth in the key frame."""
-    moved = np.einsum("ntab,nb->nta", motion[..., :3, :3], points.ray)
-    moved += points.inverse_depth[:, None, None] * motion[..., :3, 3]
+def project_rays(motion: Array, ray: Array, inverse_depth: Array, intrinsics: Array) -> Array:
+    """Return the places [... 2], px, of points on rays [... 3] under motions [... 4 4]."""
+    at, _ = _move(motion, ray, inverse_depth)
+    return at * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+
+
+def _move(motion: Array, ray: Array, inverse_depth: Array) -> tuple[Array, Array]:
+    """Places [... 2] at depth 1, and depths [... 1] in units of the depth in the key frame."""
+    moved = np.einsum("...ab,...b->...a", motion[..., :3, :3], ray)
+    moved += inverse_depth[..., None] * motion[..., :3, 3]
     depth = np.maximum(moved[..., 2:], 0.05)
     return moved[..., :2] / depth, depth
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse
 from ..chain import Articulation, Hinges, Known, from_axis, hinges
@@ -20,7 +19,7 @@ from .labels import (
     label_inversions,
     sample_pixels,
 )
-from .points import InverseDepthPoints
+from .points import InverseDepthPoints, project_rays
 from .settings import RgbSettings
 
 
@@ -90,7 +89,9 @@ class VideoTracker:
             cost = cost + self.settings.patch_label_weight * patch_costs(
                 rays, depth, measured.place, measured.place_information, self.settings)
         rank = self.rank(points, hypothesis.base)
-        tracks = average_along_tracks(points, cost, self._places_in_keys(rays, depth, keys))
+        place = project_rays(  # in each key frame on each part
+            rays.motion[key][:, keys, 1:], points.ray[:, None, None], depth[:, None], k)
+        tracks = average_along_tracks(points, cost, place)
         label = assign_labels(points, tracks, rank, self.settings.order_cost)
         if points.part is not None:
             label = points.part - 1
@@ -103,16 +104,6 @@ class VideoTracker:
             flow_cost=float(by_flow[mine].mean()),
             label_inversions=label_inversions(label, rank, points.frame))
         return replace(out, axis_offset=self.axis_offset(out))
-
-    def _places_in_keys(
-        self, rays: MovedRays, depth: Array, keys: NDArray[np.int64]
-    ) -> Array:
-        """[N K J 2] px, of each point in each key frame if it is on part j."""
-        there = rays.motion[rays.key][:, keys, 1:]
-        place = np.einsum("nkjab,nb->nkja", there[..., :3], rays.ray)
-        place = place[..., :3] + depth[:, None, :, None] * there[..., :3, 3]
-        k = self.evidence.intrinsics
-        return k[0, 0] * place[..., :2] / np.maximum(0.05, place[..., 2:]) + k[:2, 2]
 
     def axis_offset(self, hypothesis: VideoHypothesis) -> float:
         """Return the number of axes far from their hinges, of joints that a part carries.

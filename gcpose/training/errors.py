@@ -1,4 +1,4 @@
-"""How wrong a flow is where it matters: on parts that move, pixel by pixel and as a whole."""
+"""Errors of a flow on moving parts, by pixel and by part."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..images import Flow
-from .pairs import STILL, Pair
+from .pairs import STATIC_MOTION, FramePair
 
-_FEWEST = 40  # pixels of a part whose bias counts, at any resolution
+_MIN_PIXELS = 40  # of a part whose bias counts, at any resolution
 
 
 @dataclass(frozen=True)
 class FlowErrors:
-    """Over the moving parts of all pairs, px; occluded pixels left out."""
+    """Errors over the moving parts of all pairs, px, without occluded pixels."""
 
     epe: float
     """Mean end-point error over the pixels."""
@@ -23,15 +23,15 @@ class FlowErrors:
     bias: float
     """Length of the mean error vector over a part's pixels, mean over the parts."""
     bias_by_size: float
-    """The same, parts weighted by their pixels."""
+    """The same, weighted by the parts' pixels."""
     speed: float
-    """Mean length of the true flow: what `no motion` errs by."""
+    """Mean length of the true flow: the error of zero flow."""
     pairs: int
     parts: int
 
 
-def flow_errors(flows: Mapping[str, Flow], pairs: Iterable[Pair]) -> dict[str, FlowErrors]:
-    """The errors of flows by name, all on the same pairs."""
+def flow_errors(flows: Mapping[str, Flow], pairs: Iterable[FramePair]) -> dict[str, FlowErrors]:
+    """Return the errors of flows by name, all on the same pairs."""
     lengths: dict[str, list[float]] = {name: [] for name in flows}
     pixels = {name: list[np.ndarray]() for name in flows}
     speeds: list[np.ndarray] = []
@@ -42,7 +42,7 @@ def flow_errors(flows: Mapping[str, Flow], pairs: Iterable[Pair]) -> dict[str, F
         known = np.isfinite(pair.flow).all(axis=2) & pair.seen & (pair.part > 0)
         speed = np.linalg.norm(pair.flow, axis=2)
         masks = [known & (pair.part == p) for p in np.unique(pair.part[known])]
-        masks = [m for m in masks if m.sum() >= _FEWEST and speed[m].mean() > STILL]
+        masks = [m for m in masks if m.sum() >= _MIN_PIXELS and speed[m].mean() > STATIC_MOTION]
         sizes += [int(m.sum()) for m in masks]
         speeds += [speed[m] for m in masks]
         for name, flow in flows.items():

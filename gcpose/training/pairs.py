@@ -1,4 +1,4 @@
-"""Pairs of images to learn flow from: read from datasets, cropped and changed at random."""
+"""Pairs of images with true flow, read from datasets, cropped and changed at random."""
 
 from __future__ import annotations
 
@@ -11,21 +11,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...renderer.dataset import Dataset, open_dataset
 from ...renderer.types import OCCLUDED, OUT_OF_IMAGE, Sequence
+from .config import AugmentationConfig, LossConfig, TrainConfig
 
-STILL = 0.05  # px; parts that move less count as background
-_MOVING = 0.8  # weight of all moving parts together
-_HIDDEN = 0.2  # weight of a pixel that the other image does not show
-MOST_PARTS = 64
-
-
+STATIC_MOTION = 0.05
+"""Mean motion below which a part counts as background, px."""
+MAX_PARTS = 64
+"""Parts of an image that the loss tells apart."""
 _Index = slice | NDArray[np.int64]
 
 
-class Pair(NamedTuple):
-    """Two images and what is true of them."""
+class FramePair(NamedTuple):
+    """Two images of a sequence and the truth about them."""
 
     a: NDArray[np.uint8]
     """[H W 3]"""
@@ -38,9 +37,9 @@ class Pair(NamedTuple):
     seen: NDArray[np.bool_]
     """[H W] whether b shows the pixel"""
 
-    def viewed(self, rows: _Index, columns: _Index, factor: Row[float] = (1.0, 1.0)) -> Pair:
-        """Those rows and columns, the flow (u, v) multiplied."""
-        return Pair(
+    def select(self, rows: _Index, columns: _Index, factor: Row[float] = (1.0, 1.0)) -> FramePair:
+        """Return some rows and columns, with the flow (u, v) multiplied by a factor."""
+        return FramePair(
             self.a[rows][:, columns], self.b[rows][:, columns],
             self.flow[rows][:, columns] * np.array(factor, np.float32),
             self.part[rows][:, columns], self.seen[rows][:, columns],
@@ -49,54 +48,61 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class Sample:
-    """A crop as the network learns from it; h x w pixels."""
+    """A crop of h x w pixels, as the network learns from it."""
 
     a: NDArray[np.float32]
     """[3 h w] 0..1"""
     b: NDArray[np.float32]
     """[3 h w]"""
     flow: NDArray[np.float32]
-    """[2 h w] px, the truth"""
+    """[2 h w] px"""
     part: NDArray[np.int64]
-    """[h w] 0: what does not move"""
+    """[h w] 0: static"""
     weight: NDArray[np.float32]
-    """[h w] sums to 1; parts count by the root of their size"""
+    """[h w] of sum 1; the weight of a part is by the root of its size"""
 
 
 class Pairs:
-    """All pairs of neighbouring frames of datasets, both ways: sample i of a seed is always one."""
+    """All pairs of neighboring frames of datasets, in both directions.
 
-    def __init__(self, folders: Row[Path], seed: int, crop: tuple[int, int] = (176, 144)) -> None:
-        """`crop` is width and height. Raises GcbenchError if there are no frames to pair."""
+    Sample i of a seed is always the same.
+    """
+
+    def __init__(self, folders: Row[Path], config: TrainConfig) -> None:
+        """Open datasets; `config` has the seed, the crop, augmentation and weights.
+
+        Raises:
+            DatasetError: If there are no pairs of frames.
+        """
         self.datasets = [open_dataset(folder) for folder in folders]
-        self.seed, self.crop = seed, crop
+        self.config = config
         self._ends = np.cumsum([_steps(d) * len(d) * 2 for d in self.datasets], dtype=np.int64)
         if not self.datasets or not self._ends[-1]:
-            raise GcbenchError("there are no pairs of frames in the datasets to learn from")
+            raise DatasetError("there are no pairs of frames in the datasets to learn from")
 
     def __len__(self) -> int:
         return int(self._ends[-1])
 
-    def pair(self, index: int) -> Pair:
-        """Pair `index` in 0 .. len - 1: frames t and t + 1, or t + 1 and t."""
+    def pair(self, index: int) -> FramePair:
+        """Return pair `index` in 0 .. len - 1: frames t and t + 1, or t + 1 and t."""
         which = int(np.searchsorted(self._ends, index, side="right"))
         dataset = self.datasets[which]
         index = index - (int(self._ends[which - 1]) if which else 0)
         number, step = divmod(index, 2 * _steps(dataset))
-        return pair_of(dataset[number], step // 2, backward=bool(step % 2))
+        return read_pair(dataset[number], step // 2, backward=bool(step % 2))
 
     def sample(self, number: int) -> Sample:
-        """The sample of a number, without end."""
-        rng = np.random.default_rng([self.seed, number])
-        return drawn(self.pair(int(rng.integers(len(self)))), self.crop, rng)
+        """Return the sample of any number."""
+        rng = np.random.default_rng([self.config.seed, number])
+        return draw_sample(self.pair(int(rng.integers(len(self)))), self.config, rng)
 
 
 def _steps(dataset: Dataset) -> int:
     return dataset.config.frames - 1
 
 
-def pair_of(sequence: Sequence, t: int, backward: bool = False) -> Pair:
-    """Frames t and t + 1 with the flow between, or from t + 1 back to t."""
+def read_pair(sequence: Sequence, t: int, backward: bool = False) -> FramePair:
+    """Return frames t and t + 1 with the flow between, or from t + 1 back to t."""
     if backward:
         flow, part = sequence.flow_backward[t], sequence.part[t + 1]
         u, v = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in part.shape[::-1]))
@@ -106,17 +112,18 @@ def pair_of(sequence: Sequence, t: int, backward: bool = False) -> Pair:
     else:
         flow, part = sequence.flow[t], sequence.part[t]
         seen = ~np.isin(sequence.visibility[t], (OCCLUDED, OUT_OF_IMAGE))
-    # Without a surface the flow is unknown (a backdrop): the camera is still, and so is that.
+    # Flow is unknown without a surface (a backdrop), which is static, as the camera is.
     flow = np.where((part == 0)[..., None], np.nan_to_num(flow), flow)
     a, b = (sequence.rgb[i] for i in ((t + 1, t) if backward else (t, t + 1)))
-    return Pair(a, b, flow, part.astype(np.int64), seen)
+    return FramePair(a, b, flow, part.astype(np.int64), seen)
 
 
-def drawn(pair: Pair, crop: tuple[int, int], rng: np.random.Generator) -> Sample:
-    """A crop about something that moves: scaled, mirrored, its colours changed."""
-    pair = _mirrored(_cropped(pair, crop, rng), rng)
-    a, b = _colored(pair.a, pair.b, rng)
-    part, weight = weighted(pair)
+def draw_sample(pair: FramePair, config: TrainConfig, rng: np.random.Generator) -> Sample:
+    """Return a crop around something that moves, resized, mirrored and with other colors."""
+    augmentation = config.augmentation
+    pair = _mirror(_crop(pair, config.crop, augmentation, rng), augmentation, rng)
+    a, b = _recolor(pair.a, pair.b, augmentation, rng)
+    part, weight = weigh_pixels(pair, config.loss)
     first, second = (_channels(np.multiply(x, 1 / 255, dtype=np.float32)) for x in (a, b))
     flow = np.nan_to_num(pair.flow)
     return Sample(first, second, _channels(flow), part, weight)
@@ -127,38 +134,46 @@ def _channels(image: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.ascontiguousarray(np.moveaxis(image, 2, 0))
 
 
-def weighted(pair: Pair) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Part numbers [H W] with 0 for all that is still, and weights [H W] that sum to 1."""
+def weigh_pixels(
+    pair: FramePair, config: LossConfig
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return part numbers [H W], 0 where static, and weights [H W] of sum 1."""
     known = np.isfinite(pair.flow).all(axis=2)
     speed = np.linalg.norm(np.nan_to_num(pair.flow), axis=2)
-    numbers = max(MOST_PARTS, int(pair.part.max()) + 1)
+    numbers = max(MAX_PARTS, int(pair.part.max()) + 1)
     counts = np.bincount(pair.part[known], minlength=numbers)
     total = np.bincount(pair.part[known], speed[known], minlength=numbers)
-    moving = (total > STILL * np.maximum(counts, 1)) & (np.arange(len(counts)) < MOST_PARTS)
+    moving = (total > STATIC_MOTION * np.maximum(counts, 1)) & (np.arange(len(counts)) < MAX_PARTS)
     moving[0] = False
     part = np.where(moving[pair.part], pair.part, 0)
     counts = np.bincount(part[known], minlength=numbers)
     share = np.sqrt(counts) * (np.arange(len(counts)) > 0)
-    share *= _MOVING / max(float(share.sum()), 1e-9)
-    share[0] = 1.0 - _MOVING
-    weight = (share / np.maximum(counts, 1))[part] * known * np.where(pair.seen, 1.0, _HIDDEN)
-    weight /= 1.0 + 0.05 * speed
+    share *= config.moving / max(float(share.sum()), 1e-9)
+    share[0] = 1.0 - config.moving
+    weight = (share / np.maximum(counts, 1))[part] * known
+    weight = weight * np.where(pair.seen, 1.0, config.hidden)
+    weight /= 1.0 + config.speed_discount * speed
     return part, (weight / max(float(weight.sum()), 1e-9)).astype(np.float32)
 
 
-def _cropped(pair: Pair, crop: tuple[int, int], rng: np.random.Generator) -> Pair:
-    """A window around a moving pixel, at another scale half of the time."""
+def _crop(
+    pair: FramePair, crop: tuple[int, int], config: AugmentationConfig, rng: np.random.Generator
+) -> FramePair:
+    """A window around a moving pixel, sometimes resized."""
     height, width = pair.part.shape
-    scale = float(np.exp(rng.uniform(np.log(0.75), np.log(1.6)))) if rng.random() < 0.5 else 1.0
+    scale = 1.0
+    if rng.random() < config.resize_probability:
+        scale = float(np.exp(rng.uniform(*np.log(config.resize))))
     scale = max(scale, crop[0] / width, crop[1] / height)
     w, h = (min(round(c / scale), n) for c, n in zip(crop, (width, height), strict=True))
-    moving = np.flatnonzero(np.nan_to_num(np.abs(pair.flow)).sum(axis=2)[::4, ::4] > 2 * STILL)
+    motion = np.nan_to_num(np.abs(pair.flow)).sum(axis=2)[::4, ::4]
+    moving = np.flatnonzero(motion > 2 * STATIC_MOTION)
     v, u = height // 2, width // 2
     if len(moving):
         v, u = (4 * int(x) for x in np.divmod(rng.choice(moving), -(-width // 4)))
     left = int(np.clip(u - w // 2 + rng.integers(-w // 3, w // 3 + 1), 0, width - w))
     top = int(np.clip(v - h // 2 + rng.integers(-h // 3, h // 3 + 1), 0, height - h))
-    window = pair.viewed(slice(top, top + h), slice(left, left + w))
+    window = pair.select(slice(top, top + h), slice(left, left + w))
     if (w, h) == crop:
         return window
     smooth = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
@@ -166,30 +181,35 @@ def _cropped(pair: Pair, crop: tuple[int, int], rng: np.random.Generator) -> Pai
             for x in (window.a, window.b))
     rows, columns = (np.minimum((np.arange(n) + 0.5) * size / n, size - 1).astype(np.int64)
                      for n, size in ((crop[1], h), (crop[0], w)))
-    return window.viewed(rows, columns, (crop[0] / w, crop[1] / h))._replace(a=a, b=b)
+    return window.select(rows, columns, (crop[0] / w, crop[1] / h))._replace(a=a, b=b)
 
 
-def _mirrored(pair: Pair, rng: np.random.Generator) -> Pair:
-    """Along either axis, or none."""
+def _mirror(
+    pair: FramePair, config: AugmentationConfig, rng: np.random.Generator
+) -> FramePair:
+    """Mirror along each axis at random."""
     forward, back = slice(None), slice(None, None, -1)
-    if rng.random() < 0.5:
-        pair = pair.viewed(forward, back, (-1.0, 1.0))
-    if rng.random() < 0.5:
-        pair = pair.viewed(back, forward, (1.0, -1.0))
+    if rng.random() < config.mirror_probability:
+        pair = pair.select(forward, back, (-1.0, 1.0))
+    if rng.random() < config.mirror_probability:
+        pair = pair.select(back, forward, (1.0, -1.0))
     return pair
 
 
-def _colored(
-    a: NDArray[np.uint8], b: NDArray[np.uint8], rng: np.random.Generator
+def _recolor(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], config: AugmentationConfig,
+    rng: np.random.Generator,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Channels swapped, tones bent alike in both images, exposure a little apart, noise, blur."""
+    """Permute channels and change tones of both images, then exposure, noise and blur of each."""
     channels = rng.permutation(3)
-    gamma, offset = rng.uniform(0.7, 1.4), rng.uniform(-0.1, 0.1)
-    gain = rng.uniform(0.7, 1.2) * rng.uniform(0.85, 1.15, 3) if rng.random() < 0.7 else np.ones(3)
-    apart = rng.uniform(0.97, 1.03) if rng.random() < 0.25 else 1.0
+    gamma, offset = rng.uniform(*config.gamma), rng.uniform(*config.offset)
+    gain = np.ones(3)
+    if rng.random() < config.gain_probability:
+        gain = rng.uniform(*config.gain) * rng.uniform(*config.channel_gain, 3)
+    apart = rng.uniform(*config.exposure) if rng.random() < config.exposure_probability else 1.0
     tone = np.arange(256) / 255.0
-    sigma = rng.uniform(0.0, 4.0) if rng.random() < 0.4 else 0.0
-    blur = rng.uniform(0.3, 0.9) if rng.random() < 0.2 else 0.0
+    sigma = rng.uniform(*config.noise) if rng.random() < config.noise_probability else 0.0
+    blur = rng.uniform(*config.blur) if rng.random() < config.blur_probability else 0.0
     out: list[NDArray[np.uint8]] = []
     for image, factor in ((a, 1.0), (b, apart)):
         table = np.clip(255 * (tone[:, None] ** gamma * gain * factor + offset), 0, 255)

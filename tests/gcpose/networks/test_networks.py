@@ -117,7 +117,7 @@ def test_dis_finds_a_shift(flow: object) -> None:
 
 
 def test_raft_weights_round_trip(tmp_path: Path) -> None:
-    from gcbench.gcpose.training.checkpoint import write_weights
+    from gcbench.gcpose.networks.weights import write_weights
 
     path = tmp_path / "raft.safetensors"
     torch.manual_seed(3)

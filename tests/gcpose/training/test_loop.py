@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
-from gcbench.gcpose.training.config import TrainConfig
-from gcbench.gcpose.training.data import recipe
+from gcbench.gcpose.training.config import LossConfig, TrainConfig
+from gcbench.gcpose.training.data import plan_datasets
 from gcbench.gcpose.training.errors import flow_errors
-from gcbench.gcpose.training.pairs import Pair, Pairs, drawn, weighted
+from gcbench.gcpose.training.pairs import FramePair, Pairs, draw_sample, weigh_pixels
 from gcbench.renderer.scene.config import resolved
 from gcbench.robots.catalog import load_robot
 
 from ...support.bench_data import make_dataset
+
+CROPPED = TrainConfig(crop=(64, 48))
 
 
 def to_learn_from(folder: Path, n: int = 3) -> Path:
@@ -30,7 +32,7 @@ def to_learn_from(folder: Path, n: int = 3) -> Path:
     return folder
 
 
-def shifted(shift: tuple[int, int] = (5, -3), size: tuple[int, int] = (96, 128)) -> Pair:
+def shifted(shift: tuple[int, int] = (5, -3), size: tuple[int, int] = (96, 128)) -> FramePair:
     """Two parts on a still ground; part 2 moves by `shift` (u, v), part 1 does not."""
     rng = np.random.default_rng(0)
     coarse = rng.uniform(0, 255, (size[0] // 8, size[1] // 8, 3)).astype(np.float32)
@@ -44,11 +46,11 @@ def shifted(shift: tuple[int, int] = (5, -3), size: tuple[int, int] = (96, 128))
     b = np.where((part == 1)[..., None], thing, ground)
     b = np.where(there[..., None], np.roll(thing, shift[::-1], (0, 1)), b).astype(np.uint8)
     flow = np.where((part == 2)[..., None], np.float32(shift), np.float32(0))
-    return Pair(a, b, flow, part, ~(there & (part != 2)))
+    return FramePair(a, b, flow, part, ~(there & (part != 2)))
 
 
 def test_weights_are_of_what_moves_and_sum_to_one() -> None:
-    part, weight = weighted(shifted())
+    part, weight = weigh_pixels(shifted(), LossConfig())
     assert set(np.unique(part)) == {0, 2}
     assert weight.sum() == pytest.approx(1, abs=1e-5)
     assert weight[part == 2].sum() == pytest.approx(0.8, abs=0.05)
@@ -61,7 +63,8 @@ def test_parts_count_by_the_root_of_their_size() -> None:
     part = np.full((64, 64), 1)
     part[:8, :8] = 2
     image = np.zeros((64, 64, 3), np.uint8)
-    _, weight = weighted(Pair(image, image, flow, part, np.ones((64, 64), bool)))
+    _, weight = weigh_pixels(
+        FramePair(image, image, flow, part, np.ones((64, 64), bool)), LossConfig())
     ratio = weight[part == 1].sum() / weight[part == 2].sum()
     assert ratio == pytest.approx(np.sqrt((64 * 64 - 64) / 64), rel=1e-4)
 
@@ -71,7 +74,7 @@ def test_unknown_flow_and_many_parts_weigh_nothing_more() -> None:
     part, flow = pair.part.copy(), pair.flow.copy()
     part[:8, :8], part[-8:, -8:] = 200, 90
     flow[:8, :8], flow[-8:, -8:] = np.nan, 3.0
-    numbers, weight = weighted(pair._replace(part=part, flow=flow))
+    numbers, weight = weigh_pixels(pair._replace(part=part, flow=flow), LossConfig())
     assert set(np.unique(numbers)) == {0, 2}  # as many as the loss can tell apart
     assert not weight[:8, :8].any() and weight.sum() == pytest.approx(1, abs=1e-5)
 
@@ -79,7 +82,7 @@ def test_unknown_flow_and_many_parts_weigh_nothing_more() -> None:
 @pytest.mark.parametrize("seed", range(12))
 def test_a_sample_keeps_flow_and_images_together(seed: int) -> None:
     """Whatever is drawn, b at x + flow(x) looks as a at x does, but for tone and noise."""
-    sample = drawn(shifted(), (64, 48), np.random.default_rng(seed))
+    sample = draw_sample(shifted(), CROPPED, np.random.default_rng(seed))
     assert sample.a.shape == (3, 48, 64) and sample.weight.shape == (48, 64)
     u, v = np.meshgrid(np.arange(64, dtype=np.float32), np.arange(48, dtype=np.float32))
     gray = [cv2.GaussianBlur(x.mean(0), (0, 0), 1.5) for x in (sample.a, sample.b)]
@@ -96,18 +99,18 @@ def test_a_sample_keeps_flow_and_images_together(seed: int) -> None:
 
 def test_a_sample_of_a_number_is_always_one(tmp_path: Path) -> None:
     folder = make_dataset(tmp_path / "d")
-    first, second = (Pairs([folder, folder], 3, (48, 32)) for _ in range(2))
+    first, second = (Pairs([folder, folder], TrainConfig(seed=3, crop=(48, 32))) for _ in range(2))
     assert len(first) == 2 * 3 * 3 * 2
     for number in (0, 5, 9):
         a, b = first.sample(number), second.sample(number)
         np.testing.assert_array_equal(a.a, b.a)
         np.testing.assert_array_equal(a.flow, b.flow)
     with pytest.raises(GcbenchError, match="no pairs"):
-        Pairs([], 0)
+        Pairs([], TrainConfig())
 
 
 def test_both_directions_are_each_others_inverse(tmp_path: Path) -> None:
-    pairs = Pairs([make_dataset(tmp_path / "d", n=1)], 0)
+    pairs = Pairs([make_dataset(tmp_path / "d", n=1)], TrainConfig())
     forward, backward = pairs.pair(0), pairs.pair(1)
     np.testing.assert_array_equal(forward.a, backward.b)
     seen = forward.seen & (forward.part > 0)
@@ -135,7 +138,7 @@ def test_errors_of_known_flows() -> None:
 
 
 def test_the_recipe_is_of_models_that_no_suite_holds() -> None:
-    shoots = list(recipe(9, seed=2))
+    shoots = list(plan_datasets(9, seed=2))
     assert len({s.name for s in shoots}) == len({s.config.seed for s in shoots}) == 9
     for shoot in shoots:
         assert shoot.config.stream == "train"
@@ -144,7 +147,7 @@ def test_the_recipe_is_of_models_that_no_suite_holds() -> None:
             names = load_robot(shoot.config.robot).joint_names
             assert shoot.config.scored_joints and set(shoot.config.scored_joints) <= set(names)
     assert [s.config.robot for s in shoots if ":" not in s.config.robot] == ["microwave"]
-    assert shoots == list(recipe(9, seed=2))
+    assert shoots == list(plan_datasets(9, seed=2))
 
 
 def test_half_of_the_recipe_is_of_robots_that_are_given(tmp_path: Path) -> None:
@@ -154,7 +157,7 @@ def test_half_of_the_recipe_is_of_robots_that_are_given(tmp_path: Path) -> None:
         '<parent link="a"/><child link="b"/></joint></robot>'
     )
     robots = ("microwave:3", str(file))
-    shoots = list(recipe(6, seed=2, robots=robots))
+    shoots = list(plan_datasets(6, seed=2, robots=robots))
     assert [s.config.robot for s in shoots][::2] == [robots[0], robots[1], robots[0]]
     assert all(s.config.robot.startswith("random:") for s in shoots[1::2])
     assert shoots[2].name == f"{file.stem}-20002"
@@ -178,30 +181,30 @@ def config(folder: Path, out: Path, steps: int) -> TrainConfig:
 
 def test_the_loss_is_least_at_the_truth(torch) -> None:
     from gcbench.gcpose.networks.raft import REACH, RaftOutput
-    from gcbench.gcpose.training.loss import bias, coarse, flow_loss
+    from gcbench.gcpose.training.loss import coarse_flow, flow_loss, part_bias
 
-    sample = drawn(shifted(), (64, 48), np.random.default_rng(2))
+    sample = draw_sample(shifted(), CROPPED, np.random.default_rng(2))
     flow, part, weight = (torch.from_numpy(x)[None] for x in
                           (sample.flow, sample.part, sample.weight))
-    cells, share = coarse(flow, weight)
+    cells, share = coarse_flow(flow, weight)
     assert float(share.sum()) == pytest.approx(1, abs=1e-5)
     n = 2 * REACH + 1
     even = torch.zeros(1, 12, 16, n, n)
 
     def loss(offset: float) -> float:
         out = RaftOutput([cells + offset / 4], flow + offset, even)
-        return float(flow_loss(out, flow, part, weight, progress=1.0))
+        return float(flow_loss(out, flow, part, weight, 1.0, LossConfig()))
 
     assert loss(0.0) == pytest.approx(0, abs=1e-4)
     assert loss(1.0) > loss(0.5) > 0.1
     moving = float(weight[part > 0].sum())
-    assert float(bias(torch.ones_like(flow), part, weight)) == pytest.approx(
+    assert float(part_bias(torch.ones_like(flow), part, weight)) == pytest.approx(
         2**0.5 * moving, rel=1e-4)
 
 
 def test_a_match_is_best_where_the_flow_points(torch) -> None:
     from gcbench.gcpose.networks.raft import REACH
-    from gcbench.gcpose.training.loss import match
+    from gcbench.gcpose.training.loss import correlation_loss
 
     n = 2 * REACH + 1
     target = torch.tensor([2.0, -1.0])[None, :, None, None].expand(1, 2, 2, 2)
@@ -209,9 +212,9 @@ def test_a_match_is_best_where_the_flow_points(torch) -> None:
     right, wrong = torch.zeros(2, 1, 2, 2, n, n)
     right[..., REACH - 1, REACH + 2] = 20.0
     wrong[..., REACH + 2, REACH - 1] = 20.0
-    assert float(match(right, target, share)) == pytest.approx(0, abs=1e-5)
-    assert float(match(wrong, target, share)) == pytest.approx(20, abs=0.1)
-    assert float(match(wrong, 100 * target, share)) == 0
+    assert float(correlation_loss(right, target, share)) == pytest.approx(0, abs=1e-5)
+    assert float(correlation_loss(wrong, target, share)) == pytest.approx(20, abs=0.1)
+    assert float(correlation_loss(wrong, 100 * target, share)) == 0
 
 
 def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
@@ -300,12 +303,12 @@ def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
     from gcbench.gcpose.training.loss import flow_loss
 
     torch.manual_seed(0)
-    network, sample = Raft(), drawn(shifted(), (64, 48), np.random.default_rng(4))
+    network, sample = Raft(), draw_sample(shifted(), CROPPED, np.random.default_rng(4))
     a, b, flow, part, weight = (torch.from_numpy(x)[None] for x in vars(sample).values())
     optimizer = torch.optim.AdamW(network.parameters(), 2e-3)
     losses: list[float] = []
     for _ in range(25):
-        loss = flow_loss(network(a, b, 2), flow, part, weight, 0.0)
+        loss = flow_loss(network(a, b, 2), flow, part, weight, 0.0, LossConfig())
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -336,7 +339,7 @@ def test_wrong_options_are_told_in_one_line(
 def test_the_rate_goes_up_and_then_down_to_nothing(torch) -> None:
     from gcbench.gcpose.training.loop import one_cycle
 
-    rates = [one_cycle(x) for x in np.linspace(0, 1, 101)]
+    rates = [one_cycle(x, 0.05, 0.04) for x in np.linspace(0, 1, 101)]
     assert max(rates) == pytest.approx(1, abs=0.02) and rates[0] < 0.05 and rates[-1] == 0
     peak = int(np.argmax(rates))
     assert rates[: peak + 1] == sorted(rates[: peak + 1])
