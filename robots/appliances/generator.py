@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -30,7 +30,6 @@ from ..model import (
 )
 from .dishwasher import dishwasher
 from .drawers import drawer
-from .finish import Finish
 from .fittings import Appliance, Part
 from .microwave import microwave
 from .oven import oven
@@ -80,7 +79,7 @@ def appliance_model(category: str, number: int) -> ArticulatedModel:
         The model; z is up, the front looks along -x. Lengths are in m, angles in rad.
     """
     appliance = design_appliance(category, number)
-    names = _part_names(appliance)
+    names, meshes = _part_names(appliance), mesh_groups(appliance)
     links = [Link("base")]
     for k, part in enumerate(appliance.parts):
         parent, pose, joint = "base", _BASE_FROM_BODY, Joint()
@@ -92,7 +91,7 @@ def appliance_model(category: str, number: int) -> ArticulatedModel:
                 low, high = (float(f"{limit:g}") for limit in part.limits)
                 axis = round_lengths(np.array(part.axis))
                 joint = Joint(names[k], part.joint, axis, limits=(low, high))
-        links.append(Link(names[k], parent, pose, joint, _part_surfaces(part)))
+        links.append(Link(names[k], parent, pose, joint, _part_surfaces(part, meshes[k])))
     model = ArticulatedModel.from_links(f"{category}:{number}", links)
     said = ", ".join(f"link_{k} is {name}" for k, name in enumerate(names))
     return replace(model, source=APPLIANCE_SOURCE, licence=APPLIANCE_LICENCE,
@@ -134,10 +133,12 @@ def _part_names(appliance: Appliance) -> list[str]:
     return names
 
 
-def _part_surfaces(part: Part) -> tuple[TriangleSurface, ...]:
+def _part_surfaces(
+    part: Part, meshes: Sequence[Sequence[MeshGroup]]
+) -> tuple[TriangleSurface, ...]:
     """Surfaces of a part in its own frame, in the order in which trimesh reads an OBJ's groups."""
     pose = transform(translation=round_lengths(-np.array(part.origin)))
-    found = [_surface(group) for groups in mesh_groups(part).values() for group in groups[::-1]]
+    found = [_surface(group) for groups in meshes for group in reversed(groups)]
     # the reader of URDFs moves a surface by its scale, then by its origin; each step rounds
     return tuple(moved(moved(s, np.eye(4)), pose) for s in found if s is not None)
 
@@ -149,15 +150,16 @@ def _surface(group: MeshGroup) -> TriangleSurface | None:
     order = rows[:, -1].argsort()
     rows, faces = rows[order, ::-1], order.argsort()[index.reshape(-1, 3)]
     return surface(group.vertices[rows[:, 0]], faces, group.normals[rows[:, -1]],
-                   None if group.uv is None else group.uv[rows[:, 1]], _material(group.finish))
+                   None if group.uv is None else group.uv[rows[:, 1]], _material(group))
 
 
-def _material(finish: Finish) -> Material:
+def _material(group: MeshGroup) -> Material:
+    finish = group.finish
     color: list[float] = [1.0] * 3
     texture = None
     if finish.image is None:
         color = [round(value / 255.0, 4) for value in finish.color]
     else:
         texture = np.array(finish.image.palette, np.uint8)[finish.image.pixels]
-    return Material(finish.name, base_color([*color, float(f"{finish.opacity:.3g}")]),
+    return Material(group.material, base_color([*color, float(f"{finish.opacity:.3g}")]),
                     texture=texture)

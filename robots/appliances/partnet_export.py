@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..geometry import Array
 from ..model import JointType
 from .finish import Finish, Shape
-from .fittings import Appliance, Part
+from .fittings import Appliance
 from .shapes import Solid, join
 from .textures import encode_png
 
@@ -34,6 +34,8 @@ class MeshGroup:
     """Triangles of one finish, with the digits that the files have."""
 
     name: str
+    """Name of the shape."""
+    material: str
     finish: Finish
     vertices: Array
     """[V 3] m, sorted."""
@@ -45,16 +47,18 @@ class MeshGroup:
     """[F 3 2] indices (vertex, normal), or [F 3 3] (vertex, uv, normal)."""
 
 
-def mesh_groups(part: Part) -> dict[str, list[MeshGroup]]:
-    """Return the meshes of a part by the name of their shapes; each has one group per finish."""
-    out: dict[str, list[MeshGroup]] = {}
-    for shape in part.shapes:
-        if shape.name in out:
-            continue
-        shapes = [s for s in part.shapes if s.name == shape.name]
-        finishes = dict.fromkeys(s.finish.name for s in shapes)
-        out[shape.name] = [_mesh_group([s for s in shapes if s.finish.name == finish])
-                           for finish in finishes]
+def mesh_groups(appliance: Appliance) -> list[list[list[MeshGroup]]]:
+    """Return the meshes of each part, one for each name of a shape, in one group per finish."""
+    out, count = list[list[list[MeshGroup]]](), 0
+    for part in appliance.parts:
+        out.append([])
+        for name in dict.fromkeys(shape.name for shape in part.shapes):
+            shapes = [shape for shape in part.shapes if shape.name == name]
+            finishes = dict.fromkeys(shape.finish.name for shape in shapes)
+            out[-1].append([
+                _mesh_group([s for s in shapes if s.finish.name == finish], f"material_{count}_{k}")
+                for k, finish in enumerate(finishes)])
+            count += 1
     return out
 
 
@@ -94,7 +98,7 @@ def write_partnet(appliance: Appliance, folder: Path) -> None:
     for name in ("textured_objs", "images"):
         (folder / name).mkdir(parents=True)
     images: dict[bytes, int] = {}
-    meshes = [groups for part in appliance.parts for groups in mesh_groups(part).values()]
+    meshes = [groups for part in mesh_groups(appliance) for groups in part]
     for number, groups in enumerate(meshes):
         _write_mesh(folder, number, groups, images)
     for data, number in images.items():
@@ -121,7 +125,7 @@ def round_lengths(values: Array) -> Array:
     return np.round(values, _DIGITS) + 0.0
 
 
-def _mesh_group(shapes: Sequence[Shape]) -> MeshGroup:
+def _mesh_group(shapes: Sequence[Shape], material: str) -> MeshGroup:
     solid, finish = join([shape.solid for shape in shapes]), shapes[0].finish
     vertices, vertex = _unique(solid.vertices, _DIGITS)
     normals, normal = _unique(solid.normals, 3)
@@ -133,7 +137,7 @@ def _mesh_group(shapes: Sequence[Shape]) -> MeshGroup:
     corners.append(normal[solid.faces])
     # corners without radius have triangles without area
     kept = (corners[0] != np.roll(corners[0], 1, axis=1)).all(1)
-    return MeshGroup(shapes[0].name, finish, vertices, normals, uv,
+    return MeshGroup(shapes[0].name, material, finish, vertices, normals, uv,
                      np.stack(corners, axis=-1)[kept])
 
 
@@ -162,14 +166,13 @@ def _write_mesh(
     lines, materials = [f"mtllib original-{number}.mtl"], list[str]()
     counts = {"v": 1, "vt": 1, "vn": 1}  # OBJ numbers from 1
     for k, group in enumerate(groups):
-        name = f"material_{number}_{k}"
         red, green, blue = (value / 255.0 for value in group.finish.color)
-        materials += [f"newmtl {name}", f"Kd {red:.4f} {green:.4f} {blue:.4f}", "Ka 0 0 0",
-                      "Ks 0.2 0.2 0.2", "Ns 40", f"d {group.finish.opacity:.3g}"]
+        materials += [f"newmtl {group.material}", f"Kd {red:.4f} {green:.4f} {blue:.4f}",
+                      "Ka 0 0 0", "Ks 0.2 0.2 0.2", "Ns 40", f"d {group.finish.opacity:.3g}"]
         if group.finish.image is not None:
             image = images.setdefault(encode_png(group.finish.image), len(images))
             materials.append(f"map_Kd ../images/texture_{image}.png")
-        lines += [f"g {group.name}-{k}", f"usemtl {name}", *_obj_lines(group, counts)]
+        lines += [f"g {group.name}-{k}", f"usemtl {group.material}", *_obj_lines(group, counts)]
     _write(folder / "textured_objs" / f"original-{number}.obj", "\n".join(lines) + "\n")
     _write(folder / "textured_objs" / f"original-{number}.mtl", "\n".join(materials) + "\n")
 

@@ -151,7 +151,8 @@ def test_the_files_hold_the_model_to_the_last_bit(
                      "offset", "joint_child", "limits"):
             np.testing.assert_array_equal(getattr(made, name), getattr(read, name), err_msg=name)
         for a, b in zip(made.visuals, read.visuals, strict=True):
-            assert (a.part, a.material.base_color) == (b.part, b.material.base_color)
+            assert (a.part, a.material.name) == (b.part, b.material.name)
+            assert a.material.base_color == b.material.base_color
             for name in ("vertices", "faces", "normals", "uv"):
                 np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
             np.testing.assert_array_equal(a.material.texture, b.material.texture)
