@@ -1,7 +1,14 @@
-"""A second implementation of the ground truth, which checks a dataset pixel by pixel."""
+"""Verify datasets by a second implementation of their ground truth, pixel by pixel.
+
+On purpose this sub-package has its own matrix exponential, projections and reading of URDFs, and
+does not use those of `robots.geometry`, `robots.urdf` and `renderer.truth`: a mistake made once
+must not be found right by the same code. It shares the records of sequences and models, the
+hardened XML parser, and the code that places what an animation or a skin moves.
+"""
 
 from __future__ import annotations
 
-from .driver import verify_dataset
+from .checks import CheckResult, VerifyReport
+from .driver import verify_dataset, verify_sequence
 
-__all__ = ["verify_dataset"]
+__all__ = ["CheckResult", "VerifyReport", "verify_dataset", "verify_sequence"]

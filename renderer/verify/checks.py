@@ -1,4 +1,4 @@
-"""What a verification found: residuals against bounds, as data and as a table."""
+"""Results of a verification: residuals against bounds, as data and as a table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckResult:
     """One law, tested on `samples` values; it holds if the worst residual is within the bound."""
 
     name: str
@@ -20,47 +20,58 @@ class Check:
     unit: str
     samples: int
     where: str = ""
-    """Sequence, frame and pixel (or joint, part) of the worst residual."""
+    """sequence, frame and pixel (or joint, part) of the worst residual"""
     note: str = ""
 
     @property
     def ok(self) -> bool:
-        return self.worst <= self.bound  # a NaN is not within any bound
+        """Whether the worst residual is within the bound; NaN is not."""
+        return self.worst <= self.bound
+
+    @property
+    def excess(self) -> float:
+        """The worst residual in units of the bound; more than 1 if the check fails."""
+        if self.bound > 0:
+            return self.worst / self.bound
+        return 0.0 if self.worst == 0 else np.inf
 
 
-def check(name: str, residuals: ArrayLike, bound: float, unit: str,
-          where: Callable[[int], str] | str = "", note: str = "",
-          samples: int | None = None) -> Check:
-    """The check of residuals of any shape; one that is not finite counts as infinite.
+def check(
+    name: str, residuals: ArrayLike, bound: float, unit: str,
+    where: Callable[[int], str] | str = "", samples: int | None = None,
+) -> CheckResult:
+    """Compare residuals of any shape with a bound; one that is not finite counts as infinite.
 
-    `where` tells the place of a flat index. `samples` is given where a residual stands for many.
+    `where` names the place of a flat index. `samples` replaces the number of residuals, where one
+    stands for many.
     """
     r = np.asarray(residuals, np.float64).ravel()
     if r.size == 0:
-        return Check(name, 0.0, 0.0, bound, unit, samples or 0, "", note)
+        return CheckResult(name, 0.0, 0.0, bound, unit, samples or 0)
     r = np.where(np.isfinite(r), np.abs(r), np.inf)
     worst = int(r.argmax())
     place = where if isinstance(where, str) else where(worst)
-    place = place if r[worst] > 0 else ""
-    return Check(name, float(r[worst]), float(r.mean()), bound, unit,
-                 r.size if samples is None else samples, place, note)
+    return CheckResult(name, float(r[worst]), float(r.mean()), bound, unit,
+                       r.size if samples is None else samples, place if r[worst] > 0 else "")
 
 
-def share(name: str, wrong: ArrayLike, bound: float, where: Callable[[int], str],
-          samples: int | None = None) -> Check:
-    """The check that at most a share `bound` of the flags `wrong` is set.
+def check_share(
+    name: str, wrong: ArrayLike, bound: float, where: Callable[[int], str],
+    samples: int | None = None,
+) -> CheckResult:
+    """Check that at most a share `bound` of the flags `wrong` is set.
 
     `samples` is the number that the flags were drawn from, if only suspects are given.
     """
     w = np.asarray(wrong, bool).ravel()
     n = w.size if samples is None else samples
     part = float(w.sum()) / n if n else 0.0
-    return Check(name, part, part, bound, "share", n, where(int(w.argmax())) if part else "")
+    return CheckResult(name, part, part, bound, "share", n, where(int(w.argmax())) if part else "")
 
 
-def merge(checks: Iterable[Check]) -> tuple[Check, ...]:
-    """One check per name, in order of first appearance: the worst of all, the mean over samples."""
-    found: dict[str, Check] = {}
+def merge_checks(checks: Iterable[CheckResult]) -> tuple[CheckResult, ...]:
+    """Merge checks of one name, in order of first appearance: the worst, the mean over samples."""
+    found: dict[str, CheckResult] = {}
     for new in checks:
         old = found.get(new.name)
         if old is None:
@@ -74,14 +85,16 @@ def merge(checks: Iterable[Check]) -> tuple[Check, ...]:
 
 
 @dataclass(frozen=True)
-class Report:
-    """Every check of a sequence or a dataset. Warnings do not fail it."""
+class VerifyReport:
+    """All checks of a sequence or a dataset."""
 
-    checks: tuple[Check, ...]
+    checks: tuple[CheckResult, ...]
     warnings: tuple[str, ...] = ()
+    """do not make the report wrong"""
 
     @property
     def ok(self) -> bool:
+        """Whether all checks hold."""
         return all(c.ok for c in self.checks)
 
     @property
@@ -89,8 +102,13 @@ class Report:
         """Names of the checks that do not hold."""
         return tuple(c.name for c in self.checks if not c.ok)
 
+    @property
+    def worst(self) -> CheckResult | None:
+        """The check whose worst residual is the largest in units of its bound."""
+        return max(self.checks, key=lambda c: c.excess, default=None)
+
     def table(self) -> str:
-        """One line per check, then the warnings."""
+        """Return one line per check, then the warnings."""
         head = ("", "check", "worst", "mean", "bound", "unit", "samples", "worst at")
         rows = [("ok" if c.ok else "FAIL", c.name, f"{c.worst:.2g}", f"{c.mean:.2g}",
                  f"{c.bound:.2g}", c.unit, f"{c.samples:,}",

@@ -1,8 +1,4 @@
-"""Is a dataset what it promises to be? Every sequence, every frame, every pixel.
-
-`verify_sequence` tests a sequence in memory or on disk, `verify_dataset` a folder; both return a
-`Report`, whose `table()` a person reads and whose `ok` decides the exit status.
-"""
+"""Verify datasets: every sequence, every frame, every pixel."""
 
 from __future__ import annotations
 
@@ -21,35 +17,42 @@ from ...errors import GcbenchError
 from ...robots.model import ArticulatedModel
 from ..scene import RenderConfig, packages_of
 from ..types import Sequence
-from .checks import Check, Report, check, merge
+from .checks import CheckResult, VerifyReport, check, merge_checks
 from .images import verify_images
 from .kinematics import verify_state
 from .layers import verify_layers
 from .observability import verify_observability
 from .surfaces import surfaces_to_check, verify_surface
-from .tracks import verify_points
+from .tracks import verify_tracks
 
-__all__ = ["Check", "Reference", "Report", "reference_of", "verify_dataset", "verify_sequence"]
-
-_POOL = 4  # sequences that are verified sooner than processes start
+_POOL = 4  # sequences; so few are verified before processes have started
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What poses are compared with, beside the sequence itself. Either may be missing."""
+    """What poses are compared with, besides the sequence itself. Either may be missing."""
 
     model: ArticulatedModel | None = None
     urdf: Path | None = None
-    """Read a second time, by another reader."""
+    """read a second time, by the verifier's own reader"""
     names: Mapping[str, str] = field(default_factory=dict[str, str])
-    """What the sequence calls links of the URDF that it does not call by their own names."""
+    """the sequence's names of links of the URDF, where they differ"""
 
 
-def verify_sequence(sequence: Sequence, model: ArticulatedModel | None = None,
-                    urdf: Path | None = None, names: Mapping[str, str] | None = None) -> Report:
-    """All checks of one sequence; without a model, joints are tested against their own screws.
+def verify_sequence(
+    sequence: Sequence, model: ArticulatedModel | None = None, urdf: Path | None = None,
+    names: Mapping[str, str] | None = None,
+) -> VerifyReport:
+    """Run all checks of one sequence, in memory or on disk.
 
-    Raises what the sequence raises if it cannot be decoded.
+    Args:
+        sequence: The sequence.
+        model: The model that it shows. Without one, joints are tested against their own screws.
+        urdf: The model's URDF, which is read a second time.
+        names: The sequence's names of links of the URDF, where they differ.
+
+    Raises:
+        DatasetError: an image cannot be decoded.
     """
     with np.errstate(all="ignore"):  # a broken value becomes an infinite residual, not a warning
         checks = verify_state(sequence, model, urdf, names)
@@ -57,17 +60,34 @@ def verify_sequence(sequence: Sequence, model: ArticulatedModel | None = None,
             checks += verify_images(sequence)
             checks += verify_layers(sequence)
             checks += verify_surface(sequence, model)
-            checks += verify_points(sequence, model)
+            checks += verify_tracks(sequence, model)
             checks += verify_observability(sequence, model)
-    return Report(merge(checks))
+    return VerifyReport(merge_checks(checks))
 
 
-def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) -> Report:
-    """All checks of every sequence of a dataset, and of the dataset as a whole.
+def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) -> VerifyReport:
+    """Run all checks of every sequence of a dataset, and of the dataset as a whole.
 
-    `path` may also be one sequence (a ZIP or a folder), which is verified against its dataset's
-    config if it lies in one. Raises GcbenchError if there is no readable dataset at `path`; a
-    sequence that is not readable is a check that fails.
+    Nothing is downloaded. If the model is not on this machine, poses are tested against the
+    joints' own screws only, and the report has a warning.
+
+    Args:
+        path: The folder of a dataset; or one sequence (a ZIP or a folder), which is verified
+            against the configuration of its dataset, if it lies in one.
+        workers: Number of processes.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The report: `ok`, `worst`, `failures` and `table()`. A sequence that cannot be read is a
+        failed check.
+
+    Raises:
+        DatasetError: there is no readable dataset at `path`.
+
+    Example:
+        report = gb.verify_dataset("data/ur5")
+        if not report.ok:
+            print(report.table())
     """
     from ..dataset import open_dataset
 
@@ -78,13 +98,13 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
     files, warnings = _sequence_files(path)
     reference, notes = _shared_reference(dataset.config)
     jobs = [(file, reference, dataset.config.seed) for file in files]
-    checks = _whole(files, dataset.info.counts)
+    checks = _dataset_checks(files, dataset.info.counts)
     for found in _run(jobs, workers, progress):
         checks += found
-    return Report(merge(checks), (*warnings, *notes))
+    return VerifyReport(merge_checks(checks), (*warnings, *notes))
 
 
-def _verify_one(path: Path) -> Report:
+def _verify_one(path: Path) -> VerifyReport:
     from ..dataset import open_dataset
 
     seed, reference, notes = None, Reference(), ["alone, without a dataset's config"]
@@ -92,11 +112,11 @@ def _verify_one(path: Path) -> Report:
         config = open_dataset(path.parent.parent).config
         seed = config.seed
         reference, notes = _shared_reference(config)
-    return Report(merge(_verify_file((path, reference, seed))), tuple(notes))
+    return VerifyReport(merge_checks(_verify_file((path, reference, seed))), tuple(notes))
 
 
 def _shared_reference(config: RenderConfig) -> tuple[Reference | RenderConfig, list[str]]:
-    """What all sequences are compared with; the config itself where each has its own instance."""
+    """The reference of all sequences; the config itself where each shows its own instance."""
     from ...robots.catalog import is_category
 
     return (config, []) if is_category(config.robot) else reference_of(config)
@@ -105,9 +125,9 @@ def _shared_reference(config: RenderConfig) -> tuple[Reference | RenderConfig, l
 def reference_of(
     config: RenderConfig, robot: str | None = None
 ) -> tuple[Reference, list[str]]:
-    """A model without rigid surfaces, and why it or its URDF is not at hand; default: the config's.
+    """Load the model of a config (or `robot`) without its rigid surfaces, and its URDF.
 
-    Nothing is downloaded: to verify a dataset is to read it.
+    Also return notes on why these are not on this machine. Nothing is downloaded.
     """
     from ...robots.catalog import is_object, load_robot, robot_urdf
     from ...robots.urdf import partnet
@@ -124,24 +144,24 @@ def reference_of(
 
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
-    """Sequences in order, and a warning for everything else that lies beside them."""
+    """The sequences in order, and a warning for each other file beside them."""
     folder = path / "sequences"
     entries = sorted(folder.iterdir()) if folder.is_dir() else []
     named = {e: e.name.removesuffix(".zip") for e in entries}
     files = [e for e, name in named.items()
              if name.isdecimal() and (e.is_dir() or e.suffix == ".zip")]
     strays = [e.name for e in entries if e not in files]
-    warnings = [f"not a sequence, perhaps left by a run that was killed: {x}" for x in strays]
+    warnings = [f"not a sequence, perhaps left by an interrupted run: {x}" for x in strays]
     return files, warnings
 
 
-def _whole(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[Check]:
-    """Checks of the dataset apart from its sequences; `counts` is what it says of itself."""
+def _dataset_checks(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[CheckResult]:
+    """Checks of the dataset apart from its sequences; `counts` is from dataset.json."""
     indices = [int(f.stem) for f in files]
     missing = sorted({*range(max(indices, default=0) + 1)} - {*indices})
     said = int(counts["sequences"]) if counts and "sequences" in counts else len(files)
     return [
-        check("sequences present", int(not files), 0, "datasets", "there is none"),
+        check("sequences present", int(not files), 0, "datasets", "the dataset has none"),
         check("sequences counted", said - len({*indices}), 0, "sequences",
               f"dataset.json says {said}"),
         check("no sequence missing", len(missing), 0, "sequences",
@@ -153,7 +173,7 @@ def _whole(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[Check]:
 _Job = tuple[Path, "Reference | RenderConfig", "int | None"]
 
 
-def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check]]:
+def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[CheckResult]]:
     """The checks of each sequence, in order."""
     from tqdm import tqdm
 
@@ -172,8 +192,8 @@ def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check
                 bar.update()
 
 
-def _verify_file(job: _Job) -> list[Check]:
-    """The checks of one file, with its name in front of every place."""
+def _verify_file(job: _Job) -> list[CheckResult]:
+    """The checks of one file; places start with its name."""
     from ..dataset import open_sequence
     from ..scene import robot_of
 

@@ -7,28 +7,27 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..types import Sequence
-from .checks import Check, check, merge, share
+from .checks import CheckResult, check, check_share, merge_checks
 from .correspondence import verify_correspondence
 from .deforming import verify_deforming
-from .rays import FLOW, View, pixel_name
-from .targets import Targets, targets_of
+from .frames import FLOW, FlowTargets, FrameStep, VerifiedFrame, decode_frame, flow_targets
 
 _ENCODED = float(np.hypot(0.5, 0.5) / 64)
 _RANGE = 512.0  # px, the largest flow that the files can hold
 
 
-def verify_images(sequence: Sequence) -> list[Check]:
-    """All checks that need images; the state must have passed its own shape check."""
+def verify_images(sequence: Sequence) -> list[CheckResult]:
+    """Run all checks that need images; the state must have passed its own shape check."""
     meta = sequence.meta
-    parts = len(meta.part_names)
-    checks: list[Check] = []
-    here, motions = _view(sequence, 0, checks), _motions(sequence)
+    checks: list[CheckResult] = []
+    here, motions = _decode(sequence, 0, checks), _motions(sequence)
     backdrops: list[bool] = []
     for t in range(meta.frames):
-        checks += _frame(sequence, t, here, backdrops)
+        if here is not None:
+            checks += _frame(here, backdrops)
         if t + 1 == meta.frames:
             break
-        there = _view(sequence, t + 1, checks)
+        there = _decode(sequence, t + 1, checks)
         forward, backward = sequence.flow[t], sequence.flow_backward[t]
         visibility = sequence.visibility[t]
         shapes = [np.shape(x) for x in (forward, backward, visibility)]
@@ -36,19 +35,21 @@ def verify_images(sequence: Sequence) -> list[Check]:
         checks.append(check("image shapes", shapes != [(*size, 2), (*size, 2), size], 0, "frames",
                             f"frame {t} flow or visibility"))
         if here is not None and there is not None and checks[-1].ok:
-            ahead = targets_of(sequence, here, motions[t], parts)
-            back = targets_of(sequence, there, np.linalg.inv(motions[t]), parts)
-            f, b = forward.reshape(-1, 2), backward.reshape(-1, 2)
-            checks += _flow(sequence, "flow forward", f, ahead, t)
-            checks += _flow(sequence, "flow backward", b, back, t + 1)
-            seen = visibility.ravel()
-            checks += verify_correspondence(sequence, t, seen, f, b, ahead, here, there, motions[t])
-            checks += verify_deforming(sequence, t, here, there, f, b, seen)
+            checks += _step(FrameStep(here, there, motions[t], forward.reshape(-1, 2),
+                                      backward.reshape(-1, 2), visibility.ravel()))
         here = there
     mixed = len(set(backdrops)) > 1
     checks.append(check("background all surface or none", mixed, 0, "frames",
-                        "some frames have a room, some have not", samples=len(backdrops)))
-    return list(merge(checks))
+                        "some frames have a room, others do not", samples=len(backdrops)))
+    return list(merge_checks(checks))
+
+
+def _step(step: FrameStep) -> list[CheckResult]:
+    ahead = flow_targets(step.here, step.motions)
+    back = flow_targets(step.there, np.linalg.inv(step.motions).astype(np.float64))
+    return [*_flow(step.here, "flow forward", step.forward, ahead),
+            *_flow(step.there, "flow backward", step.backward, back),
+            *verify_correspondence(step, ahead), *verify_deforming(step)]
 
 
 def _motions(sequence: Sequence) -> Array:
@@ -59,25 +60,21 @@ def _motions(sequence: Sequence) -> Array:
     return cam_from_part[1:] @ np.linalg.inv(cam_from_part[:-1])
 
 
-def _view(sequence: Sequence, t: int, checks: list[Check]) -> View | None:
-    """The decoded frame, None if it is no image of the right kind."""
+def _decode(sequence: Sequence, t: int, checks: list[CheckResult]) -> VerifiedFrame | None:
+    """The decoded frame; None if an image is of the wrong kind."""
     meta = sequence.meta
     size = (meta.height, meta.width)
     rgb, depth, part = sequence.rgb[t], sequence.depth[t], sequence.part[t]
     ok = (np.shape(rgb) == (*size, 3) and rgb.dtype == np.uint8 and np.shape(depth) == size
           and np.shape(part) == size and np.issubdtype(part.dtype, np.integer))
     checks.append(check("image shapes", not ok, 0, "frames", f"frame {t}"))
-    if not ok:
-        return None
-    return View(part.ravel().astype(np.int64), depth.ravel().astype(np.float64))
+    return decode_frame(sequence, t) if ok else None
 
 
-def _frame(sequence: Sequence, t: int, view: View | None, backdrops: list[bool]) -> list[Check]:
+def _frame(frame: VerifiedFrame, backdrops: list[bool]) -> list[CheckResult]:
     """One frame by itself: part numbers, pixel counts, range of depth, background."""
-    if view is None:
-        return []
-    meta, part, depth = sequence.meta, view.part, view.depth
-    pixel = pixel_name(sequence, t)
+    sequence, part, depth = frame.sequence, frame.part, frame.depth
+    meta = sequence.meta
     parts = len(meta.part_names)
     alien = (part < 0) | (part > parts)
     counts = np.bincount(np.where(alien, 0, part), minlength=parts + 1)[1:]
@@ -90,17 +87,18 @@ def _frame(sequence: Sequence, t: int, view: View | None, backdrops: list[bool])
         backdrops.append(bool(surface[empty].mean() > 0.5))
     wrong = np.where(empty, surface != bool(backdrops and backdrops[-1]), ~surface)
     return [
-        share("part numbers in range", alien, 0, pixel),
-        check("part_pixels", counts - sequence.state.part_pixels[t], 0, "px",
-              lambda i: f"frame {t} part {i + 1}"),
-        share("depth in range", off, 0, pixel),
+        check_share("part numbers in range", alien, 0, frame.name),
+        check("part_pixels", counts - sequence.state.part_pixels[frame.t], 0, "px",
+              lambda i: f"frame {frame.t} part {i + 1}"),
+        check_share("depth in range", off, 0, frame.name),
         check("depth unit", not 1e-9 <= meta.depth_unit <= 1e3, 0, "", "meta.json"),
-        share("surface where there is a part or room", wrong, 0, pixel)]
+        check_share("surface where there is a part or room", wrong, 0, frame.name)]
 
 
-def _flow(sequence: Sequence, name: str, flow: NDArray[np.float32], targets: Targets, t: int
-          ) -> list[Check]:
-    """Stored flow [N 2] of frame t: right, and there exactly where a target is."""
+def _flow(
+    frame: VerifiedFrame, name: str, flow: NDArray[np.float32], targets: FlowTargets
+) -> list[CheckResult]:
+    """The stored flow [N 2] of a frame is right, and known exactly where a target is."""
     finite = np.isfinite(flow)
     known: NDArray[np.bool_] = finite[:, 0] & finite[:, 1]
     half_known: NDArray[np.bool_] = finite[:, 0] ^ finite[:, 1]
@@ -121,6 +119,6 @@ def _flow(sequence: Sequence, name: str, flow: NDArray[np.float32], targets: Tar
     error = np.maximum(0, error - np.maximum(0, quantised + _ENCODED - FLOW))
     rest = targets.rest[known[targets.rest]]
     error = np.concatenate([error, np.hypot(flow[rest, 0], flow[rest, 1])])
-    pixel, index = pixel_name(sequence, t), np.concatenate([targets.pixel[used], rest])
-    return [check(name, error, FLOW, "px", lambda i: pixel(int(index[i]))),
-            share(f"{name}: known where it should be", wrong, 0, pixel)]
+    index = np.concatenate([targets.pixel[used], rest])
+    return [check(name, error, FLOW, "px", lambda i: frame.name(int(index[i]))),
+            check_share(f"{name}: known where it should be", wrong, 0, frame.name)]

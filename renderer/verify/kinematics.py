@@ -1,13 +1,14 @@
 """Checks of `state.npz` and `meta.json`: shapes, kinematics, screws, limits.
 
-Nothing here calls the code that made the truth, but for the times of an animation: motions are
+Except for the times of an animation, nothing here calls the code that made the truth: motions are
 matrix exponentials, and the forward kinematics is written a second time, once from the model's
-arrays and once from the URDF itself.
+arrays and once from the URDF (urdf_reader.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +20,20 @@ from ...robots.model import ArticulatedModel
 from ..dataset import state_shapes
 from ..scene import animation_times
 from ..types import Sequence, State
-from .checks import Check, check
+from .checks import CheckResult, check
+from .frames import METRES
 from .urdf_reader import UrdfJoint, read_urdf_tree
 
-METRES, RADIANS = 1e-6, 1e-6
+_RADIANS = 1e-6  # rad, bound of angles that only rounding may change
 
 
 def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
                  urdf: Path | None = None, link_names: Mapping[str, str] | None = None
-                 ) -> list[Check]:
-    """All checks that need no image. Poses are compared with the model and the URDF if given.
+                 ) -> list[CheckResult]:
+    """Run all checks that need no image. Poses are compared with the model and the URDF, if given.
 
-    `link_names` says what the sequence calls links of the URDF by other names than theirs; a joint
-    is called like the link that it moves.
+    `link_names` are the sequence's names of links of the URDF, where they differ; a joint has the
+    name of the link that it moves.
     """
     checks = [_shapes(sequence)]
     if not checks[0].ok:
@@ -54,7 +56,7 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
     return checks
 
 
-def _shapes(sequence: Sequence) -> Check:
+def _shapes(sequence: Sequence) -> CheckResult:
     """Every array of the state, and the length of every stack, against the meta data."""
     meta, s = sequence.meta, sequence.state
     t, j, p = meta.frames, len(meta.joint_names), len(meta.part_names)
@@ -77,7 +79,7 @@ def _shapes(sequence: Sequence) -> Check:
                  samples=len(expected) + len(lengths) + 3)
 
 
-def _finite(s: State) -> Check:
+def _finite(s: State) -> CheckResult:
     fields = ["times", "joint_positions", "intrinsics", "cam_from_world", "world_from_part",
               "joint_screw"]
     fields += [k for k in ("coordinate_box", "keypoint_world", "track_world")
@@ -87,7 +89,7 @@ def _finite(s: State) -> Check:
                  samples=sum(np.size(getattr(s, k)) for k in fields))
 
 
-def _rigid(s: State) -> list[Check]:
+def _rigid(s: State) -> list[CheckResult]:
     k = s.intrinsics
     pinhole = [k[2, 0], k[2, 1], k[2, 2] - 1, k[1, 0], min(k[0, 0], 0), min(k[1, 1], 0)]
     checks = [check("intrinsics pinhole", pinhole, 1e-12, "px")]
@@ -102,11 +104,11 @@ def _rigid(s: State) -> list[Check]:
     return checks
 
 
-def _times(s: State) -> Check:
+def _times(s: State) -> CheckResult:
     return check("times increase", np.diff(s.times) <= 0, 0, "steps", lambda i: f"frame {i + 1}")
 
 
-def _limits(sequence: Sequence) -> Check:
+def _limits(sequence: Sequence) -> CheckResult:
     q = sequence.state.joint_positions
     limits = np.array([(-np.inf, np.inf) if x is None else x for x in sequence.meta.joint_limits])
     low, high = limits.reshape(-1, 2).T
@@ -114,7 +116,7 @@ def _limits(sequence: Sequence) -> Check:
     return check("joint limits", over, 1e-6, "rad|m", _frame_item("joint", q.shape[1]))
 
 
-def _screws(sequence: Sequence) -> list[Check]:
+def _screws(sequence: Sequence) -> list[CheckResult]:
     """Axes are screws, stand still in both parts they join, and the child moves about them."""
     s = sequence.state
     prismatic = np.array([t == "prismatic" for t in sequence.meta.joint_types], bool)
@@ -123,8 +125,8 @@ def _screws(sequence: Sequence) -> list[Check]:
     place = _frame_item("joint", joints)
     form = np.abs(np.linalg.norm(direction, axis=-1) - 1) + np.abs(np.sum(direction * m, axis=-1))
     form += np.where(prismatic, np.linalg.norm(m, axis=-1), 0)
-    checks = [check("screw form", form, 1e-9, "", place,
-                    note="unit direction, perpendicular moment, none if prismatic")]
+    checks = [replace(check("screw form", form, 1e-9, "", place),
+                      note="unit direction, perpendicular moment, none if prismatic")]
 
     world = np.broadcast_to(np.eye(4), (len(s.times), 1, 4, 4))
     parts = np.concatenate([world, s.world_from_part], axis=1)  # part 0: the world
@@ -142,7 +144,7 @@ def _screws(sequence: Sequence) -> list[Check]:
     return checks + _pose_checks("joint moves its child", predicted, parent_from_child[1:], place)
 
 
-def _poses(sequence: Sequence, expected: dict[str, Array], source: str) -> list[Check]:
+def _poses(sequence: Sequence, expected: dict[str, Array], source: str) -> list[CheckResult]:
     """Stored poses against those of a forward kinematics, both relative to the root part.
 
     The root itself may stand anywhere; the parts that the other side does not know are counted.
@@ -160,7 +162,7 @@ def _poses(sequence: Sequence, expected: dict[str, Array], source: str) -> list[
     return checks + _pose_checks(f"poses from the {source}", relative, own, place)
 
 
-def _animated_poses(sequence: Sequence, model: ArticulatedModel) -> list[Check]:
+def _animated_poses(sequence: Sequence, model: ArticulatedModel) -> list[CheckResult]:
     """Stored poses against the model's animation from the time on that was drawn."""
     drawn = dict(sequence.meta.randomization["animation"])
     found = [a for a in model.animations if a.name == drawn.get("name")]
@@ -256,12 +258,12 @@ def _exp(twists: Array) -> Array:
 
 
 def _pose_checks(name: str, expected: Array, actual: Array, place: Callable[[int], str]
-                 ) -> list[Check]:
+                 ) -> list[CheckResult]:
     """Distance of positions, and the angle between rotations (exact for small ones)."""
     shift = np.linalg.norm(expected[..., :3, 3] - actual[..., :3, 3], axis=-1)
     turn = np.linalg.norm(expected[..., :3, :3] - actual[..., :3, :3], axis=(-1, -2)) / np.sqrt(2)
     return [check(f"{name}: position", shift, METRES, "m", place),
-            check(f"{name}: rotation", turn, RADIANS, "rad", place)]
+            check(f"{name}: rotation", turn, _RADIANS, "rad", place)]
 
 
 def _frame_item(item: str, n: int) -> Callable[[int], str]:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..types import VISIBLE, Sequence
-from .checks import Check, check, merge, share
-from .rays import FLAT, View, block, deforming_numbers, pixel_name
+from .checks import CheckResult, check, check_share, merge_checks
+from .frames import FLAT, METRES, VerifiedFrame, decode_frame, deforming_numbers
 
-METRES = 1e-6
 _UNIT = 1e-4  # of a normal's length; its code alone is good for 3e-5
 _ANGLE = 0.06  # rad between a normal and the plane through the depths around it
 _FINE = 0.1  # share of pixels at which facets finer than that plane may differ by more
@@ -19,17 +18,16 @@ _FOLDS = 0.03  # share of pixels at which a surface folds between the pixels
 _SIDE = 5  # px of the window of that plane
 
 
-def verify_layers(sequence: Sequence) -> list[Check]:
+def verify_layers(sequence: Sequence) -> list[CheckResult]:
     """All checks of the layers `normal` and `coordinates`; none if the sequence has neither."""
-    checks: list[Check] = []
+    checks: list[CheckResult] = []
     if sequence.normal is None and sequence.coordinates is None:
         return checks
     size = (sequence.meta.height, sequence.meta.width)
-    before: tuple[View, Array] | None = None
+    before: tuple[VerifiedFrame, Array] | None = None
     rays = _rays(sequence)
     for t in range(sequence.meta.frames):
-        view = View(sequence.part[t].ravel().astype(np.int64),
-                    sequence.depth[t].ravel().astype(np.float64))
+        frame = decode_frame(sequence, t)
         for name, stack in (("normal", sequence.normal), ("coordinates", sequence.coordinates)):
             if stack is None:
                 continue
@@ -37,16 +35,16 @@ def verify_layers(sequence: Sequence) -> list[Check]:
             checks.append(check("image shapes", image.shape != (*size, 3), 0, "frames",
                                 f"frame {t} {name}"))
             if not checks[-1].ok:
-                return list(merge(checks))
+                return list(merge_checks(checks))
             flat = image.reshape(-1, 3)
             if name == "normal":
-                checks += _normals(sequence, t, view, flat, rays)
+                checks += _normals(frame, flat, rays)
                 continue
-            checks += _coordinates(sequence, t, view, flat, rays)
+            checks += _coordinates(frame, flat, rays)
             if before is not None:
-                checks += _kept(sequence, t - 1, *before, view, flat)
-            before = view, flat
-    return list(merge(checks))
+                checks += _kept(*before, frame, flat)
+            before = frame, flat
+    return list(merge_checks(checks))
 
 
 def _rays(sequence: Sequence) -> Array:
@@ -57,46 +55,48 @@ def _rays(sequence: Sequence) -> Array:
     return pixels @ np.linalg.inv(sequence.state.intrinsics).T
 
 
-def _known(name: str, image: Array, wanted: NDArray[np.bool_], sequence: Sequence, t: int
-           ) -> tuple[Check, NDArray[np.intp]]:
+def _known(
+    name: str, image: Array, wanted: NDArray[np.bool_], frame: VerifiedFrame
+) -> tuple[CheckResult, NDArray[np.intp]]:
+    """The check that an image [N 3] is known where it is wanted [N]; and where it is."""
     finite = np.isfinite(image).sum(axis=1)
     wrong = np.where(wanted, finite != 3, finite != 0)
-    checked = share(f"{name}: known where it should be", wrong, 1e-5, pixel_name(sequence, t))
+    checked = check_share(f"{name}: known where it should be", wrong, 1e-5, frame.name)
     return checked, np.flatnonzero(finite == 3)
 
 
-def _normals(sequence: Sequence, t: int, view: View, normal: Array, rays: Array) -> list[Check]:
+def _normals(frame: VerifiedFrame, normal: Array, rays: Array) -> list[CheckResult]:
     """Unit vectors towards the camera, at right angles to the plane that the depth makes."""
-    known, pixel = _known("normal", normal, view.depth > 0, sequence, t)
-    place = pixel_name(sequence, t)
+    known, pixel = _known("normal", normal, frame.depth > 0, frame)
     length = np.linalg.norm(normal[pixel], axis=1)
     away = np.einsum("ni,ni->n", normal[pixel], rays[pixel]) / np.linalg.norm(rays[pixel], axis=1)
     checks = [
         known,
-        check("normal: unit", length - 1, _UNIT, "", lambda i: place(int(pixel[i]))),
+        check("normal: unit", length - 1, _UNIT, "", lambda i: frame.name(int(pixel[i]))),
         check("normal: towards the camera", np.maximum(away, 0), _UNIT, "",
-              lambda i: place(int(pixel[i]))),
+              lambda i: frame.name(int(pixel[i]))),
     ]
-    plane, flat, uncertain = _planes(sequence, view)
+    plane, flat, uncertain = _planes(frame)
     flat &= np.isfinite(normal).all(axis=1)
-    chosen = np.flatnonzero(flat)
-    cosine = np.einsum("ni,ni->n", plane[chosen], normal[chosen]) / np.linalg.norm(
-        normal[chosen], axis=1)
+    usable = np.flatnonzero(flat)
+    cosine = np.einsum("ni,ni->n", plane[usable], normal[usable]) / np.linalg.norm(
+        normal[usable], axis=1)
     angle = np.arccos(np.clip(cosine, -1, 1))
-    checks.append(share("normal: of the plane that depth makes",
-                        angle > _ANGLE + uncertain[chosen], _FINE, lambda i: place(int(chosen[i]))))
+    checks.append(check_share(
+        "normal: of the plane that depth makes", angle > _ANGLE + uncertain[usable], _FINE,
+        lambda i: frame.name(int(usable[i]))))
     return checks
 
 
-def _planes(sequence: Sequence, view: View) -> tuple[Array, NDArray[np.bool_], Array]:
+def _planes(frame: VerifiedFrame) -> tuple[Array, NDArray[np.bool_], Array]:
     """Unit normals [N 3] of planes through the depths of 5x5 pixels, where [N] these are of one
     part and flat within the rounding, and the angle [N] rad that the rounding may turn them.
 
     The inverse depth of a plane is linear in the pixel: n K^-1 (u, v, 1) = d / z.
     """
-    meta, k = sequence.meta, sequence.state.intrinsics
+    meta, k = frame.sequence.meta, frame.sequence.state.intrinsics
     shape, half = (meta.height, meta.width), _SIDE // 2
-    depth = view.depth.reshape(shape)
+    depth = frame.depth.reshape(shape)
     w = 1.0 / np.where(depth > 0, depth, np.inf)
     ramp = np.arange(-half, half + 1, dtype=np.float64)
     ones, squares = np.ones(_SIDE), _SIDE * float(ramp @ ramp)
@@ -107,7 +107,7 @@ def _planes(sequence: Sequence, view: View) -> tuple[Array, NDArray[np.bool_], A
 
     a, b = fitted(ramp, ones, squares), fitted(ones, ramp, squares)
     c = fitted(ones, ones, _SIDE**2)
-    part = np.ascontiguousarray(view.part.reshape(shape), np.float64)
+    part = np.ascontiguousarray(frame.part.reshape(shape), np.float64)
     window = np.ones((_SIDE, _SIDE), np.uint8)
     alone = cv2.erode(part, window) == cv2.dilate(part, window)
     alone &= cv2.erode(depth, window) > 0
@@ -129,35 +129,34 @@ def _planes(sequence: Sequence, view: View) -> tuple[Array, NDArray[np.bool_], A
         return -plane / length[:, None], flat.ravel(), slope / length
 
 
-def _coordinates(sequence: Sequence, t: int, view: View, local: Array, rays: Array
-                 ) -> list[Check]:
-    """Of rigid parts, coordinates in the part's pose are the points that depth tells."""
-    known, pixel = _known("coordinates", local, view.part > 0, sequence, t)
-    pixel = pixel[(view.part[pixel] > 0) & ~np.isin(view.part[pixel], deforming_numbers(sequence))]
-    s, part = sequence.state, view.part[pixel] - 1
+def _coordinates(frame: VerifiedFrame, local: Array, rays: Array) -> list[CheckResult]:
+    """Of rigid parts, coordinates in the part's pose are the points that depth gives."""
+    sequence, t = frame.sequence, frame.t
+    known, pixel = _known("coordinates", local, frame.part > 0, frame)
+    rigid = ~np.isin(frame.part[pixel], [0, *deforming_numbers(sequence)])
+    pixel = pixel[rigid]
+    s, part = sequence.state, frame.part[pixel] - 1
     assert s.coordinate_box is not None
     pose = (s.cam_from_world[t] @ s.world_from_part[t])[part]
-    told = np.einsum("nij,nj->ni", pose[:, :3, :3], local[pixel]) + pose[:, :3, 3]
-    rays, z = rays[pixel], view.depth[pixel]
-    error = np.linalg.norm(told - rays * z[:, None], axis=1)
+    expected = np.einsum("nij,nj->ni", pose[:, :3, :3], local[pixel]) + pose[:, :3, 3]
+    rays, z = rays[pixel], frame.depth[pixel]
+    error = np.linalg.norm(expected - rays * z[:, None], axis=1)
     size = np.linalg.norm(s.coordinate_box[:, 1] - s.coordinate_box[:, 0], axis=1)
     rounded = sequence.meta.depth_unit / 2 * np.linalg.norm(rays, axis=1)
     rounded += size[part] / 65534 / 2 + 1e-6 * z
-    place = pixel_name(sequence, t)
     return [known, check("coordinates: of the point that depth tells",
                          np.maximum(0, error - rounded), METRES, "m",
-                         lambda i: place(int(pixel[i])))]
+                         lambda i: frame.name(int(pixel[i])))]
 
 
-def _kept(sequence: Sequence, t: int, view: View, local: Array, there: View, local_there: Array
-          ) -> list[Check]:
-    """A point keeps its coordinates: those where the forward flow of frame t leads are its own."""
-    width, height = sequence.meta.width, sequence.meta.height
+def _kept(frame: VerifiedFrame, local: Array, there: VerifiedFrame, local_there: Array
+          ) -> list[CheckResult]:
+    """A point keeps its coordinates [N 3] where the forward flow of its frame leads."""
+    sequence, t = frame.sequence, frame.t
     flow = sequence.flow[t].reshape(-1, 2).astype(np.float64)
     seen = sequence.visibility[t].ravel() == VISIBLE
-    pixel = np.flatnonzero(seen & np.isfinite(flow).all(axis=1) & (view.part > 0))
-    v, u = np.divmod(pixel, width)
-    around = block(np.stack([u, v]) + flow[pixel].T, view.part[pixel], there, width, height)
+    pixel = np.flatnonzero(seen & np.isfinite(flow).all(axis=1) & (frame.part > 0))
+    around = there.around(frame.positions(pixel) + flow[pixel].T, frame.part[pixel])
     smooth = around.far - around.near < FLAT * around.near
     inner = np.flatnonzero(around.same.all(axis=0) & smooth)
     found = local_there[around.index[:, inner]]
@@ -166,6 +165,5 @@ def _kept(sequence: Sequence, t: int, view: View, local: Array, there: View, loc
     error = np.linalg.norm(mean - local[pixel[inner]], axis=1)
     # Less than a pixel's step on the surface: where it folds within the four pixels, they differ.
     astray = error > 0.75 * spread + 1e-4 * np.linalg.norm(mean, axis=1) + sequence.meta.depth_unit
-    place = pixel_name(sequence, t)
-    return [share("coordinates: kept where the flow leads", astray, _FOLDS,
-                  lambda i: place(int(pixel[inner[i]])))]
+    return [check_share("coordinates: kept where the flow leads", astray, _FOLDS,
+                  lambda i: frame.name(int(pixel[inner[i]])))]

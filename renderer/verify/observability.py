@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 
 from ...robots.model import ArticulatedModel
 from ..types import Sequence
-from .checks import Check, check
+from .checks import CheckResult, check
 
 _KEYS = ("displacement", "pixels", "share", "motion")
 
 
-def verify_observability(sequence: Sequence, model: ArticulatedModel | None = None) -> list[Check]:
-    """The block is whole, its displacements and pixels are those of the state, the rule holds.
+def verify_observability(
+    sequence: Sequence, model: ArticulatedModel | None = None
+) -> list[CheckResult]:
+    """Check that the block is complete, agrees with the state, and follows the rule.
 
-    Pixels are compared with `part_pixels`, which have a check of their own against the masks; that
-    needs the model, because a sequence does not tell which fixed part hangs on which.
+    Pixels are compared with `part_pixels`, which have a check of their own against the masks. This
+    needs the model, because a sequence does not say which fixed part is attached to which.
     """
     meta, s = sequence.meta, sequence.state
     block = meta.observability

@@ -17,8 +17,8 @@ from ...robots.geometry import Array, apply
 from ...robots.model import ArticulatedModel
 from ..scene import PosedModel, animation_times, posed_by_parts, rest_in_part
 from ..types import Sequence
-from .checks import Check, merge, share
-from .rays import deforming_numbers, pixel_name
+from .checks import CheckResult, check_share, merge_checks
+from .frames import decode_frame, deforming_numbers
 
 _FEW = 2e-3
 """Share of pixels at silhouettes and folds, where a rasterizer's rounding picks a neighbour."""
@@ -34,7 +34,7 @@ def surfaces_to_check(model: ArticulatedModel) -> ArticulatedModel:
     return replace(model, visuals=tuple(v for v in model.visuals if v.part in parts))
 
 
-def verify_surface(sequence: Sequence, model: ArticulatedModel | None) -> list[Check]:
+def verify_surface(sequence: Sequence, model: ArticulatedModel | None) -> list[CheckResult]:
     """The check of the layer `coordinates` where parts deform and the model is known."""
     numbers, stack = deforming_numbers(sequence), sequence.coordinates
     if not len(numbers) or stack is None or model is None:
@@ -47,24 +47,24 @@ def verify_surface(sequence: Sequence, model: ArticulatedModel | None) -> list[C
     assert s.coordinate_box is not None
     step = (s.coordinate_box[:, 1] - s.coordinate_box[:, 0]) / 65534
     slack = np.append(0.0, np.linalg.norm(step, axis=1) + 2e-4 * 65534 * step.max(axis=1))
-    checks: list[Check] = []
+    checks: list[CheckResult] = []
     for t in range(sequence.meta.frames):
         stored = np.asarray(stack[t], np.float64).reshape(-1, 3)
-        part, depth = sequence.part[t].ravel(), sequence.depth[t].ravel().astype(np.float64)
+        frame = decode_frame(sequence, t)
+        part, depth = frame.part, frame.depth
         corners = apply(s.cam_from_world[t], posed.vertices(t))[faces]
         best = np.full(len(part), np.inf)
         for pixel, face, weight, z in _met(corners, sequence):
             same = (part[pixel] == number[face]) & (
-                np.abs(z - depth[pixel]) <= sequence.meta.depth_unit + 2e-3 * z)
+                np.abs(z - depth[pixel]) <= frame.unit + 2e-3 * z)
             pixel, face, weight = pixel[same], face[same], weight[same]
-            told = np.einsum("nk,nki->ni", weight, at_rest[faces[face]])
-            np.minimum.at(best, pixel, np.linalg.norm(told - stored[pixel], axis=1))
-        chosen = np.flatnonzero(np.isin(part, numbers))
-        wrong = ~(best[chosen] <= slack[part[chosen]])
-        place = pixel_name(sequence, t)
-        checks.append(share("coordinates: of a triangle that is seen there", wrong, _FEW,
-                            lambda i, c=chosen, p=place: p(int(c[i]))))
-    return list(merge(checks))
+            expected = np.einsum("nk,nki->ni", weight, at_rest[faces[face]])
+            np.minimum.at(best, pixel, np.linalg.norm(expected - stored[pixel], axis=1))
+        loose = np.flatnonzero(np.isin(part, numbers))
+        wrong = ~(best[loose] <= slack[part[loose]])
+        checks.append(check_share("coordinates: of a triangle that is seen there", wrong, _FEW,
+                            lambda i, c=loose, f=frame: f.name(int(c[i]))))
+    return list(merge_checks(checks))
 
 
 def _posed(sequence: Sequence, model: ArticulatedModel) -> PosedModel | None:

@@ -14,9 +14,11 @@ from gcbench.__main__ import main
 from gcbench.renderer.dataset.provenance import describe, write_provenance
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
-from gcbench.renderer.verify.checks import check, merge, share
-from gcbench.renderer.verify.driver import Report, verify_dataset, verify_sequence
+from gcbench.renderer.verify import VerifyReport, verify_dataset, verify_sequence
+from gcbench.renderer.verify.checks import check, check_share, merge_checks
 from gcbench.robots.geometry import transform
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ...support import analytic
@@ -387,11 +389,31 @@ def test_no_dataset_is_an_error_of_the_user(tmp_path):
 def test_worst_and_mean_survive_merging():
     one = check("x", [1.0, 3.0], 2.0, "px", lambda i: f"one {i}")
     two = check("x", [0.0, 0.0], 2.0, "px", lambda i: f"two {i}")
-    (both,) = merge([one, two])
+    (both,) = merge_checks([one, two])
     assert (both.worst, both.mean, both.samples, both.where) == (3.0, 1.0, 4, "one 1")
-    assert not both.ok and not Report((both,)).ok
+    assert not both.ok and not VerifyReport((both,)).ok
     assert not check("nan", [np.nan], 1e9, "px").ok
     assert check("nothing", [], 0, "px").ok
-    assert share("s", [True], 0.5, lambda i: "", samples=4).ok
-    table = Report((both,), ("odd",)).table()
+    assert check_share("s", [True], 0.5, lambda i: "", samples=4).ok
+    table = VerifyReport((both,), ("odd",)).table()
     assert "FAIL" in table and "warning: odd" in table
+    assert VerifyReport((both, check("y", 1.0, 2.0, "m"))).worst == both
+    assert VerifyReport(()).worst is None
+
+
+@given(st.data())
+def test_a_report_does_not_depend_on_the_order_of_sequences(data):
+    """Right or wrong: the same checks fail, at the same worst values and places."""
+    found = [[check(name, residual, 1.0, "px", lambda i, k=k: f"sequence {k}")
+              for name, residual in sequence]
+             for k, sequence in enumerate(data.draw(st.lists(st.lists(
+                 st.tuples(st.sampled_from("abc"), st.floats(0, 2) | st.just(np.nan)), max_size=4),
+                 max_size=4)))]
+    first = VerifyReport(merge_checks(c for s in found for c in s))
+    other = VerifyReport(merge_checks(c for s in data.draw(st.permutations(found)) for c in s))
+    assert first.ok == other.ok and set(first.failures) == set(other.failures)
+    one, two = ({c.name: c for c in report.checks} for report in (first, other))
+    assert one.keys() == two.keys()
+    for name, result in one.items():
+        assert (result.worst, result.samples) == (two[name].worst, two[name].samples)
+        assert result.mean == pytest.approx(two[name].mean)
