@@ -1,30 +1,36 @@
-"""What `speed.py` compares: each class renders shots of one robot, in a process of its own."""
+"""What `render_speed.py` compares: each class renders shots of one robot, in its own process.
+
+They use the public names of the renderer only.
+"""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from gcbench.renderer.generate.sequence_renderer import RenderedSequence, SequenceRenderer
-from gcbench.renderer.scene.config import RenderConfig
-from gcbench.renderer.scene.sampling import Streams, draw_scene
-from gcbench.renderer.scene.scene import Scene
-from gcbench.renderer.truth.rejection import Draw
+from gcbench.renderer.dataset import SequenceWriter
+from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
+from gcbench.renderer.gl import Rasterizer
+from gcbench.renderer.scene import RenderConfig, Scene, Streams, draw_scene, model_source, resolved
+from gcbench.renderer.truth import Draw, DrawSampler, SequenceTruth
+from gcbench.renderer.types import Frame
 from gcbench.robots.catalog import robot_urdf
+
+DEPTH_UNIT = 0.0001
+"""m"""
 
 
 @dataclass
 class Shot:
-    """A sequence that is drawn but not rendered: what every contender is given."""
+    """A sampled sequence without images: the input of every contender."""
 
     scene: Scene
     draw: Draw
-    """Motion and camera, without images."""
-    record: dict[str, Any]
-    depth_unit: float
+    """Motion and camera."""
+    depth_unit: float = DEPTH_UNIT
 
     @property
     def world_from_part(self) -> np.ndarray:
@@ -33,45 +39,49 @@ class Shot:
 
 
 def draw_shots(config: RenderConfig, n: int) -> list[Shot]:
-    """The first n sequences of a config."""
-    renderer = SequenceRenderer(config)
+    """Sample the first n sequences of a config."""
+    config = resolved(config)
+    source = model_source(config, 0)
+    rasterizer = Rasterizer(config.width, config.height)
+    sampler = DrawSampler(source.model, source.scored, config, rasterizer, source.animation)
     shots = []
     for index in range(n):
-        streams = Streams(renderer.config, index)
-        draw, _ = renderer._sampler.draw(streams)
+        streams = Streams(config, index)
+        draw, _ = sampler.draw(streams)
         motion = draw.motion
-        outline = renderer._sampler.motions.outline(motion.posed)
-        scene, record = draw_scene(
-            streams, renderer.model, motion.trajectory, draw.camera, outline, motion.floor)
-        shots.append(Shot(scene, replace(draw, depth=[], part=[]), record, 0.0001))
-    renderer.close()
+        outline = sampler.motions.outline(motion.posed)
+        scene, _ = draw_scene(
+            streams, source.model, motion.trajectory, draw.camera, outline, motion.floor)
+        shots.append(Shot(scene, replace(draw, depth=[], part=[], face=[])))
+    rasterizer.close()
     return shots
 
 
 class Shipped:
-    """`SequenceRenderer.render`, every frame consumed: draws, judges, renders."""
+    """`SequenceRenderer.render` with all frames: samples, tests observability, renders."""
 
     def __init__(self, config: RenderConfig, shots: list[Shot]) -> None:
         self.renderer = SequenceRenderer(config)
 
-    def frames(self, index: int):
+    def frames(self, index: int) -> Iterator[Frame]:
         yield from self.renderer.render(index).frames
 
     def versions(self) -> str:
-        context = self.renderer._rasterizer.context
-        return f"{context.renderer}; OpenGL {context.version}"
+        rendered = self.renderer.render(0)
+        for _ in rendered.frames:
+            pass
+        used = rendered.meta.renderer
+        return f"{used['renderer']}; OpenGL {used['version']}"
 
 
 class Encoded(Shipped):
-    """The same, and written to disk."""
+    """The same, written to disk."""
 
     def __init__(self, config: RenderConfig, shots: list[Shot]) -> None:
         super().__init__(config, shots)
         self.folder = tempfile.TemporaryDirectory()
 
-    def frames(self, index: int):
-        from gcbench.renderer.dataset.storage import SequenceWriter
-
+    def frames(self, index: int) -> Iterator[Frame]:
         rendered = self.renderer.render(index)
         with SequenceWriter(Path(self.folder.name), index, rendered.depth_unit) as writer:
             for frame in rendered.frames:
@@ -80,43 +90,51 @@ class Encoded(Shipped):
             writer.finish(rendered.meta, rendered.state)
 
 
-class Pure(Shipped):
-    """Rendering alone: scene given, nothing drawn and nothing judged."""
+class Pure:
+    """Rendering alone: scenes are given, nothing is sampled or tested."""
 
     def __init__(self, config: RenderConfig, shots: list[Shot]) -> None:
-        super().__init__(config, shots)
-        self.shots = shots
-        self.renderer.model = shots[0].scene.model
+        self.config, self.shots = resolved(config), shots
+        self.rasterizer = Rasterizer(
+            config.width, config.height, round(self.config.samples**0.5))
 
-    def frames(self, index: int):
-        shot = self.shots[index]
-        draw = self.truth(shot)
-        out = RenderedSequence()
-        out.depth_unit, out.refused = shot.depth_unit, {}
-        yield from self.renderer._frames(index, draw, shot.scene, shot.record, out)
+    def frames(self, index: int) -> Iterator[Frame]:
+        shot, draw = self.shots[index], self.draw(index)
+        truth = SequenceTruth(
+            self.config, index, shot.scene.model, draw, shot.depth_unit, None)
+        for t in range(len(draw.depth)):
+            color = self.rasterizer.draw_color(shot.scene, draw.motion.posed, t)
+            yield truth.frame(t, lambda color=color: color.rgb)
 
-    def truth(self, shot: Shot) -> Draw:
-        """Depth and parts of all frames; the scene is ready to be coloured."""
-        r, posed = self.renderer._rasterizer, shot.draw.motion.posed
-        frames = range(len(shot.world_from_part))
-        drawn = [r.draw_truth(posed, shot.scene.camera, t) for t in frames]
-        draw = replace(shot.draw, depth=[d.depth for d in drawn], part=[d.part for d in drawn])
-        room = r.draw_room(shot.scene, posed)
-        return draw if room is None else self.renderer._in_room(draw, room.depth)
+    def draw(self, index: int) -> Draw:
+        """Depth and parts of all frames, in the room if the scene has one."""
+        shot, posed = self.shots[index], self.shots[index].draw.motion.posed
+        drawn = [self.rasterizer.draw_truth(posed, shot.scene.camera, t)
+                 for t in range(len(shot.world_from_part))]
+        depth, part = [d.depth for d in drawn], [d.part for d in drawn]
+        room = self.rasterizer.draw_room(shot.scene, posed)
+        if room is not None:
+            part = [np.where(room.depth < d, np.uint16(0), p)
+                    for d, p in zip(depth, part, strict=True)]
+            depth = [np.where(p == 0, room.depth, d) for d, p in zip(depth, part, strict=True)]
+        return replace(shot.draw, depth=depth, part=part)
+
+    def versions(self) -> str:
+        context = self.rasterizer.context
+        return f"{context.renderer}; OpenGL {context.version}"
 
 
 class Images(Pure):
     """RGB, depth and parts only."""
 
-    def frames(self, index: int):
-        shot, r = self.shots[index], self.renderer._rasterizer
-        draw = self.truth(shot)
+    def frames(self, index: int) -> Iterator[tuple[np.ndarray, ...]]:  # type: ignore[override]
+        shot, draw = self.shots[index], self.draw(index)
         for t, (depth, part) in enumerate(zip(draw.depth, draw.part, strict=True)):
-            yield r.draw_color(shot.scene, shot.draw.motion.posed, t).rgb, depth, part
+            yield self.rasterizer.draw_color(shot.scene, draw.motion.posed, t).rgb, depth, part
 
 
 class Pyrender:
-    """`speed_pyrender.py`."""
+    """The script `plain_pyrender.py`."""
 
     def __init__(self, config: RenderConfig, shots: list[Shot]) -> None:
         from plain_pyrender import PyrenderScript
@@ -254,10 +272,10 @@ def _obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
 
 def urdf(robot: str) -> Path:
-    """The URDF file of a robot of the catalogue, or that path."""
+    """Return the URDF file of a robot of the catalogue, or that path."""
     path = robot_urdf(robot)
     if path is None:
-        raise SystemExit(f"{robot} has no URDF, which the others need")
+        raise ValueError(f"{robot} has no URDF file")
     return path
 
 

@@ -1,9 +1,11 @@
-"""Frames per second of the renderer, and of other ways to the same pixels (`make speed`).
+"""Measure the renderer's frames per second beside other renderers (`make speed`).
 
-Every contender renders the same sequences of one robot (motion, camera, lights, backgrounds) in a
-process of its own. They take turns, sequence by sequence, each time in another order, and a ratio
-is the median over the sequences of ratios of times that were measured seconds apart: what else
-runs on the machine slows both.
+Every contender renders the same sequences of one robot (motion, camera, lights, backgrounds) in its
+own process. The contenders take turns, sequence by sequence, in alternating order. A ratio is the
+median over the sequences of ratios of times that were measured seconds apart, so that other load
+on the machine slows both. A contender that cannot start is left out, with one line that says why.
+
+    make speed ARGS="--sequences 1 --worker-sequences 0"    # a short run
 """
 
 from __future__ import annotations
@@ -21,13 +23,14 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from gcbench.renderer.generate.driver import generate, plan_workers
 from gcbench.renderer.scene.config import RenderConfig
 
 TITLES = {
-    "Shipped": "gcbench: all arrays, draws and judges too",
+    "Shipped": "gcbench: all arrays, sampling included",
     "Encoded": "gcbench: the same, and written to disk",
     "Pure": "gcbench: all arrays of given scenes",
     "Images": "gcbench: RGB, depth, parts of given scenes",
@@ -54,8 +57,12 @@ class Turn:
     """s, of all threads"""
 
 
+class ContenderError(Exception):
+    """A contender cannot go on; the message is one line."""
+
+
 class Child:
-    """A contender in a spawned process."""
+    """A contender in a spawned process. Raises ContenderError if it cannot start."""
 
     def __init__(self, name: str, config: RenderConfig, shots: list) -> None:
         self.name = name
@@ -64,22 +71,25 @@ class Child:
             target=_serve, args=(theirs, name, config, shots), daemon=True)
         self._process.start()
         theirs.close()
-        self.ready, self.note = self._receive()
+        self.versions: str = self._receive()
 
-    def _receive(self) -> tuple:
-        """Its answer, or what became of it."""
+    def _receive(self) -> Any:
         try:
-            return self._pipe.recv()
+            done, answer = self._pipe.recv()
         except EOFError:
             self._process.join()
-            return False, f"its process ended with {self._process.exitcode}"
+            done, answer = False, f"its process ended with {self._process.exitcode}"
+        if not done:
+            self.close()
+            raise ContenderError(answer)
+        return answer
 
     def turn(self, sequence: int) -> Turn:
         self._pipe.send(("turn", sequence))
         return Turn(self.name, sequence, *self._receive())
 
     def arrays(self, sequence: int) -> tuple:
-        """The arrays of one frame in the middle of a motion."""
+        """The arrays of the second frame of a sequence."""
         self._pipe.send(("arrays", sequence))
         return self._receive()
 
@@ -90,29 +100,28 @@ class Child:
 
 
 def _serve(pipe: Connection, name: str, config: RenderConfig, shots: list) -> None:
-    from contenders import CONTENDERS
-
     try:
+        from contenders import CONTENDERS
+
         contender = CONTENDERS[name](config, shots)
-    except ImportError as error:
-        pipe.send((False, f"not installed ({error.name or error})"))
+        pipe.send((True, contender.versions()))
+        while True:
+            pipe.send((True, _answer(contender, *pipe.recv())))
+    except EOFError:
         return
+    except ModuleNotFoundError as error:
+        pipe.send((False, f"not installed ({error.name})"))
     except Exception as error:
-        pipe.send((False, f"{type(error).__name__}: {error}"))
-        return
-    pipe.send((True, contender.versions()))
-    while True:
-        try:
-            question, index = pipe.recv()
-        except EOFError:
-            return
-        wall, cpu = time.perf_counter(), time.process_time()
-        if question == "turn":
-            frames = sum(1 for _ in contender.frames(index))
-            pipe.send((frames, time.perf_counter() - wall, time.process_time() - cpu))
-        else:
-            frame = list(contender.frames(index))[1]
-            pipe.send(frame if isinstance(frame, tuple) else tuple(vars(frame).values()))
+        pipe.send((False, " ".join(f"{type(error).__name__}: {error}".split())))
+
+
+def _answer(contender: Any, question: str, index: int) -> tuple:
+    if question == "arrays":
+        frame = list(contender.frames(index))[1]
+        return frame if isinstance(frame, tuple) else tuple(vars(frame).values())
+    wall, cpu = time.perf_counter(), time.process_time()
+    frames = sum(1 for _ in contender.frames(index))
+    return frames, time.perf_counter() - wall, time.process_time() - cpu
 
 
 def _shots(pipe: Connection, config: RenderConfig, n: int) -> None:
@@ -122,38 +131,52 @@ def _shots(pipe: Connection, config: RenderConfig, n: int) -> None:
 
 
 def compare(config: RenderConfig, n: int, seconds: float) -> tuple[list[Turn], dict[str, str]]:
-    """Turns of all contenders on sequences 1 .. n-1 (0 warms up), and a note on each contender."""
+    """Turns of all contenders on sequences 1 .. n (0 warms up), and the versions of each."""
     ours, theirs = multiprocessing.Pipe()
-    drawing = multiprocessing.get_context("spawn").Process(target=_shots, args=(theirs, config, n))
+    drawing = multiprocessing.get_context("spawn").Process(
+        target=_shots, args=(theirs, config, n + 1))
     drawing.start()
     theirs.close()
     shots = ours.recv()
     drawing.join()
-    children = [Child(name, config, shots) for name in TITLES]
-    notes = {child.name: child.note for child in children}
-    running = {child.name: child for child in children if child.ready}
-    print(_agreement(running))
+    running: dict[str, Child] = {}
+    for name, title in TITLES.items():
+        try:
+            running[name] = Child(name, config, shots)
+        except ContenderError as error:
+            print(f"left out: {title.split(':')[0]}: {error}")
+    versions = {name: child.versions for name, child in running.items()}
+    if "Pure" in running:
+        print(_agreement(running))
     turns: list[Turn] = []
     end = time.monotonic() + seconds
-    for sequence in range(n):
+    for sequence in range(n + 1):
         if sequence > 3 and time.monotonic() > end:
             break
-        order = list(running)[:: 1 if sequence % 2 else -1]
-        done = [running[name].turn(sequence) for name in order]
-        turns += done if sequence else []
-    for child in children:
+        for name in list(running)[:: 1 if sequence % 2 else -1]:
+            try:
+                turns.append(running[name].turn(sequence))
+            except ContenderError as error:
+                print(f"left out: {TITLES[name].split(':')[0]}: {error}")
+                del running[name]
+    for child in running.values():
         child.close()
-    return turns, notes
+    return [t for t in turns if t.sequence and t.contender in running], versions
 
 
 def _agreement(running: dict[str, Child]) -> str:
-    """How near the contenders' arrays are to ours, of a frame without a room."""
+    """How much the contenders' arrays of one frame differ from ours."""
     ours = running["Pure"].arrays(0)
     lines = ["agreement with gcbench's arrays where parts agree (median, 99 %):"]
     for name in ("Pyrender", "Bullet", "Mujoco"):
         if name not in running:
             continue
-        theirs = running[name].arrays(0)
+        try:
+            theirs = running[name].arrays(0)
+        except ContenderError as error:
+            print(f"left out: {TITLES[name].split(':')[0]}: {error}")
+            del running[name]
+            continue
         robot = (ours[2] > 0) & (theirs[2] == ours[2])
         found = [f"parts equal {np.mean((theirs[2] > 0) == (ours[2] > 0)):.4f} of the pixels",
                  f"depth {_quantiles(np.abs(theirs[1] - ours[1])[robot] * 1e3)} mm"]
@@ -170,7 +193,7 @@ def _quantiles(values: np.ndarray) -> str:
 
 
 def workers(config: RenderConfig, n: int, rounds: int) -> dict[str, float]:
-    """Median frames/s of `generate` by number of workers; "1 on one core" is held to that core."""
+    """Median frames/s of `generate` by number of workers; "1 on one core" is bound to that core."""
     cores = sorted(os.sched_getaffinity(0))
     setups = [("1 on one core", 1, cores[:1])]
     setups += [(str(count), count, cores) for count in range(1, len(cores) + 2)]
@@ -191,14 +214,15 @@ def workers(config: RenderConfig, n: int, rounds: int) -> dict[str, float]:
 def _generate(
     pipe: Connection, config: RenderConfig, n: int, folder: str, count: int, cores: list[int]
 ) -> None:
-    """Frames/s once every worker is warm: from the time at which each file was finished."""
+    """Frames/s while all workers run: from the times at which the files were finished."""
+    n = max(n, 2 * count + 2)
     os.sched_setaffinity(0, cores)
     generate(config, n, Path(folder), workers=count, progress=False)
     times = sorted(p.stat().st_mtime for p in (Path(folder) / "sequences").glob("*.zip"))
     pipe.send(config.frames * (n - 2 * count) / (times[-1 - count] - times[count - 1]))
 
 
-def report(turns: list[Turn], notes: dict[str, str]) -> dict[str, dict[str, float]]:
+def report(turns: list[Turn], versions: dict[str, str]) -> dict[str, dict[str, float]]:
     """Print both tables; returns the ratios."""
     wall = {(t.contender, t.sequence): t.wall / t.frames for t in turns}
     cpu = {(t.contender, t.sequence): t.cpu / t.frames for t in turns}
@@ -208,9 +232,7 @@ def report(turns: list[Turn], notes: dict[str, str]) -> dict[str, dict[str, floa
         own = [key for key in wall if key[0] == name]
         if own:
             print(f"{title:46} {1 / statistics.median(wall[k] for k in own):8.1f}  "
-                  f"{1e3 * statistics.median(cpu[k] for k in own):12.1f}  {notes[name]}")
-        else:
-            print(f"{title:46}  skipped: {notes[name]}")
+                  f"{1e3 * statistics.median(cpu[k] for k in own):12.1f}  {versions[name]}")
     print(f"\n{'ratio':66} frames/s   (range)       CPU time")
     ratios: dict[str, dict[str, float]] = {}
     for a, b in RATIOS:
@@ -228,19 +250,20 @@ def report(turns: list[Turn], notes: dict[str, str]) -> dict[str, dict[str, floa
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--robot", default="ur5")
-    parser.add_argument("--sequences", type=int, default=25, help="at most, of 15 frames")
+    parser.add_argument("--sequences", type=int, default=25, help="at most; one more warms up")
+    parser.add_argument("--frames", type=int, default=15, help="of a sequence")
     parser.add_argument("--seconds", type=float, default=110.0, help="at most, for the contenders")
-    parser.add_argument("--worker-sequences", type=int, default=12, help="a run; 0: no workers")
+    parser.add_argument("--worker-sequences", type=int, default=12, help="of a run; 0: no runs")
     parser.add_argument("--rounds", type=int, default=3, help="of the runs with workers")
     parser.add_argument("--json", type=Path, help="write all numbers to this file")
     options = parser.parse_args()
-    config = RenderConfig(robot=options.robot)
+    config = RenderConfig(robot=options.robot, frames=options.frames)
     cores = len(os.sched_getaffinity(0))
     facts = {
         "machine": f"{platform.platform()}, {_cpu()}, {cores} cores",
-        "versions": ", ".join([
+        "packages": ", ".join([
             f"Python {platform.python_version()}",
             *(f"{name} {version(name)}" for name in ("numpy", "opencv-python-headless"))]),
         "llvmpipe threads": os.environ.get("LP_NUM_THREADS", "Mesa's default")
@@ -250,9 +273,9 @@ def main() -> None:
     print(f"{options.robot}, {config.width} x {config.height}, {config.frames} frames a sequence")
     for name, value in facts.items():
         print(f"{name}: {value}")
-    turns, notes = compare(config, options.sequences, options.seconds)
-    ratios = report(turns, notes)
-    print("PyBullet and MuJoCo draw the robot before nothing; ours has its images and rooms too.")
+    turns, versions = compare(config, options.sequences, options.seconds)
+    ratios = report(turns, versions)
+    print("PyBullet and MuJoCo draw the robot alone; gcbench draws its backgrounds too.")
     rates: dict[str, float] = {}
     if options.worker_sequences:
         rates = workers(config, options.worker_sequences, options.rounds)
@@ -263,7 +286,7 @@ def main() -> None:
                   f"{'  default' if name == default else ''}")
     if options.json:
         options.json.write_text(json.dumps({
-            **facts, "notes": notes, "ratios": ratios, "workers": rates,
+            **facts, "contenders": versions, "ratios": ratios, "workers": rates,
             "turns": [asdict(t) for t in turns]}, indent=1))
 
 
