@@ -8,20 +8,16 @@ text). This keeps accidents away from the run; it is no sandbox against malice.
 from __future__ import annotations
 
 import json
-import os
-import signal
-import sys
-import threading
 import time
 import traceback
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from multiprocessing import parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import GcbenchError
+from ...renderer.runtime import receive_tasks
 
 if TYPE_CHECKING:
     from ...renderer.dataset import Dataset
@@ -30,8 +26,6 @@ if TYPE_CHECKING:
     from ..results import Shape, Stored
 
 READY, STARTED, DONE, PROBLEM = b"R", b"S", b"D", b"P"
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Read by libraries when they load, so the parent sets them before the process starts."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +40,13 @@ class Task:
     oracles: tuple[str, ...] = ()
 
 
-def work(connection: Connection, source: str, threads: int, log: str) -> None:
-    """Load the method, estimate until told to stop. The main function of the process.
-
-    What it prints goes to the file `log`.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent decides
-    with suppress(OSError):
-        os.setsid()  # so that what a method starts ends with it
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    _redirect(log)
+def serve(connection: Connection, source: str, threads: int) -> None:
+    """Load the method, and estimate until the connection ends. The target of the process."""
     try:
         _serve(connection, source, threads)
     except GcbenchError as error:
         connection.send_bytes(PROBLEM + str(error).encode())
-    except (EOFError, BrokenPipeError):
+    except BrokenPipeError:
         pass  # the parent is gone
     except BaseException:
         connection.send_bytes(PROBLEM + f"{source}: {traceback.format_exc()}".encode())
@@ -76,7 +62,7 @@ def _serve(connection: Connection, source: str, threads: int) -> None:
     connection.send_bytes(READY + json.dumps(asdict(declare(method, source))).encode())
     opened: dict[str, Dataset] = {}
     models: dict[tuple[str, str], ArticulatedModel] = {}
-    while data := connection.recv_bytes():
+    for data in receive_tasks(connection, Connection.recv_bytes):
         task = Task(**json.loads(data))
         if task.data not in opened:
             from ...renderer.dataset import open_dataset
@@ -158,24 +144,3 @@ def _text(error: BaseException) -> str:
         return str(error)
     except Exception:
         return "(its message cannot be printed)"
-
-
-def _redirect(log: str) -> None:
-    """stdout and stderr, of C libraries too, into a file that the parent may cut."""
-    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os.dup2(file, 1)
-    os.dup2(file, 2)
-    os.close(file)
-    import faulthandler
-
-    faulthandler.enable()  # a segmentation fault says where
-
-
-def _end_with_parent() -> None:
-    """Ends this process at once when the parent is gone, whatever it died of."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

@@ -32,8 +32,8 @@ from ..dataset import (
 )
 from ..runtime import dump_json, frame_bar
 from ..scene import RenderConfig, config_tree, differences, parse_config, resolved
-from .worker_pool import Died, crew
-from .worker_process import FrameDone, Ready, Task
+from .worker_pool import WorkerDied, render_in_workers
+from .worker_process import FrameDone, ModelLoaded, RenderTask
 
 SOURCE = "gcbench.renderer.generate.sequence_renderer:SequenceRenderer"
 
@@ -115,7 +115,7 @@ def generate(
             todo = [i for i in range(n) if sequence_name(i) not in there]
             if todo:
                 count, threads = plan_workers(cpu_count, min(workers or cpu_count, len(todo)))
-                task = Task(source, config, out.absolute(), threads)
+                task = RenderTask(source, config, out.absolute(), threads)
                 try:
                     provenance = _render(task, todo, count, n, provenance, progress)
                 finally:
@@ -126,20 +126,20 @@ def generate(
 
 
 def _render(
-    task: Task, todo: list[int], workers: int, n: int, provenance: Provenance, progress: bool
+    task: RenderTask, todo: list[int], workers: int, n: int, provenance: Provenance, progress: bool
 ) -> Provenance:
     """Render `todo`; the provenance that is returned, and on disk, names the model."""
     frames = task.config.frames
     with (
         frame_bar(n * frames, (n - len(todo)) * frames, progress) as bar,
-        closing(crew(task, todo, workers)) as events,
+        closing(render_in_workers(task, todo, workers)) as events,
     ):
         for event in events:
-            if isinstance(event, Ready):
+            if isinstance(event, ModelLoaded):
                 provenance = _with_asset(task.dataset, provenance, event.asset)
             elif isinstance(event, FrameDone):
                 bar.update()
-            elif isinstance(event, Died):
+            elif isinstance(event, WorkerDied):
                 bar.update(-event.frames)
                 bar.write(f"gcbench: {event.notice}", file=sys.stderr)
     return provenance

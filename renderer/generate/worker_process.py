@@ -1,22 +1,17 @@
-"""A process that renders sequences, one after another, until it is told to stop.
-
-Nothing heavy is imported before the environment is set: Mesa and BLAS read it when they load.
-"""
+"""What runs in a rendering process: it receives indices, renders and writes, and reports."""
 
 from __future__ import annotations
 
 import os
-import signal
-import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
-from multiprocessing import parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ...errors import GcbenchError
+from ...errors import GcbenchError, RenderError
+from ..runtime import receive_tasks
 from ..scene import RenderConfig
 
 if TYPE_CHECKING:
@@ -52,8 +47,8 @@ class Renderer(Protocol):
 
 
 @dataclass(frozen=True)
-class Task:
-    """What a worker is made for."""
+class RenderTask:
+    """What a process renders."""
 
     source: str
     """"module:attribute" of a callable RenderConfig -> Renderer"""
@@ -64,8 +59,8 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Ready:
-    """The model is loaded; waits for its first index."""
+class ModelLoaded:
+    """The process waits for its first index."""
 
     asset: Mapping[str, Any]
 
@@ -77,49 +72,46 @@ class FrameDone:
 
 @dataclass(frozen=True)
 class SequenceDone:
-    """The sequence is on disk; waits for the next index."""
+    """The sequence is on disk; the process waits for the next index."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """The worker gives up."""
+    """The process gives up."""
 
-    message: str
-    """One line that a user understands, or a traceback."""
-    is_bug: bool
+    text: str
+    """One line for the user, or the traceback of a bug."""
+    error: type[GcbenchError] | None
+    """Kind of the error; None for a bug."""
 
 
-def work(connection: Connection, task: Task) -> None:
-    """Receive indices, render them, report; ends at None. The main function of the process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent decides
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.environ["LP_NUM_THREADS"] = str(task.threads)
-    for library in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(library, "1")  # the processes are the parallelism
-    index: int | None = None
+Message = ModelLoaded | FrameDone | SequenceDone
+
+
+def serve(connection: Connection, task: RenderTask) -> None:
+    """Receive indices, render them and report, until the connection ends."""
+    os.environ["LP_NUM_THREADS"] = str(task.threads)  # Mesa reads it when it loads
+    where = ""
     try:
-        renderer = _load(task)
-        connection.send(Ready(renderer.asset))
-        while (index := connection.recv()) is not None:
+        import cv2
+
+        cv2.setNumThreads(1)
+        module, _, attribute = task.source.partition(":")
+        renderer: Renderer = getattr(import_module(module), attribute)(task.config)
+        connection.send(ModelLoaded(renderer.asset))
+        for index in receive_tasks(connection, Connection.recv):
+            where = f"sequence {index:06d}: "
             _render(renderer, index, task.dataset, connection)
             connection.send(SequenceDone())
         renderer.close()
     except GcbenchError as error:
-        connection.send(Problem(_prefix(index) + str(error), is_bug=False))
+        connection.send(Problem(f"{where}{error}", type(error)))
     except OSError as error:  # a full disk, no permission
-        connection.send(Problem(_prefix(index) + str(error), is_bug=False))
+        connection.send(Problem(f"{where}{error}", RenderError))
     except Exception:
         import traceback
 
-        connection.send(Problem(_prefix(index) + traceback.format_exc(), is_bug=True))
-
-
-def _load(task: Task) -> Renderer:
-    import cv2
-
-    cv2.setNumThreads(1)
-    module, _, attribute = task.source.partition(":")
-    return getattr(import_module(module), attribute)(task.config)
+        connection.send(Problem(where + traceback.format_exc(), None))
 
 
 def _render(renderer: Renderer, index: int, dataset: Path, connection: Connection) -> None:
@@ -135,15 +127,3 @@ def _render(renderer: Renderer, index: int, dataset: Path, connection: Connectio
         # With the sequence, so that the dataset's sum follows from what is on disk.
         seen = {**rendered.meta.observability, "refused": dict(rendered.refused)}
         writer.finish(replace(rendered.meta, observability=seen), rendered.state)
-
-
-def _end_with_parent() -> None:
-    """Ends this process at once when the parent is gone, whatever it died of."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)  # nothing to tidy up: unfinished files have temporary names
-
-
-def _prefix(index: int | None) -> str:
-    return "" if index is None else f"sequence {index:06d}: "

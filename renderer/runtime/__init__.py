@@ -1,10 +1,11 @@
-"""What a long run needs: JSON, ZIP archives, progress, interruption."""
+"""What a long run needs: JSON, ZIP archives, worker processes, progress, interruption."""
 
 from __future__ import annotations
 
 from .interrupt import uninterrupted
 from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
 from .progress import Bar, frame_bar
+from .workers import WorkerPool, WorkerSettings, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
@@ -12,12 +13,15 @@ __all__ = [
     "Archive",
     "ArchiveWriter",
     "Bar",
+    "WorkerPool",
+    "WorkerSettings",
     "dump_json",
     "frame_bar",
     "open_archive",
     "parse_json",
     "parse_toml",
     "read_record",
+    "receive_tasks",
     "to_record",
     "uninterrupted",
 ]

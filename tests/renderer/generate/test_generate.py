@@ -19,8 +19,9 @@ from pathlib import Path
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.renderer.dataset.storage import open_sequence
-from gcbench.renderer.generate import worker_pool as crew
 from gcbench.renderer.generate.driver import Summary, generate, plan_workers
+from gcbench.renderer.generate.worker_pool import render_in_workers
+from gcbench.renderer.generate.worker_process import ModelLoaded, RenderTask, SequenceDone
 from gcbench.renderer.scene.config import RenderConfig
 
 CONFIG = RenderConfig(robot="arm", frames=4, width=32, height=24)
@@ -146,15 +147,13 @@ def test_an_unpacked_sequence_counts_as_there(tmp_path: Path) -> None:
     assert open_dataset(tmp_path)[1].meta.index == 1
 
 
-def test_workers_are_replaced(
-    tmp_path: Path, expected: dict[str, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started, start_one = list[object](), crew._start
-    monkeypatch.setattr(crew, "_start", lambda task: started.append(task) or start_one(task))
-    monkeypatch.setattr(crew, "LIFETIME", 3)
-    run(tmp_path, workers=2)
-    assert content(tmp_path) == expected
-    assert len(started) >= N / 3
+def test_workers_are_replaced(tmp_path: Path, expected: dict[str, str]) -> None:
+    task = RenderTask(SOURCE, CONFIG, tmp_path, 1)
+    messages = list(render_in_workers(task, list(range(N)), workers=2, lifetime=3))
+    assert sum(isinstance(m, ModelLoaded) for m in messages) >= N / 3
+    assert sum(isinstance(m, SequenceDone) for m in messages) == N
+    found = content(tmp_path)
+    assert found == {name: data for name, data in expected.items() if name != "dataset.json"}
 
 
 @pytest.mark.parametrize("only_parent", [False, True])

@@ -1,0 +1,289 @@
+"""Worker processes that share a list of tasks: start, hand out, time limits, deaths, restarts.
+
+The pool knows nothing of the work. A target "module:function" runs in each process as
+`function(connection, *arguments)`: it receives tasks from its connection and sends messages, until
+the connection ends. The caller decides what a message is: pickled records between our own
+processes, or bytes where the process runs foreign code. No process outlives the iterator of
+`WorkerPool.events`, nor the parent.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from importlib import import_module
+from itertools import count
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
+from typing import Any, Generic, Literal, TypeVar
+
+from .interrupt import uninterrupted
+
+Task = TypeVar("Task")
+Received = TypeVar("Received")
+_LAST_WORDS = 2000  # bytes
+_LONGEST_WAIT = 3600.0  # s
+
+
+@dataclass(frozen=True)
+class WorkerSettings:
+    """How a pool runs its processes."""
+
+    target: str
+    """"module:function", called in each process with its connection and `arguments`."""
+    arguments: tuple[Any, ...] = ()
+    workers: int = 1
+    """Processes at a time."""
+    lifetime: int = 100
+    """Tasks of one process. A new process has none of the memory that the old one leaked."""
+    start_limit: float = math.inf
+    """s for a process to get ready, and to report that it began a task."""
+    environment: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Variables of the processes. Those that the user has set take precedence."""
+    foreign: bool = False
+    """The target runs foreign code: what it starts ends with it, what it prints goes to a file."""
+
+
+@dataclass(eq=False)
+class Worker(Generic[Task]):
+    """One process of a pool. The consumer of events calls `release` and `allow`."""
+
+    process: SpawnProcess
+    connection: Connection
+    log: Path | None
+    deadline: float
+    task: Task | None = None
+    """What it works on."""
+    is_idle: bool = False
+    finished: int = 0
+    """Tasks that it finished."""
+
+    def release(self) -> None:
+        """Mark the process as ready for a task, and its task as finished."""
+        self.finished += self.task is not None
+        self.task, self.is_idle = None, True
+
+    def allow(self, seconds: float) -> None:
+        """Set the time limit for the next message."""
+        self.deadline = time.monotonic() + seconds
+
+    def last_words(self) -> str:
+        """Return what the process printed last, on lines of their own; only of foreign code."""
+        with suppress(OSError):
+            if self.log is not None:
+                with self.log.open("rb") as file:
+                    file.seek(max(0, self.log.stat().st_size - _LAST_WORDS))
+                    said = file.read().decode(errors="replace").strip()
+                    return f"; it said:\n{said}" if said else ""
+        return ""
+
+
+@dataclass(frozen=True)
+class Event(Generic[Task]):
+    """What happened to a worker."""
+
+    worker: Worker[Task]
+    kind: Literal["message", "died", "late"]
+    """late: the time limit is over. Workers that died or are late are removed from the pool."""
+    content: Any = None
+    """The message; how the process died, in words."""
+
+
+class WorkerPool(Generic[Task]):
+    """Processes that work on `todo`, first to last."""
+
+    def __init__(
+        self,
+        settings: WorkerSettings,
+        tasks: Iterable[Task],
+        send: Callable[[Connection, Task], None] = Connection.send,
+        receive: Callable[[Connection], Any] = Connection.recv,
+    ) -> None:
+        """`send` and `receive` write a task to a connection and read a message from it."""
+        self.settings, self.todo = settings, deque(tasks)
+        self._send, self._receive = send, receive
+        self._workers = list[Worker[Task]]()
+        self._number = count()
+
+    def events(self) -> Generator[Event[Task]]:
+        """Yield what happens until every task is finished or lost.
+
+        Close the iterator to stop at once. A task whose process ended is lost unless the consumer
+        appends it to `todo` again.
+        """
+        resource_tracker.ensure_running()  # its start would undo uninterrupted
+        with tempfile.TemporaryDirectory(prefix="gcbench-") as logs:
+            try:
+                while self.todo or self._busy():
+                    while len(self._workers) < min(
+                        self.settings.workers, len(self.todo) + self._busy()
+                    ):
+                        self._workers.append(self._start(Path(logs)))
+                    for event in self._next_events():
+                        if event.kind != "message":
+                            self._workers.remove(event.worker)
+                            _kill(event.worker)
+                            _join(event.worker)
+                        yield event
+                        if event.kind == "message" and event.worker.is_idle:
+                            self._hand_out(event.worker)
+            finally:
+                for worker in self._workers:
+                    _kill(worker)
+                for worker in self._workers:
+                    _join(worker)
+                self._workers.clear()
+
+    def _busy(self) -> int:
+        return sum(worker.task is not None for worker in self._workers)
+
+    def _next_events(self) -> Generator[Event[Task]]:
+        """Wait for the next message, death or deadline."""
+        limit = min(worker.deadline for worker in self._workers) - time.monotonic()
+        ready = wait(
+            [worker.connection for worker in self._workers], max(0.0, min(limit, _LONGEST_WAIT))
+        )
+        for worker in list(self._workers):
+            if worker.connection in ready:
+                try:
+                    yield Event(worker, "message", self._receive(worker.connection))
+                except (EOFError, OSError):
+                    yield Event(worker, "died", _describe_end(worker.process))
+            elif time.monotonic() >= worker.deadline:
+                yield Event(worker, "late")
+
+    def _hand_out(self, worker: Worker[Task]) -> None:
+        """Give an idle worker its next task, or end it."""
+        if not self.todo or worker.finished >= self.settings.lifetime:
+            self._workers.remove(worker)
+            worker.connection.close()  # the process ends when it has read that
+            if not self.settings.foreign:
+                worker.process.join(10.0)  # a driver may hang
+            _kill(worker)
+            _join(worker)
+            return
+        worker.task, worker.is_idle = self.todo.popleft(), False
+        worker.allow(self.settings.start_limit)
+        with suppress(OSError):
+            if worker.log is not None:
+                os.truncate(worker.log, 0)
+        with suppress(OSError):  # it is dead, which the next receive finds
+            self._send(worker.connection, worker.task)
+
+    def _start(self, logs: Path) -> Worker[Task]:
+        s = self.settings
+        log = logs / str(next(self._number)) if s.foreign else None
+        context: SpawnContext = multiprocessing.get_context("spawn")
+        with uninterrupted(), _variables(s.environment):
+            mine, its = context.Pipe()
+            process = context.Process(
+                target=_main, args=(its, s.target, s.arguments, log), daemon=not s.foreign
+            )
+            process.start()
+            its.close()  # now the end of the process is the end of the connection
+        return Worker(process, mine, log, time.monotonic() + s.start_limit)
+
+
+def _kill(worker: Worker[Any]) -> None:
+    """Kill the process, and what foreign code in it has started."""
+    if worker.log is not None and worker.process.pid is not None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(worker.process.pid, signal.SIGKILL)
+    worker.process.kill()
+
+
+def _join(worker: Worker[Any]) -> None:
+    worker.process.join()
+    worker.connection.close()
+
+
+def _describe_end(process: SpawnProcess) -> str:
+    process.join(10.0)
+    code = process.exitcode
+    if code is None:
+        return "closed its connection"
+    if code >= 0:
+        return f"exited with {code}"
+    try:
+        how = f"was killed by {signal.Signals(-code).name}"
+    except ValueError:
+        how = f"was killed by signal {-code}"
+    return how + (" (out of memory?)" if code == -signal.SIGKILL else "")
+
+
+@contextmanager
+def _variables(values: Mapping[str, str]) -> Generator[None]:
+    """Environment variables for what is started in the block; those already set stay.
+
+    Libraries read them when they load, which happens before the target runs.
+    """
+    mine = {k: v for k, v in values.items() if k not in os.environ}
+    os.environ.update(mine)
+    try:
+        yield
+    finally:
+        for key in mine:
+            del os.environ[key]
+
+
+# -- in the process ---------------------------------------------------------------------------
+
+
+def receive_tasks(
+    connection: Connection, receive: Callable[[Connection], Received]
+) -> Generator[Received]:
+    """Yield what `receive` reads from a connection, until the parent closes it."""
+    while True:
+        try:
+            task = receive(connection)
+        except EOFError:
+            return
+        yield task
+
+
+def _main(
+    connection: Connection, target: str, arguments: tuple[Any, ...], log: Path | None
+) -> None:
+    """The main function of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent decides
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if log is not None:
+        with suppress(OSError):
+            os.setsid()  # a process group of its own
+        _redirect_output(log)
+    module, _, function = target.partition(":")
+    with suppress(EOFError, BrokenPipeError):  # the parent closed the connection
+        getattr(import_module(module), function)(connection, *arguments)
+
+
+def _redirect_output(log: Path) -> None:
+    """Send stdout and stderr, of C libraries too, into a file that the parent may truncate."""
+    import faulthandler
+
+    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.dup2(file, 1)
+    os.dup2(file, 2)
+    os.close(file)
+    faulthandler.enable()  # prints where a segmentation fault happened
+
+
+def _end_with_parent() -> None:
+    """End this process at once when its parent ends, for whatever reason."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)  # unfinished files have temporary names: nothing to tidy up

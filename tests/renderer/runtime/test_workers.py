@@ -1,0 +1,122 @@
+"""Worker processes end when they should, and one that dies or hangs costs one task."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from gcbench.renderer.runtime import WorkerPool, WorkerSettings
+from gcbench.robots.files.atomic import is_alive
+
+
+@pytest.fixture(autouse=True)
+def _targets(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "support"))
+
+
+def run(tasks: list[str], **settings: Any) -> Iterator[tuple[Any, str, Any]]:
+    """(task, kind of event, content) until all is done."""
+    pool = WorkerPool(WorkerSettings("pool_targets:obey", ("ready",), **settings), tasks)
+    with closing(pool.events()) as events:
+        for event in events:
+            task = event.worker.task
+            if event.kind == "message":
+                event.worker.release()
+            yield task, event.kind, event.content
+
+
+def gone(pid: int) -> bool:
+    end = time.monotonic() + 20.0
+    while is_alive(pid):
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def test_every_task_is_done_once_by_processes_of_a_lifetime() -> None:
+    tasks = [str(i) for i in range(7)]
+    done = [(task, pid) for task, _, pid in run(tasks, workers=2, lifetime=3) if task is not None]
+    assert sorted(task for task, _ in done) == tasks
+    lives = Counter(pid for _, pid in done)
+    assert max(lives.values()) <= 3
+    assert all(gone(pid) for pid in lives)
+
+
+@pytest.mark.parametrize("foreign", [False, True])
+def test_a_death_costs_one_task(foreign: bool) -> None:
+    events = [e for e in run(["a", "die", "exit", "b"], foreign=foreign) if e[0] is not None]
+    assert [(task, kind) for task, kind, _ in events] == [
+        ("a", "message"), ("die", "died"), ("exit", "died"), ("b", "message"),
+    ]
+    assert [content for _, kind, content in events if kind == "died"] == [
+        "was killed by SIGSEGV", "exited with 3",
+    ]
+
+
+def test_a_task_may_be_tried_again() -> None:
+    pool = WorkerPool(WorkerSettings("pool_targets:obey", ("ready",)), ["die", "a"])
+    tries = 0
+    with closing(pool.events()) as events:
+        for event in events:
+            if event.kind == "died":
+                tries += 1
+                if tries < 3:
+                    pool.todo.appendleft("die")
+            else:
+                event.worker.release()
+    assert tries == 3
+
+
+def test_a_hang_costs_one_task_and_what_it_printed_is_known() -> None:
+    settings = WorkerSettings("pool_targets:obey", ("ready",), start_limit=60.0, foreign=True)
+    pool = WorkerPool(settings, ["hang", "a"])
+    ends, said = list[tuple[str, str]](), ""
+    with closing(pool.events()) as events:
+        for event in events:
+            if event.worker.task is not None:
+                ends.append((event.worker.task, event.kind))
+            if event.kind == "late":
+                said = event.worker.last_words()
+            elif event.content == "begun":
+                event.worker.allow(1.0)
+            else:
+                event.worker.release()
+    assert ends == [("hang", "message"), ("hang", "late"), ("a", "message")]
+    assert said == "; it said:\ntask hang"
+
+
+def test_what_foreign_code_starts_ends_with_it() -> None:
+    for _, _, content in run(["spawn"], foreign=True):
+        if content != "ready":
+            child = content
+            break
+    assert gone(child)
+
+
+def test_closing_the_events_ends_every_process() -> None:
+    pids = list[int]()
+    for task, _, content in run(["a", "b", "c", "d"], workers=2):
+        if task is not None:
+            pids.append(content)
+        if len(pids) == 2:
+            break
+    assert all(gone(pid) for pid in pids)
+    assert is_alive(os.getpid())
+
+
+def test_variables_of_the_user_take_precedence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def seen() -> list[Any]:
+        found = run(["variable"], environment={"POOL_TEST": "pool"})
+        return [content for task, _, content in found if task]
+
+    assert seen() == ["pool"]
+    assert "POOL_TEST" not in os.environ
+    monkeypatch.setenv("POOL_TEST", "user")
+    assert seen() == ["user"]
