@@ -11,7 +11,6 @@ from .estimates import (
     Stored,
     checked,
     dump_stored,
-    read_arrays,
     read_stored,
 )
 from .rows import INPUTS, KNOWLEDGE, Result, Row, read_scores, write_scores
@@ -48,7 +47,6 @@ __all__ = [
     "checked",
     "dump_stored",
     "find_runs",
-    "read_arrays",
     "read_run",
     "read_scores",
     "read_stored",

@@ -7,18 +7,23 @@ reason, time and memory; the arrays (absent if the method failed) are those of `
 from __future__ import annotations
 
 import io
-import math
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DatasetError, MethodError
-from ...renderer.runtime import ArchiveWriter, dump_json, open_archive, parse_json, to_record
+from ...renderer.runtime import (
+    ArchiveWriter,
+    ArraySpec,
+    dump_json,
+    open_archive,
+    parse_json,
+    parse_npz,
+    to_record,
+)
 from ...renderer.types import Estimate
 
 Status = Literal["ok", "raised", "timeout", "crashed", "invalid"]
@@ -159,46 +164,16 @@ def read_stored(path: Path, shape: Shape) -> Stored:
 def _parse_arrays(data: bytes, shape: Shape, where: str) -> Estimate:
     """Arrays of an NPZ that inflates to no more than an estimate of this shape needs."""
     t, j = shape.frames, shape.joints
-    most = 8 * (2 * t * j + 6 * j) + t * shape.height * shape.width + 4 * 1024
+    specs = {
+        "displacement": ArraySpec((t, j)),
+        "screw": ArraySpec((j, 6)),
+        "part": ArraySpec((t, shape.height, shape.width), "biu"),
+        "sigma": ArraySpec((t, j)),
+    }
+    arrays = parse_npz(data, specs, where, only_known=True)
+    if "displacement" not in arrays:
+        raise DatasetError(f"{where}: no displacement")
     try:
-        arrays = read_arrays(data, most)
-        if "displacement" not in arrays:
-            raise ValueError("no displacement")
-        if unknown := set(arrays) - {"displacement", "screw", "part", "sigma"}:
-            raise ValueError(f"unknown array {min(unknown)!r}")
-        return checked(Estimate(**cast("dict[str, Any]", arrays)), shape)
+        return checked(Estimate(**arrays), shape)
     except InvalidEstimateError as error:
         raise DatasetError(f"{where}: {error}") from error
-    except ValueError as error:
-        raise DatasetError(f"{where}: damaged ({error})") from error
-
-
-def read_arrays(data: bytes, limit: int) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an NPZ that inflates to at most `limit` bytes. Never unpickles.
-
-    Raises:
-        ValueError: If it is damaged, larger, or holds objects.
-    """
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as file:
-            members = file.infolist()
-            if sum(m.file_size for m in members) > limit:
-                raise ValueError(f"inflates to more than {limit} bytes")
-            return {m.filename.removesuffix(".npy"): _parse_npy(file.read(m)) for m in members}
-    except (
-        zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError,
-    ) as error:  # fmt: skip
-        raise ValueError(f"not a whole NPZ ({error})") from error
-
-
-def _parse_npy(data: bytes) -> NDArray[Any]:
-    """An NPY whose header promises exactly the bytes that follow."""
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    if version != (1, 0):
-        raise ValueError("an array is not of NPY version 1.0")
-    shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
-    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
-        raise ValueError("an array holds objects, or its header does not fit its data")
-    stream.seek(0)
-    return np.lib.format.read_array(stream, allow_pickle=False)

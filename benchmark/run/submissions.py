@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DatasetError
+from ...renderer.runtime import ArraySpec, parse_npz
 from ...renderer.types import Estimate, Inputs, Knowledge
 from ...robots.files import read_bounded, write_atomically
 from ...robots.geometry import Array
@@ -33,7 +34,6 @@ from ..results import (
     RunFolder,
     Stored,
     dump_stored,
-    read_arrays,
     read_run,
     run_folder,
 )
@@ -59,6 +59,7 @@ _COLUMNS = ["sequence", "frame", "joint", "displacement"]
 _KEYS = ("method", "inputs", "knowledge", "training", "version")
 _LISTED = 20  # missing targets
 _MAX_HEADER = 50
+_MAX_TEXT = 200  # characters
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
     """The file. Raises DatasetError with the expected format."""
     data = read_bounded(file, MAX_BYTES, DatasetError)
     try:
-        return parse_npz(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
+        return parse_arrays(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
     except (ValueError, csv.Error) as error:
         raise DatasetError(f"{file}: {error}; {FORMAT}") from error
 
@@ -228,27 +229,20 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
     return Predictions(row, found, {})
 
 
-def parse_npz(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
+def parse_arrays(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
     """An NPZ. Raises ValueError."""
-    arrays = read_arrays(data, MAX_BYTES)
-    texts = {key: arrays.pop(key) for key in _KEYS if key in arrays}
-    for key, text in texts.items():
-        if text.dtype.kind != "U" or text.shape != ():
-            raise ValueError(f"{key} is not a text")
-    row = declared({key: str(text) for key, text in texts.items()})
-    found: dict[str, Array] = {}
-    screw: dict[str, Array] = {}
-    for name, array in arrays.items():
-        key = name.removesuffix(".screw")
-        if key not in wanted:
-            raise ValueError(f"no sequence {_short(key)}; {_known(wanted)}")
-        target = wanted[key]
-        shape = (target.joints, 6) if name != key else (target.frames, target.joints)
-        if array.shape != shape or array.dtype.kind not in "fiu":
-            raise ValueError(
-                f"{name} is {array.dtype} {list(array.shape)}, expected real numbers {list(shape)}"
-            )
-        (screw if name != key else found)[key] = array.astype(np.float64)
+    specs = {key: ArraySpec((), "U", 4 * _MAX_TEXT) for key in _KEYS}
+    for key, target in wanted.items():
+        specs[key] = ArraySpec((target.frames, target.joints), "iuf")
+        specs[f"{key}.screw"] = ArraySpec((target.joints, 6), "iuf")
+    try:
+        arrays = parse_npz(data, specs, "the NPZ", only_known=True)
+    except DatasetError as error:
+        raise ValueError(str(error)) from error
+    row = declared({key: str(arrays.pop(key)) for key in _KEYS if key in arrays})
+    numbers = {name: array.astype(np.float64) for name, array in arrays.items()}
+    found = {key: numbers[key] for key in wanted if key in numbers}
+    screw = {key: numbers[f"{key}.screw"] for key in wanted if f"{key}.screw" in numbers}
     given = {key: np.full((t.frames, t.joints), key in found, bool) for key, t in wanted.items()}
     _require(given)
     return Predictions(row, found, screw)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import math
-import zipfile
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...errors import GcbenchError
-from ..runtime import ArchiveWriter
+from ...errors import DatasetError
+from ..runtime import ArchiveWriter, ArraySpec, dump_npy, parse_npz
 from ..types import Meta, State
 
 _INTEGERS = ("joint_parent_part", "joint_child_part", "part_pixels", "keypoint_part",
@@ -22,32 +19,32 @@ _MAY_BE_UNKNOWN = ("keypoint_image", "track_image")  # NaN behind the camera
 
 
 def dump_state(state: State) -> bytes:
-    """The bytes of `state.npz`."""
+    """Return the bytes of `state.npz`."""
     buffer = io.BytesIO()
     archive = ArchiveWriter(buffer)
     for field in dataclasses.fields(state):
         value = getattr(state, field.name)
-        if value is None:
-            continue
-        member = io.BytesIO()
-        array = np.ascontiguousarray(value, _dtype(field.name))
-        np.lib.format.write_array(member, array, version=(1, 0), allow_pickle=False)
-        archive.add(f"{field.name}.npy", member.getvalue())
+        if value is not None:
+            archive.add(f"{field.name}.npy", dump_npy(np.asarray(value, _dtype(field.name))))
     archive.close()
     return buffer.getvalue()
 
 
 def parse_state(data: bytes, meta: Meta, where: str) -> State:
-    """State from the bytes of `state.npz`; arrays that this version does not know are ignored.
+    """Return the state in the bytes of `state.npz`; unknown arrays are ignored.
 
-    Raises GcbenchError, beginning with `where`, unless the arrays fit `meta` and are finite.
+    Raises:
+        DatasetError: beginning with `where`, unless the arrays fit `meta` and are finite.
     """
-    shapes = state_shapes(meta)
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            arrays = {key: _array(archive, key, shapes[key], where) for key in shapes}
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError) as error:
-        raise GcbenchError(f"{where}: not a whole NPZ file ({error})") from error
+    kinds = {"bool": "b", "int64": "iu", "float64": "f"}
+    specs = {key: ArraySpec(shape, kinds[_dtype(key)]) for key, shape in state_shapes(meta).items()}
+    found = parse_npz(data, specs, where)
+    if missing := specs.keys() - found.keys():
+        raise DatasetError(f"{where}: no {min(missing)!r}")
+    arrays: dict[str, Any] = {key: found[key].astype(_dtype(key)) for key in specs}
+    for key, array in arrays.items():
+        if key not in _MAY_BE_UNKNOWN and not np.isfinite(array).all():
+            raise DatasetError(f"{where}: {key} is not finite")
     parts = len(meta.part_names)
     bounds = {
         "joint_parent_part": (0, parts),
@@ -60,7 +57,7 @@ def parse_state(data: bytes, meta: Meta, where: str) -> State:
     for key, (low, high) in bounds.items():
         values = arrays.get(key, np.zeros(0))
         if values.size and not low <= values.min() <= values.max() <= high:
-            raise GcbenchError(f"{where}: {key} is not within {low}..{high}")
+            raise DatasetError(f"{where}: {key} is not within {low}..{high}")
     return State(**arrays)
 
 
@@ -72,7 +69,7 @@ def check_state(state: State, meta: Meta) -> None:
 
 
 def state_shapes(meta: Meta) -> dict[str, tuple[int, ...]]:
-    """Shape of each array of `state.npz`."""
+    """Return the shape of each array of `state.npz`."""
     frames, joints, parts = meta.frames, len(meta.joint_names), len(meta.part_names)
     shapes: dict[str, tuple[int, ...]] = {
         "times": (frames,),
@@ -97,38 +94,7 @@ def state_shapes(meta: Meta) -> dict[str, tuple[int, ...]]:
     return shapes
 
 
-def _array(archive: zipfile.ZipFile, key: str, shape: tuple[int, ...], where: str) -> NDArray[Any]:
-    """One array, whose declared shape and dtype are looked at before anything is allocated."""
-    size = 8 * math.prod(shape) + 4096  # and a header
-    try:
-        with archive.open(f"{key}.npy") as file:
-            data = file.read(size + 1)
-        member = io.BytesIO(data)
-        version = np.lib.format.read_magic(member)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else None
-        read = np.lib.format.read_array_header_2_0 if version == (2, 0) else read
-        if read is None:
-            raise GcbenchError(f"{where}: {key} has an NPY version that is not known")
-        declared, _, dtype = read(member)
-        expected = np.dtype(_dtype(key))
-        kinds = "iu" if expected.kind == "i" else expected.kind
-        if declared != shape or dtype.kind not in kinds or dtype.itemsize > 8:
-            raise GcbenchError(
-                f"{where}: {key} is {dtype} {list(declared)}, "
-                f"expected {expected} {list(shape)}"
-            )
-        member.seek(0)
-        array = np.lib.format.read_array(member, allow_pickle=False)
-    except KeyError as error:
-        raise GcbenchError(f"{where}: no {key!r}") from error
-    except (ValueError, TypeError, SyntaxError) as error:
-        raise GcbenchError(f"{where}: {key} is damaged") from error
-    if key not in _MAY_BE_UNKNOWN and not np.isfinite(array).all():
-        raise GcbenchError(f"{where}: {key} is not finite")
-    return array.astype(expected)
-
-
-def _dtype(key: str) -> type[np.generic]:
+def _dtype(key: str) -> str:
     if key in _FLAGS:
-        return np.bool_
-    return np.int64 if key in _INTEGERS else np.float64
+        return "bool"
+    return "int64" if key in _INTEGERS else "float64"

@@ -1,0 +1,118 @@
+"""NPY and NPZ files of untrusted origin: bounded, without pickle, checked before allocation."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DatasetError
+
+_HEADER = 4096  # bytes that a header may take
+_KINDS = {"b": "booleans", "i": "integers", "u": "integers", "f": "real numbers", "U": "a text"}
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """What an array must be."""
+
+    shape: tuple[int, ...]
+    kinds: str = "biuf"
+    """Kinds of its dtype, as in `numpy.dtype.kind`."""
+    item_bytes: int = 8
+    """Largest size of an item."""
+
+    @property
+    def max_bytes(self) -> int:
+        """Bytes of the largest NPY file of such an array."""
+        return math.prod(self.shape) * self.item_bytes + _HEADER
+
+    def __str__(self) -> str:
+        words = " or ".join(dict.fromkeys(_KINDS[kind] for kind in reversed(self.kinds)))
+        return f"{words} {list(self.shape)}"
+
+
+def parse_npy(data: bytes, spec: ArraySpec, where: str) -> NDArray[Any]:
+    """Return the array in the bytes of an NPY file.
+
+    Raises:
+        DatasetError: beginning with `where`, if the header is damaged, or if the array is not what
+            `spec` says, before anything of its declared size is allocated.
+    """
+    stream = io.BytesIO(data)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            version = np.lib.format.read_magic(stream)
+            read = {
+                (1, 0): np.lib.format.read_array_header_1_0,
+                (2, 0): np.lib.format.read_array_header_2_0,
+            }[version]
+            shape, fortran_order, dtype = read(stream)
+    except Exception as error:  # hostile headers make NumPy raise errors of a dozen kinds
+        raise DatasetError(f"{where} is damaged: its NPY header cannot be read") from error
+    if shape != spec.shape or dtype.kind not in spec.kinds or dtype.itemsize > spec.item_bytes:
+        found = f"{dtype} {list(shape)}"
+        raise DatasetError(f"{where} is {found[:60]}, expected {spec}")
+    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
+        raise DatasetError(f"{where} is damaged: its NPY header does not fit its data")
+    flat = np.frombuffer(data, dtype, offset=stream.tell()) if dtype.itemsize else \
+        np.zeros(math.prod(shape), dtype)
+    return flat.reshape(shape, order="F" if fortran_order else "C").copy()
+
+
+def parse_npz(
+    data: bytes, specs: Mapping[str, ArraySpec], where: str, only_known: bool = False
+) -> dict[str, NDArray[Any]]:
+    """Return those arrays of an NPZ file that `specs` names; the result lacks missing ones.
+
+    Args:
+        data: The file.
+        specs: What each array must be, by name.
+        where: Beginning of an error message.
+        only_known: Refuse other arrays. They are ignored otherwise.
+
+    Raises:
+        DatasetError: if the file is damaged, or an array is not what its spec says.
+    """
+    arrays: dict[str, NDArray[Any]] = {}
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            for info in archive.infolist():
+                name = info.filename.removesuffix(".npy")
+                spec = specs.get(name)
+                if spec is None:
+                    if only_known:
+                        known = ", ".join(list(specs)[:20])
+                        raise DatasetError(f"{where}: unknown array {name[:60]!a}; known: {known}")
+                    continue
+                if name in arrays:
+                    raise DatasetError(f"{where}: {name} is there twice")
+                with archive.open(info) as file:
+                    member = file.read(spec.max_bytes + 1)
+                if len(member) > spec.max_bytes:
+                    raise DatasetError(f"{where}: {name} is larger than {spec}")
+                arrays[name] = parse_npy(member, spec, f"{where}: {name}")
+    except (
+        zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError,
+        ValueError,
+    ) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise DatasetError(f"{where}: not a whole NPZ file ({reason})") from error
+    return arrays
+
+
+def dump_npy(array: NDArray[Any]) -> bytes:
+    """Return the bytes of an NPY file: equal arrays are equal bytes."""
+    stream = io.BytesIO()
+    contiguous = np.asarray(array, order="C")
+    np.lib.format.write_array(stream, contiguous, version=(1, 0), allow_pickle=False)
+    return stream.getvalue()

@@ -1,0 +1,162 @@
+"""Hostile NPY, NPZ and ZIP files end in an error of one line; good ones come back to the bit."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gcbench.errors import DatasetError, GcbenchError
+from gcbench.renderer.runtime import (
+    ArchiveWriter,
+    ArraySpec,
+    dump_npy,
+    open_archive,
+    parse_npy,
+    parse_npz,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+SPEC = ArraySpec((3, 2), "f")
+GOOD = dump_npy(np.arange(6.0).reshape(3, 2))
+
+
+def header(text: str, version: tuple[int, int] = (1, 0)) -> bytes:
+    body = text.encode("latin-1") + b"\n"
+    size = struct.pack("<H" if version == (1, 0) else "<I", len(body))
+    return b"\x93NUMPY" + bytes(version) + size + body
+
+
+def claim(descr: str = "'<f8'", shape: str = "(3, 2)", order: str = "False") -> str:
+    return f"{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}}}"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "((((", "(" * 5000, "{" * 5000, "9" * 400, claim(shape="9" * 400), "None", "[]", "{}",
+        claim(shape=f"({'9' * 400}, 2)"), claim(shape="(-3, -2)"), claim(shape="(3.0, 2)"),
+        claim(shape="3"), claim("'O'"), claim("'<f4'", "(10**9,)"), claim("[('a', '<f8')]"),
+        claim("'<c16'"), claim("'<M8[s]'"), claim("'|V8'"), claim("'nonsense'"), claim("None"),
+        claim("('<f8', (3,))"), claim("'<f16'"), claim(order="'yes'"), claim("'<i8'"),
+        claim(shape="(3L, 2L)"), claim("__import__('os')"), "\x00", "\xff" * 50, "a" * 60_000,
+    ],
+)
+def test_a_hostile_header_is_one_line(text: str) -> None:
+    versions = [(1, 0), (2, 0), (3, 0), (9, 9)]
+    for version in versions:
+        with pytest.raises(DatasetError, match=r"^x: times ") as caught:
+            parse_npy(header(text, version) + bytes(48), SPEC, "x: times")
+        assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
+
+
+def test_a_header_and_its_data_must_fit() -> None:
+    for data in (GOOD[:-1], GOOD + b"x", GOOD[:20], b""):
+        with pytest.raises(DatasetError, match="is damaged"):
+            parse_npy(data, SPEC, "x")
+
+
+dtypes = st.sampled_from(["<f8", ">f8", "<f4", "<i8", "<u2", "|u1", "|b1"])
+
+
+@given(npst.arrays(dtypes, npst.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4)),
+       st.booleans())
+def test_arrays_come_back_to_the_bit(array: Any, fortran: bool) -> None:
+    stream = io.BytesIO()
+    np.save(stream, np.array(array, order="F") if fortran else array)
+    found = parse_npy(stream.getvalue(), ArraySpec(array.shape), "x")
+    assert found.dtype == array.dtype and found.shape == array.shape
+    assert found.tobytes() == array.tobytes()
+    found[...] = 0  # a copy of its own
+
+
+@given(st.data())
+def test_mutated_bytes_are_right_or_refused(data: st.DataObject) -> None:
+    mutated = bytearray(GOOD)
+    for _ in range(data.draw(st.integers(1, 4))):
+        mutated[data.draw(st.integers(0, len(GOOD) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        found = parse_npy(bytes(mutated), SPEC, "x")
+        assert found.shape == (3, 2) and found.dtype.kind == "f"
+    except DatasetError as error:
+        assert "\n" not in str(error)
+
+
+# -- archives ---------------------------------------------------------------------------------
+
+
+def npz(*members: tuple[str, bytes], compression: int = zipfile.ZIP_DEFLATED) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", compression) as file:
+        for name, content in members:
+            file.writestr(name, content)
+    return out.getvalue()
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_an_npz_is_bounded_and_its_arrays_known() -> None:
+    specs = {"a": SPEC}
+    assert np.array_equal(parse_npz(npz(("a.npy", GOOD), ("b.npy", b"")), specs, "x")["a"],
+                          np.arange(6.0).reshape(3, 2))
+    assert parse_npz(npz(), specs, "x") == {}
+    for data, message in (
+        (npz(("a.npy", bytes(10**7))), "a is larger than"),
+        (npz(("a.npy", GOOD), ("a.npy", GOOD)), "twice"),
+        (npz(("a.npy", GOOD), ("b.npy", GOOD)), "unknown array 'b'"),
+        (npz(("a.npy", GOOD))[:-30], "not a whole NPZ"),
+    ):
+        with pytest.raises(DatasetError, match=message):
+            parse_npz(data, specs, "x", only_known=True)
+
+
+def archive_of(path: Path) -> Callable[[], dict[str, bytes]]:
+    def read() -> dict[str, bytes]:
+        archive = open_archive(path)
+        return {name: archive.read(name) for name in archive.entries or {}}
+
+    return read
+
+
+@given(st.data())
+def test_a_mutated_archive_is_right_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Each member has a checksum, so what is read is what was written."""
+    members = {"a.png": b"first" * 9, "b/c.json": b"{}", "d": b""}
+    stream = io.BytesIO()
+    writer = ArchiveWriter(stream)
+    for name, content in members.items():
+        writer.add(name, content)
+    writer.close()
+    good = stream.getvalue()
+    mutated = bytearray(good)
+    for _ in range(data.draw(st.integers(1, 3))):
+        mutated[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.sampled_from([len(good), len(good), len(good) - 1, 40]))
+    path = tmp_path_factory.getbasetemp() / "mutated.zip"
+    path.write_bytes(bytes(mutated[:cut]))
+    try:
+        found = archive_of(path)()
+    except GcbenchError as error:
+        assert "\n" not in str(error)
+    else:
+        assert set(found.values()) <= set(members.values())
+
+
+@given(st.data())
+def test_a_mutated_npz_is_right_or_refused(data: st.DataObject) -> None:
+    mutated = bytearray(npz(("a.npy", GOOD)))
+    for _ in range(data.draw(st.integers(1, 3))):
+        mutated[data.draw(st.integers(0, len(mutated) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        for array in parse_npz(bytes(mutated), {"a": SPEC}, "x").values():
+            assert array.shape == (3, 2)
+    except DatasetError as error:
+        assert "\n" not in str(error)
