@@ -7,24 +7,38 @@ from .articulation import (
     Cloud,
     Hypothesis,
     axis_bases,
-    displaced,
-    distinct,
-    middles,
+    displace_axes,
+    part_centers,
+    select_by_labels,
 )
-from .beam_search import Beam, Grid, axes, beamed, directions, spread, unlike
+from .beam import (
+    Beam,
+    StepGrid,
+    axis_directions,
+    axis_twists,
+    beam_search,
+    select_by_steps,
+    spread_places,
+)
 from .chain_fit import Chains, Goal, fit_chains, fit_displacements, misfit
-from .hinges import extent, hinges, thinned
-from .kernels import add_normal
+from .hinges import extent, locate_hinges, subsample
+from .kernels import add_normal_equations
 from .kinematics import (
+    ancestors,
     axis_basis,
-    carriers,
     displace_axis,
-    relative,
+    relative_derivatives,
     screws_of,
 )
-from .priors import Known, about, axis_from, knowledge, spaces
+from .priors import JointPriors, axis_from_twist, joint_priors, twist_about, twist_spaces
 from .settings import ChainSettings
-from .weak_prior import Hinges, Normal, closeness, from_axis, smoothness
+from .weak_prior import (
+    HingePrior,
+    NormalEquations,
+    hinge_equations,
+    offset_from_axis,
+    smoothness_equations,
+)
 
 __all__ = [
     "Articulation",
@@ -33,37 +47,37 @@ __all__ = [
     "Chains",
     "Cloud",
     "Goal",
-    "Grid",
-    "Hinges",
+    "HingePrior",
     "Hypothesis",
-    "Known",
-    "Normal",
-    "about",
-    "add_normal",
-    "axes",
+    "JointPriors",
+    "NormalEquations",
+    "StepGrid",
+    "add_normal_equations",
+    "ancestors",
     "axis_bases",
     "axis_basis",
-    "axis_from",
-    "beamed",
-    "carriers",
-    "closeness",
-    "directions",
+    "axis_directions",
+    "axis_from_twist",
+    "axis_twists",
+    "beam_search",
+    "displace_axes",
     "displace_axis",
-    "displaced",
-    "distinct",
     "extent",
     "fit_chains",
     "fit_displacements",
-    "from_axis",
-    "hinges",
-    "knowledge",
-    "middles",
+    "hinge_equations",
+    "joint_priors",
+    "locate_hinges",
     "misfit",
-    "relative",
+    "offset_from_axis",
+    "part_centers",
+    "relative_derivatives",
     "screws_of",
-    "smoothness",
-    "spaces",
-    "spread",
-    "thinned",
-    "unlike",
+    "select_by_labels",
+    "select_by_steps",
+    "smoothness_equations",
+    "spread_places",
+    "subsample",
+    "twist_about",
+    "twist_spaces",
 ]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse, se3
 from ..numerics import Solver, cauchy_weight, gauss_newton
-from .kinematics import axis_basis, carriers, displace_axis, part_motions
+from .kinematics import ancestors, axis_basis, displace_axis, part_motions
 from .settings import ChainSettings
 
 
@@ -37,7 +37,7 @@ class Goal:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """[G I] which joints move each part"""
-        return carriers(self.parent)[self.place + 1]
+        return ancestors(self.parent)[self.place + 1]
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def fit_chains(goal: Goal, start: Chains, settings: ChainSettings) -> Chains:
 
     def linearize(now: Chains, _: int) -> tuple[Array, Array]:
         motion, error = missing_twists(goal, now)
-        adjoint, bases = se3.adjoint(motion), axis_bases(goal, now.twist)
+        adjoint, bases = se3.adjoint(motion), chain_axis_bases(goal, now.twist)
         row = np.zeros((*error.shape, held + sum(b.shape[2] for b in bases)))
         each, at = displacement_twists(goal, now.twist, motion), held
         for t in range(1, frames):
@@ -99,7 +99,7 @@ def fit_chains(goal: Goal, start: Chains, settings: ChainSettings) -> Chains:
     def move(now: Chains, step: Array) -> Chains:
         angle, twist, at = now.angle.copy(), now.twist.copy(), held
         angle[:, 1:] += step[:, :held].reshape(chains, frames - 1, joints)
-        for j, b in enumerate(axis_bases(goal, now.twist)):
+        for j, b in enumerate(chain_axis_bases(goal, now.twist)):
             if b.shape[2]:
                 by = (b @ step[:, at : at + b.shape[2], None])[..., 0]
                 twist[:, j] = displace_axis(twist[:, j], by, bool(goal.prismatic[j]))
@@ -110,7 +110,7 @@ def fit_chains(goal: Goal, start: Chains, settings: ChainSettings) -> Chains:
     return gauss_newton(start, linearize, move, range(settings.fit_iterations), solver)
 
 
-def axis_bases(goal: Goal, twist: Array) -> list[Array]:
+def chain_axis_bases(goal: Goal, twist: Array) -> list[Array]:
     """[S 6 d] for each joint: how the axes of chains [S I 6] may be displaced."""
     return [axis_basis(twist[:, j], bool(goal.prismatic[j]), goal.near[j], goal.axis_dof)
             for j in range(twist.shape[1])]

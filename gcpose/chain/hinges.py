@@ -1,4 +1,4 @@
-"""Where parts hang together."""
+"""Hinges: places where a part meets its parent."""
 
 from __future__ import annotations
 
@@ -7,27 +7,35 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from .kernels import fill_hinges
-from .kinematics import carriers
+from .kinematics import ancestors
 from .settings import ChainSettings
 
 
-def hinges(
+def locate_hinges(
     points: Array, label: NDArray[np.int64], base: Array, parent: NDArray[np.int64],
     settings: ChainSettings,
 ) -> Array:
-    """[J 3] about where part j meets what carries it; what nothing carries meets the base [3]."""
+    """Return the place [J 3] where the part of each joint meets its parent part.
+
+    Args:
+        points: [N 3] m.
+        label: [N] 0..J.
+        base: [3] hinge of joints on the base, m.
+        parent: [J] joint before each, -1 for the base.
+        settings: Numbers of points.
+    """
     out = np.empty((len(parent), 3))
-    fill_hinges(points, label, base, parent, carriers(parent), settings.hinge_points,
+    fill_hinges(points, label, base, parent, ancestors(parent), settings.hinge_points,
                 settings.hinge_divisor, out)
     return out
 
 
-def thinned(points: Array, most: int) -> Array:
-    """At most `most` of the points [N 3]."""
+def subsample(points: Array, most: int) -> Array:
+    """Return at most `most` of the points [N 3], evenly by index."""
     return points[np.linspace(0, len(points) - 1, min(len(points), most)).astype(int)]
 
 
 def extent(points: Array, settings: ChainSettings) -> float:
-    """Size of the points [N 3] along the camera axis they stretch most along, but for strays, m."""
+    """Return the largest extent of the points [N 3] along a camera axis without outliers, m."""
     low, high = np.quantile(points, [settings.extent_margin, 1 - settings.extent_margin], axis=0)
     return float((high - low).max())

@@ -92,7 +92,7 @@ def fill_derivatives(
 
 
 @compiled
-def take_moved(motion: Array, twist: Array, out: Array) -> None:
+def subtract_moved(motion: Array, twist: Array, out: Array) -> None:
     """Take twists [T J+1 U 6] or [1 J+1 U 6], moved by motion [T J+1 4 4], from `out`."""
     for t in range(len(motion)):
         for j in range(1, motion.shape[1]):
@@ -103,7 +103,7 @@ def take_moved(motion: Array, twist: Array, out: Array) -> None:
 
 
 @compiled
-def add_normal(
+def add_normal_equations(
     six: Array, right: Array, g: Array, matrix: Array, vector: Array, scatter: Array
 ) -> None:
     """Add what twists say of unknowns that make them: six [T J+1 6 6], right [T J+1 6],

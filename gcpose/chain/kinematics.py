@@ -1,11 +1,13 @@
-"""Joints as the estimator sees them: screws, the motions they make, and their derivatives.
+"""Forward kinematics of chains by the product of exponentials, and its derivatives.
 
-Each joint is carried by another or by the base: parent [J] is which, -1 for the base, and a joint
-stands behind what carries it. Part j + 1 is what joint j is the last to move, part 0 the base.
+`parent` [J] is the joint before each, -1 for the base; a joint comes after its parent. Part j + 1
+is what joint j moves last, part 0 the base.
 
-A twist is six numbers (w, v): a point x moves with w x x + v. A revolute joint's twist is its
-screw (l, m = p x l); a prismatic joint's is (0, l), so that one formula serves both. Everything is
-in the camera frame at frame 0, which the static camera keeps.
+A twist is six numbers (w, v): a point x moves with w x x + v. The twist of a revolute joint is its
+screw (l, m = p x l), that of a prismatic joint (0, l), so that one formula serves both. All are in
+the camera frame at frame 0; the camera is static.
+
+Source: Lynch and Park, Modern Robotics (2017), chapters 4 and 5.
 """
 
 from __future__ import annotations
@@ -19,24 +21,24 @@ from .kernels import (
     fill_derivatives,
     fill_displaced,
     fill_motions,
-    take_moved,
+    subtract_moved,
 )
 
 
 def twists_of(screw: Array, prismatic: NDArray[np.bool_]) -> Array:
-    """Twists [J 6] of the dataset's screws [J 6]; prismatic [J] bool."""
+    """Return the twists [J 6] of the dataset's screws [J 6]; prismatic [J] bool."""
     slide = np.concatenate([np.zeros_like(screw[:, :3]), screw[:, :3]], axis=1)
     return np.where(prismatic[:, None], slide, screw)
 
 
 def screws_of(twist: Array, prismatic: NDArray[np.bool_]) -> Array:
-    """The dataset's screws [J 6] of twists [J 6]."""
+    """Return the dataset's screws [J 6] of twists [J 6]; prismatic [J] bool."""
     slide = np.concatenate([twist[:, 3:], np.zeros_like(twist[:, 3:])], axis=1)
     return np.where(prismatic[:, None], slide, twist)
 
 
-def carriers(parent: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """[J+1 J] which joints move each part."""
+def ancestors(parent: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return [J+1 J] which joints move each part."""
     out = np.zeros((len(parent) + 1, len(parent)), bool)
     for j, p in enumerate(parent):
         out[j + 1] = out[p + 1]
@@ -45,9 +47,10 @@ def carriers(parent: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def part_motions(twist: Array, angle: Array, parent: NDArray[np.int64]) -> Array:
-    """[... T J+1 4 4]: where part j's points of frame 0 are at frame t; part 0 stands still.
+    """Return the motions [... T J+1 4 4] of all parts since frame 0; part 0 is static.
 
-    twist [... J 6], angle [... T J]: T_j = exp(S_i a_i) ... exp(S_j a_j), of what carries it.
+    For axes twist [... J 6] and displacements angle [... T J], T_j = exp(S_i a_i) ... exp(S_j a_j)
+    over the ancestors of part j.
     """
     shape = (*angle.shape[:-1], twist.shape[-2] + 1, 4, 4)
     chains = np.ascontiguousarray(twist).reshape(-1, *twist.shape[-2:])
@@ -60,46 +63,49 @@ def part_motions(twist: Array, angle: Array, parent: NDArray[np.int64]) -> Array
 def derivatives(
     twist: Array, motion: Array, parent: NDArray[np.int64], basis: tuple[Array, ...]
 ) -> Array:
-    """[T J+1 U 6]: twists of the parts (T_j <- exp(twist) T_j) per unknown: displacements of
-    frames 1.., then axes by the twists basis[i] [6 d_i].
+    """Return twists [T J+1 U 6] of the parts, T_j <- exp(twist) T_j, per unknown.
 
-    Moving axis i by exp(z) turns exp(S a) into exp(z) exp(S a) exp(-z): hence
-    (Ad T_p - Ad T_i) z on every part that i moves, p what carries it.
+    The unknowns are the displacements of frames 1.., then the axes by the twists basis[i] [6 d_i].
+    Moving axis i by exp(z) changes exp(S a) to exp(z) exp(S a) exp(-z): hence the twist
+    (Ad T_p - Ad T_i) z of every part that joint i moves, with p the parent of i.
     """
     owner = np.repeat(np.arange(len(basis)), [b.shape[1] for b in basis])
     rows = np.ascontiguousarray(np.concatenate(basis, axis=1).T)
     unknowns = (len(motion) - 1) * len(twist) + len(owner)
     out = np.zeros((*motion.shape[:2], unknowns, 6))
-    moves = carriers(parent)
+    moves = ancestors(parent)
     fill_derivatives(np.ascontiguousarray(twist), motion, parent, moves, rows, owner, out)
     return out
 
 
-def relative(derivative: Array, motion: Array, other: Array) -> Array:
-    """Derivatives [T J+1 U 6] of what moves parts from where others [T or 1, J+1 U 6] have them,
-    motion [T J+1 4 4] apart."""
+def relative_derivatives(derivative: Array, motion: Array, other: Array) -> Array:
+    """Return the derivatives [T J+1 U 6] of motions relative to other ones.
+
+    `motion` [T J+1 4 4] is from the others, whose derivatives are `other` [T or 1, J+1 U 6].
+    """
     out = derivative.copy()
-    take_moved(motion, other, out)
+    subtract_moved(motion, other, out)
     return out
 
 
-def axis_basis(twist: Array, prismatic: bool, near: Array, freedom: int) -> Array:
-    """[... 6 d] twists that displace axes [... 6]: 0 none, 2 across itself, 4 across and turning.
+def axis_basis(twist: Array, prismatic: bool, near: Array, axis_dof: int) -> Array:
+    """Return twists [... 6 d] that displace axes [... 6].
 
-    `near` [3] is a point by the part: the turning is about the foot of its perpendicular, so that
-    direction and position stay apart in the normal equations. A prismatic axis has only a
-    direction (d = 2 where freedom is 4).
+    `axis_dof` is 0 for none, 2 for shifts across the axis, and 4 for shifts and turns. `near` [3]
+    is a point on the part: turns are about its projection onto the axis, which decouples direction
+    and position in the normal equations. A prismatic axis has only a direction (d = 2 if
+    `axis_dof` is 4).
     """
-    if freedom == 0 or (prismatic and freedom < 4):
+    if axis_dof == 0 or (prismatic and axis_dof < 4):
         return np.zeros((*twist.shape, 0))
     flat = np.ascontiguousarray(twist).reshape(-1, 6)
     out = np.zeros((*flat.shape, 2 if prismatic else 4))
     fill_bases(flat, prismatic, np.broadcast_to(near, (len(flat), 3)).copy(), out)
-    return out[..., :freedom].reshape(*twist.shape, -1)
+    return out[..., :axis_dof].reshape(*twist.shape, -1)
 
 
 def displace_axis(twist: Array, by: Array, prismatic: bool) -> Array:
-    """The twists [... 6] of axes after exp(by): again unit directions, again without pitch."""
+    """Return axes [... 6] moved by exp(by [... 6]), normalized to unit directions without pitch."""
     flat = np.ascontiguousarray(twist).reshape(-1, 6)
     out = np.zeros_like(flat)
     fill_displaced(flat, se3.exp(by).reshape(-1, 4, 4), prismatic, out)

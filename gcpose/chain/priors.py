@@ -1,4 +1,4 @@
-"""What is known of the joints, and what that leaves of their motion."""
+"""Priors from the declared knowledge of the joints, and the motions that they allow."""
 
 from __future__ import annotations
 
@@ -13,47 +13,50 @@ from .kinematics import twists_of
 
 
 @dataclass(frozen=True)
-class Known:
-    """What a method knows of the joints."""
+class JointPriors:
+    """The knowledge of J joints; axes are in the camera frame at frame 0."""
 
     prismatic: NDArray[np.bool_]
     """[J]"""
     parent: NDArray[np.int64]
-    """[J] (see chain.py)"""
+    """[J] joint before each, -1 for the base"""
     direction: Array | None
-    """[J 3]"""
+    """[J 3] of the axes, if known"""
     line: Array | None
-    """[J 6]"""
+    """[J 6] axes as twists, if known (see kinematics.py)"""
     base: Array | None = None
-    """[3] at depth 1, where the chain begins; not used with depth"""
+    """[3] where the chain begins, at depth 1, if known; used without depth only"""
 
     @property
-    def freedom(self) -> int:
-        """Unknowns of a revolute axis."""
+    def axis_dof(self) -> int:
+        """Free parameters of a revolute axis: 0, 2 (its place) or 4."""
         return 0 if self.line is not None else 2 if self.direction is not None else 4
 
 
-def knowledge(observation: Observation) -> Known:
-    """What an observation grants, known axes as twists."""
+def joint_priors(observation: Observation) -> JointPriors:
+    """Return the knowledge that an observation grants."""
     line, parent = observation.axis_line, observation.parents
     prismatic = np.array([kind == "prismatic" for kind in observation.joint_types], bool)
     if line is not None:
-        return Known(prismatic, parent, line[:, :3], twists_of(line, prismatic))
-    return Known(prismatic, parent, observation.axis_direction, None)
+        return JointPriors(prismatic, parent, line[:, :3], twists_of(line, prismatic))
+    return JointPriors(prismatic, parent, observation.axis_direction, None)
 
 
-def spaces(known: Known) -> tuple[Array, ...]:
-    """[6 d] of each joint: the twists it may add, about any origin but for known lines."""
+def twist_spaces(priors: JointPriors) -> tuple[Array, ...]:
+    """Return a basis [6 d] of the twists of each joint.
+
+    Except for known lines, the spaces are the same about any origin.
+    """
     eye, out = np.eye(6), []
-    for j, prismatic in enumerate(known.prismatic):
-        if known.direction is None:
+    for j, prismatic in enumerate(priors.prismatic):
+        if priors.direction is None:
             out.append(eye[:, 3:] if prismatic else eye)
             continue
-        l = known.direction[j]
+        l = priors.direction[j]
         if prismatic:
             out.append(np.concatenate([np.zeros(3), l])[:, None])
-        elif known.line is not None:
-            out.append(known.line[j][:, None])
+        elif priors.line is not None:
+            out.append(priors.line[j][:, None])
         else:
             across = np.linalg.svd(l[None])[2][1:].T
             out.append(np.concatenate([np.concatenate([l, np.zeros(3)])[:, None],
@@ -61,40 +64,45 @@ def spaces(known: Known) -> tuple[Array, ...]:
     return tuple(out)
 
 
-def about(origin: Array, twist: Array) -> Array:
-    """Twists [... 6] about the camera's centre as twists about `origin`: v + w x origin."""
+def twist_about(origin: Array, twist: Array) -> Array:
+    """Return twists [... 6] about the camera center as twists about `origin`: v + w x origin."""
     shift = np.eye(4)
     shift[:3, 3] = -origin
     return (se3.adjoint(shift) @ twist[..., None])[..., 0]
 
 
-def axis_from(
-    added: Array, known: Known, joint: int, hinge: Array, least: float, most: float
+def axis_from_twist(
+    added: Array, priors: JointPriors, joint: int, hinge: Array, least: float, most: float
 ) -> tuple[Array, float]:
-    """Twist [6] of unit speed and displacement of a joint that adds `added` [6].
+    """Return the axis [6] and displacement (rad or m) of a joint that makes a twist [6].
 
-    Where it hardly moves (less than `least`), its axis is taken through `hinge` [3]; elsewhere it
-    passes within `most` times the hinge's depth.
+    Args:
+        added: The twist.
+        priors: Knowledge of the joints.
+        joint: Index of the joint.
+        hinge: [3] place of its hinge, m.
+        least: Turn below which the axis is put through the hinge, rad.
+        most: Largest distance of the axis from the hinge, by the hinge's depth.
     """
     w, v = added[:3], added[3:]
-    if known.prismatic[joint]:
+    if priors.prismatic[joint]:
         l = v / max(1e-12, float(np.linalg.norm(v)))
-        if known.direction is not None:
-            l = known.direction[joint]
+        if priors.direction is not None:
+            l = priors.direction[joint]
         if not l.any():
             l = np.array([0.0, 0.0, 1.0])
         return np.concatenate([np.zeros(3), l]), float(l @ v)
-    if known.direction is not None:
-        l = known.direction[joint]
+    if priors.direction is not None:
+        l = priors.direction[joint]
     else:
         l = w / max(1e-12, float(np.linalg.norm(w)))
         if not l.any():
             l = np.array([0.0, 0.0, 1.0])
     angle = float(l @ w)
-    if known.line is not None:
-        return known.line[joint].copy(), angle
+    if priors.line is not None:
+        return priors.line[joint].copy(), angle
     across = np.cross(l, hinge)  # velocity of the hinge for a unit turn about the origin
-    at_hinge = v + angle * across  # what the hinge does: zero if the axis meets it
+    at_hinge = v + angle * across  # velocity of the hinge: zero if the axis passes through it
     at_hinge -= l * (l @ at_hinge)
     speed = angle if abs(angle) > least else np.copysign(least, angle)
     offset = at_hinge / speed

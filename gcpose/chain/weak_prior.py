@@ -1,4 +1,4 @@
-"""What is believed of any articulated object before it is seen to move; weak beside the images."""
+"""Weak priors on any articulated object: smooth motion, and axes near their hinges."""
 
 from __future__ import annotations
 
@@ -13,40 +13,45 @@ from .settings import ChainSettings
 
 
 @dataclass(frozen=True)
-class Normal:
-    """Normal equations of an articulation: unknowns are k*J displacements, then the axes'."""
+class NormalEquations:
+    """Normal equations of some unknowns of an articulation, in rad and m."""
 
     matrix: Array
+    """[U U]"""
     vector: Array
+    """[U]"""
 
 
 @dataclass(frozen=True)
-class Hinges:
-    """Where joints are believed to be: an axis passes near where its part begins."""
+class HingePrior:
+    """Each axis passes near the place where its part begins."""
 
     point: Array
     """[J 3] m"""
     slack: float
-    """Standard deviation of the distance, m."""
+    """Standard deviation of the distance, m"""
 
 
-def smoothness(angle: Array, last: int, settings: ChainSettings) -> Normal:
-    """Prior on the displacements of frames 1..last: joints do not jump, and do not jerk."""
-    matrix = smooth_matrix(last, angle.shape[1], settings.acceleration_sigma, settings.step_sigma)
-    return Normal(matrix, -matrix @ angle[1 : last + 1].reshape(-1))
+def smoothness_equations(angle: Array, last: int, settings: ChainSettings) -> NormalEquations:
+    """Return the prior on displacements of frames 1..last: small first and second differences."""
+    matrix = smoothness_matrix(last, angle.shape[1], settings.acceleration_sigma,
+                               settings.step_sigma)
+    return NormalEquations(matrix, -matrix @ angle[1 : last + 1].reshape(-1))
 
 
 @cache
-def smooth_matrix(last: int, joints: int, acceleration: float, step: float) -> Array:
-    """[last*J last*J] of that prior; it does not depend on the displacements."""
+def smoothness_matrix(last: int, joints: int, acceleration: float, step: float) -> Array:
+    """Return the matrix [last*J last*J] of that prior."""
     first = np.eye(last) - np.eye(last, k=-1)
     second = (first @ first)[1:]  # angle[t+1] - 2 angle[t] + angle[t-1], angle[0] = 0
     along = second.T @ second / acceleration**2 + first.T @ first / step**2
     return np.kron(along, np.eye(joints))
 
 
-def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> Normal:
-    """Prior on the axes' unknowns: a hinge should stay where it is when its joint turns."""
+def hinge_equations(
+    state: Articulation, basis: tuple[Array, ...], hinges: HingePrior
+) -> NormalEquations:
+    """Return the prior on the unknowns of the axes: Gaussian distances from the hinges."""
     sizes = [b.shape[1] for b in basis]
     matrix, vector = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
     at = 0
@@ -54,17 +59,17 @@ def closeness(state: Articulation, basis: tuple[Array, ...], hinges: Hinges) -> 
         state.twist, basis, hinges.point, state.prismatic, strict=True
     ):
         if b.shape[1] and not prismatic:
-            offset = from_axis(twist, point)
-            moved = b[3:, :2]  # the axis' slides; its turning hardly changes the distance
+            offset = offset_from_axis(twist, point)
+            moved = b[3:, :2]  # the distance depends on its shift only
             here = slice(at, at + 2)
             matrix[here, here] += moved.T @ moved / hinges.slack**2
             vector[here] += moved.T @ offset / hinges.slack**2
         at += b.shape[1]
-    return Normal(matrix, vector)
+    return NormalEquations(matrix, vector)
 
 
-def from_axis(twist: Array, point: Array) -> Array:
-    """[... 3] from the axes of turns [... 6] to points [... 3], by the shortest way."""
+def offset_from_axis(twist: Array, point: Array) -> Array:
+    """Return the shortest vectors [... 3] from revolute axes [... 6] to points [... 3]."""
     l, moment = twist[..., :3], twist[..., 3:]
     away = point - np.cross(l, moment)
     return away - l * (l * away).sum(axis=-1, keepdims=True)

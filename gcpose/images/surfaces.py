@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, pinhole
-from ..numerics import Image, together
+from ..numerics import Image, thread_map
 from .flow import Flow
 from .settings import ImageSettings
 
@@ -61,7 +61,7 @@ class Surfaces:
 
 def surfaces_from_depth(depth: Image, intrinsics: Array, settings: ImageSettings) -> Surfaces:
     """Return the surfaces of exact depth [T H W] m."""
-    normal = np.stack(together(lambda d: surface_normals(d, intrinsics, settings), depth))
+    normal = np.stack(thread_map(lambda d: surface_normals(d, intrinsics, settings), depth))
     return Surfaces(np.ascontiguousarray(depth, np.float32), normal, intrinsics, 0.0, settings)
 
 
@@ -105,7 +105,7 @@ def surfaces_from_noisy_depth(
     Planes are fitted, and flow is computed, only in and around what moves in the images [T H W 3].
     """
     moving = _changing_region(rgb, settings)
-    fitted = together(lambda d: fit_planes(d, moving, intrinsics, noise, settings), depth)
+    fitted = thread_map(lambda d: fit_planes(d, moving, intrinsics, noise, settings), depth)
     flows = np.zeros((len(depth) - 1, *moving.shape, 2), np.float32)
     if moving.any():
         v, u = np.nonzero(moving)
@@ -113,7 +113,7 @@ def surfaces_from_noisy_depth(
         box = (slice(max(0, v.min() - pad), v.max() + pad + 1),
                slice(max(0, u.min() - pad), u.max() + pad + 1))
         crops = [np.ascontiguousarray(image[box]) for image in rgb]
-        steps = together(lambda pair: flow(*pair), pairwise(crops))
+        steps = thread_map(lambda pair: flow(*pair), pairwise(crops))
         flows[(slice(None), *box)] = np.stack(steps)
     left = noise / (2 * settings.plane_center_radius + 1)
     z, n = (np.stack(images) for images in zip(*fitted, strict=True))

@@ -1,9 +1,9 @@
-"""Compiled loops, settings records, threads and array types."""
+"""Least squares, robust weights, settings records, compiled loops and threads."""
 
 from __future__ import annotations
 
 from .arrays import Image
-from .compiled import compiled
+from .compilation import compiled
 from .least_squares import Solver, gauss_newton
 from .robust import (
     cauchy_cost,
@@ -23,11 +23,11 @@ from .settings import (
     Share,
     Whole,
 )
-from .threads import together
+from .threads import thread_map
 
 __all__ = [
     "DEGREE", "Count", "Image", "NonNegative", "Positive", "Scales", "SettingsRecord", "Share",
     "Solver", "Whole", "cauchy_cost", "cauchy_weight", "compiled", "gauss_newton",
-    "geman_mcclure_cost", "geman_mcclure_weight", "together",
+    "geman_mcclure_cost", "geman_mcclure_weight", "thread_map",
     "truncated_cost", "truncated_weight",
 ]

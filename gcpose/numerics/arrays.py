@@ -6,4 +6,4 @@ import numpy as np
 from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
-"""[H W] or [H W C] of single precision."""
+"""An array [H W] or [H W C] of single precision."""

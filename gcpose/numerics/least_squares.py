@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 
-State = TypeVar("State")
-Scale = TypeVar("Scale")
+_State = TypeVar("_State")
+_Scale = TypeVar("_Scale")
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,13 @@ class Solver:
 
 
 def gauss_newton(
-    state: State,
-    linearize: Callable[[State, Scale], tuple[Array, Array]],
-    move: Callable[[State, Array], State],
-    scales: Iterable[Scale],
+    state: _State,
+    linearize: Callable[[_State, _Scale], tuple[Array, Array]],
+    move: Callable[[_State, Array], _State],
+    scales: Iterable[_Scale],
     solver: Solver,
     frozen: NDArray[np.bool_] | None = None,
-) -> State:
+) -> _State:
     """Minimize a sum of robust squares, one iteration for each robust scale.
 
     Args:

@@ -25,7 +25,7 @@ NonNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Scales = Annotated[tuple[Positive, ...], Meta(min_length=1)]
 
-S = TypeVar("S", bound="SettingsRecord")
+_Record = TypeVar("_Record", bound="SettingsRecord")
 
 
 class SettingsRecord:
@@ -35,7 +35,7 @@ class SettingsRecord:
         """Return all settings as a tree of JSON values."""
         return msgspec.json.decode(msgspec.json.encode(self))
 
-    def override(self: S, changes: Mapping[str, str]) -> S:
+    def override(self: _Record, changes: Mapping[str, str]) -> _Record:
         """Return a copy with some settings replaced.
 
         Args:
@@ -57,7 +57,7 @@ class SettingsRecord:
         return {name: _text(value) for name, value in _leaves(self) if value != default[name]}
 
 
-def _replaced(settings: S, name: str, text: str) -> S:
+def _replaced(settings: _Record, name: str, text: str) -> _Record:
     tree = settings.as_dict()
     leaves = dict(_leaves(settings))
     if name not in leaves:

@@ -1,4 +1,4 @@
-"""Two threads for what NumPy does without the interpreter: hypotheses, blocks of points."""
+"""A map over two threads, for work that NumPy and compiled loops do outside the interpreter."""
 
 from __future__ import annotations
 
@@ -11,13 +11,18 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-def together(work: Callable[[A], B], items: Iterable[A]) -> list[B]:
-    """[work(i) for i in items]: the same results in the same order, sooner.
+def thread_map(work: Callable[[A], B], items: Iterable[A], threads: int | None = None) -> list[B]:
+    """Return [work(i) for i in items], computed by some threads.
 
-    Not where a process is to have one thread, as `gcbench eval --workers` says by the variable that
-    NumPy's libraries read.
+    Args:
+        work: Any function that may run in several threads.
+        items: Its arguments.
+        threads: Default: 2, but 1 where the environment variable OMP_NUM_THREADS is 1, by which
+            `gcbench eval` tells the libraries of a worker how many threads it has.
     """
-    if os.environ.get("OMP_NUM_THREADS") == "1":
+    if threads is None:
+        threads = 1 if os.environ.get("OMP_NUM_THREADS") == "1" else 2
+    if threads == 1:
         return [work(i) for i in items]
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, items))

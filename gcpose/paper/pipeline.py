@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...errors import ConfigError, MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
-from ..chain import Articulation, Known, axes, hinges, knowledge
+from ..chain import Articulation, JointPriors, axis_twists, joint_priors, locate_hinges
 from ..images import (
     Depth,
     Flow,
@@ -214,7 +214,7 @@ def _observe(
     settings: PublishedSettings,
 ) -> _Video | None:
     """Measure the images and sample pixels; None where nothing moves or axes are unknown."""
-    known: Known = knowledge(observation)
+    known: JointPriors = joint_priors(observation)
     if known.prismatic.any():
         j = int(np.flatnonzero(known.prismatic)[0]) + 1
         raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
@@ -305,9 +305,10 @@ def _hypothesis(
     tracker, known, first = video.tracker, video.tracker.known, video.points[0]
     assert known.direction is not None
     cloud = tracker.sample(tuple(keys), video.settings.paper.max_points)
-    at = hinges(first.ray / first.expected[:, None], label[: len(first.frame)], video.bases[0],
+    at = locate_hinges(first.ray / first.expected[:, None], label[: len(first.frame)],
+                       video.bases[0],
                 known.parent, tracker.settings.chain)
-    twist = np.concatenate([axes(known, j, direction[None], at[j : j + 1])
+    twist = np.concatenate([axis_twists(known, j, direction[None], at[j : j + 1])
                             for j, direction in enumerate(known.direction)])
     mine = label > 0
     points = InverseDepthPoints.unmeasured(

@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, inverse
-from ..chain import Articulation, Hinges, axis_basis, closeness, displaced, relative, smoothness
+from ..chain import (
+    Articulation,
+    HingePrior,
+    axis_basis,
+    displace_axes,
+    hinge_equations,
+    relative_derivatives,
+    smoothness_equations,
+)
 from ..numerics import Solver
 from .kernels import accumulate
 from .points import InverseDepthPoints
@@ -30,7 +38,7 @@ class BundleSetup:
     """[3 3] px"""
     axis_dof: int
     """Free parameters of an axis: 0, 2 or 4"""
-    hinges: Hinges
+    hinges: HingePrior
 
 
 @dataclass(frozen=True)
@@ -105,21 +113,21 @@ def adjust_points(
         depth = np.clip(depth + np.clip(change, -most, most), low, high)
         angle = state.angle.copy()
         angle[1:] += step[:held].reshape(frames - 1, joints)
-        state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
+        state = replace(state, angle=angle, twist=displace_axes(state, basis, step[held:]))
     return BundleFit(state, depth, hessian)
 
 
 def _add_priors(
-    equations: _Equations, state: Articulation, basis: tuple[Array, ...], hinges: Hinges,
+    equations: _Equations, state: Articulation, basis: tuple[Array, ...], hinges: HingePrior,
     weight: float, settings: RgbSettings,
 ) -> None:
     """Add the priors on smooth motion and on axes near their hinges, in place."""
     frames, joints = state.angle.shape
     held = (frames - 1) * joints
-    prior = smoothness(state.angle, frames - 1, settings.chain)
+    prior = smoothness_equations(state.angle, frames - 1, settings.chain)
     equations.matrix[:held, :held] += weight * prior.matrix
     equations.vector[:held] += weight * prior.vector
-    near = closeness(state, basis, hinges)
+    near = hinge_equations(state, basis, hinges)
     equations.matrix[held:, held:] += weight * near.matrix
     equations.vector[held:] += weight * near.vector
 
@@ -180,7 +188,8 @@ def _assemble(
     matrix, vector = np.zeros((size, size)), np.zeros(size)
     coupling = np.zeros((len(points.ray), size))
     for k, frame in enumerate(keys):
-        each = relative(derivative, from_key[k], derivative[frame : frame + 1]).swapaxes(2, 3)
+        each = relative_derivatives(derivative, from_key[k], derivative[frame : frame + 1])
+        each = each.swapaxes(2, 3)
         each[frame] = 0.0
         for p in range(1, joints + 1):
             pair = np.zeros((frames, 12, size))

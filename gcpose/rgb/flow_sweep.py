@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Beam, Grid, Known, beamed, spread, thinned
+from ..chain import Beam, JointPriors, StepGrid, beam_search, spread_places, subsample
 from ..images import VideoEvidence
 from ..numerics import Image, compiled
 from .labels import SampledPixels
@@ -16,17 +16,18 @@ from .settings import RgbSettings
 
 
 def sweep_flow(
-    evidence: VideoEvidence, known: Known, points: SampledPixels, to: int, settings: RgbSettings
+    evidence: VideoEvidence, known: JointPriors, points: SampledPixels, to: int,
+    settings: RgbSettings,
 ) -> Beam:
     """Return chains over frames 0 and `to`, the best first; points are of frame 0."""
     s = settings
-    places = spread(thinned(points.ray, s.spread_points), s.hinge_places)
+    places = spread_places(subsample(points.ray, s.spread_points), s.hinge_places)
     roots = places if known.base is None else known.base[None]
     frames = min(to, s.max_step_frames)
-    grid = Grid(
+    grid = StepGrid(
         places_at_depths(roots, s.root_depths), places_at_depths(places, s.hinge_depths),
         frames * s.max_turn, frames * s.max_slide, s.beam_width)
-    return beamed(known, accumulate_flow(evidence, points, to, s), grid, s.chain)
+    return beam_search(known, accumulate_flow(evidence, points, to, s), grid, s.chain)
 
 
 def places_at_depths(rays: Array, depths: tuple[float, ...]) -> Array:

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from ...errors import MethodError
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array, pinhole
-from ..chain import Known, screws_of
+from ..chain import JointPriors, screws_of
 from ..images import Depth, Flow, ImageSettings, VideoEvidence, video_evidence
 from .points import predict_places
 from .search import search_video
@@ -25,7 +25,7 @@ from .tracker import VideoHypothesis
 
 
 def estimate_rgb(
-    observation: Observation, known: Known, flow: Flow, depth: Depth | None,
+    observation: Observation, known: JointPriors, flow: Flow, depth: Depth | None,
     settings: RgbSettings, image_settings: ImageSettings,
 ) -> Estimate | None:
     """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4).
@@ -68,7 +68,7 @@ def estimate_rgb(
     return Estimate(angle, screw, part, sigma)
 
 
-def object_distance(known: Known, evidence: VideoEvidence) -> float:
+def object_distance(known: JointPriors, evidence: VideoEvidence) -> float:
     """Return the distance of the object by its known axes, m; 1 if none is known."""
     if known.line is None or known.prismatic.all():
         return 1.0
@@ -102,7 +102,7 @@ def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array 
     return origin / origin[2] if away < max(np.ptp(u), np.ptp(v)) else None
 
 
-def scale_axes(known: Known, factor: float) -> Known:
+def scale_axes(known: JointPriors, factor: float) -> JointPriors:
     """Return the same joints in another unit of length."""
     if known.line is None:
         return known

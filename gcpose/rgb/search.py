@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..chain import Known
+from ..chain import JointPriors
 from ..images import VideoEvidence
-from ..numerics import together
+from ..numerics import thread_map
 from .bundle import BundleWeights
 from .settings import RgbSettings
 from .strategies import (
@@ -19,7 +19,7 @@ from .tracker import VideoHypothesis, VideoTracker
 
 
 def search_video(
-    evidence: VideoEvidence, known: Known, settings: RgbSettings
+    evidence: VideoEvidence, known: JointPriors, settings: RgbSettings
 ) -> VideoHypothesis | None:
     """Return the best articulation; None where too few moving pixels are seen."""
     tracker, s = VideoTracker(evidence, known, settings), settings
@@ -36,16 +36,17 @@ def search_video(
         return select_distinct(found, most, s, key=lambda h: score_hypothesis(h, s), **by)
 
     found += [t for h in select_distinct(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
-    found = together(lambda h: tracker.refine_by_patches(h, many, 2, s.patch_reach_first), found)
-    found = together(lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach),
+    found = thread_map(lambda h: tracker.refine_by_patches(h, many, 2, s.patch_reach_first), found)
+    found = thread_map(lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach),
                      best(found, s.refined_kept))
     others = exchange_parallel_turns(
         tracker, min(found, key=lambda h: score_hypothesis(h, s)), few, s.exchanged_kept)
     weights = BundleWeights(s.settle_scales, s.depth_sigma_bundle)
     others = [tracker.refine_by_flow(tracker.relabel(h, many), many, 1, weights) for h in others]
-    found += together(lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach_first), others)
+    found += thread_map(
+        lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach_first), others)
     found = [tracker.relabel(h, dense) for h in best(found, s.final_kept, labels=1.0)]
-    found = together(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), found)
+    found = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), found)
     return min(found, key=lambda h: score_hypothesis(h, s))
 
 

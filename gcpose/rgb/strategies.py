@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...robots.geometry import Array, inverse
-from ..chain import Articulation, spread, thinned, unlike
+from ..chain import Articulation, select_by_steps, spread_places, subsample
 from ..images import geodesic_rank
-from ..numerics import together
+from ..numerics import thread_map
 from .bundle import BundleWeights
 from .flow_sweep import sweep_flow
 from .labels import SampledPixels
@@ -27,14 +27,14 @@ def initialize_by_sweeps(tracker: VideoTracker) -> list[VideoHypothesis]:
     if len(points.frame) < s.min_points:
         return []
     spans = sorted({min(span, last) for span in s.sweep_spans})
-    found = [h for some in together(lambda span: sweep_hypotheses(tracker, points, span), spans)
+    found = [h for some in thread_map(lambda span: sweep_hypotheses(tracker, points, span), spans)
              for h in some]
     start, apart = min(max(spans) + 1, last), s.distinct_motion_first
-    found = together(lambda h: tracker.refine_tracked(tracker.extend(h, start), points),
+    found = thread_map(lambda h: tracker.refine_tracked(tracker.extend(h, start), points),
                      select_distinct(found, s.first_kept, s, motion=apart))
-    found = together(lambda h: tracker.track(h, min(s.half_frame, last)),
+    found = thread_map(lambda h: tracker.track(h, min(s.half_frame, last)),
                      select_distinct(found, s.half_kept, s, motion=apart))
-    return together(lambda h: tracker.track(h, last),
+    return thread_map(lambda h: tracker.track(h, last),
                     select_distinct(found, s.tracked_kept, s, motion=apart))
 
 
@@ -43,7 +43,8 @@ def sweep_hypotheses(
 ) -> list[VideoHypothesis]:
     """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
     known, settings = tracker.known, tracker.settings
-    beam = unlike(sweep_flow(tracker.evidence, known, points, to, settings), settings.sweep_kept)
+    beam = sweep_flow(tracker.evidence, known, points, to, settings)
+    beam = select_by_steps(beam, settings.sweep_kept)
     one = np.ones(len(points.frame), np.int64)
     start = InverseDepthPoints.unmeasured(points.frame, points.ray, one, points.expected)
     bases = base_candidates(tracker, points, 0)
@@ -87,7 +88,7 @@ def exchange_parallel_turns(
         cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
         if abs(cosine) < settings.parallel_cosine:
             continue
-        places = spread(thinned(at, settings.spread_points), settings.exchange_places)
+        places = spread_places(subsample(at, settings.spread_points), settings.exchange_places)
         feet = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *places])
         others = [
             keep_total_turn(state, j, hinge, foot, settings)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...robots.geometry import Array, inverse
-from ..chain import Articulation, Hinges, Known, from_axis, hinges
+from ..chain import Articulation, HingePrior, JointPriors, locate_hinges, offset_from_axis
 from ..images import VideoEvidence, geodesic_rank
 from .bundle import BundleSetup, BundleWeights, adjust_points
 from .costs import MovedRays, flow_costs, patch_costs
@@ -53,7 +53,7 @@ class VideoHypothesis:
 class VideoTracker:
     """EM steps of hypotheses on one video."""
 
-    def __init__(self, evidence: VideoEvidence, known: Known, settings: RgbSettings) -> None:
+    def __init__(self, evidence: VideoEvidence, known: JointPriors, settings: RgbSettings) -> None:
         self.evidence, self.known, self.settings = evidence, known, settings
         self.joints = len(known.prismatic)
         self._samples: dict[tuple[tuple[int, ...], int], SampledPixels] = {}
@@ -111,7 +111,7 @@ class VideoTracker:
         An axis counts 1/2 at the distance `settings.axis_offset`, and 1 at most.
         """
         carried = (self.known.parent >= 0) & ~self.known.prismatic
-        away = from_axis(hypothesis.state.twist, self.hinges(hypothesis).point)[carried]
+        away = offset_from_axis(hypothesis.state.twist, self.hinges(hypothesis).point)[carried]
         square = (away**2).sum(axis=1)
         return float((square / (square + self.settings.axis_offset**2)).sum())
 
@@ -127,7 +127,7 @@ class VideoTracker:
             self._ranks[name] = out
         return self._ranks[name]
 
-    def hinges(self, hypothesis: VideoHypothesis) -> Hinges:
+    def hinges(self, hypothesis: VideoHypothesis) -> HingePrior:
         """Return where the parts of the first key frame meet."""
         points = hypothesis.points
         first = points.frame == points.frame.min()
@@ -135,9 +135,9 @@ class VideoTracker:
         motion = hypothesis.state.motions(len(hypothesis.state.angle))
         m = inverse(motion[points.frame.min(), points.label[first]])
         at = np.einsum("nab,nb->na", m[:, :3, :3], at) + m[:, :3, 3]
-        meet = hinges(at, points.label[first], hypothesis.base, self.known.parent,
+        meet = locate_hinges(at, points.label[first], hypothesis.base, self.known.parent,
                       self.settings.chain)
-        return Hinges(meet, self.settings.hinge_slack)
+        return HingePrior(meet, self.settings.hinge_slack)
 
     def adjust(
         self, hypothesis: VideoHypothesis, points: InverseDepthPoints, weights: BundleWeights
@@ -146,7 +146,7 @@ class VideoTracker:
         information = self.settings.patch_weight * points.place_information
         fit = adjust_points(
             hypothesis.state, replace(points, place_information=information),
-            BundleSetup(self.evidence.intrinsics, self.known.freedom, self.hinges(hypothesis)),
+            BundleSetup(self.evidence.intrinsics, self.known.axis_dof, self.hinges(hypothesis)),
             weights, self.settings)
         return replace(hypothesis, state=fit.state, hessian=fit.hessian,
                        points=replace(points, inverse_depth=fit.inverse_depth))

@@ -1,12 +1,12 @@
-"""What images say of a motion: residuals of moved points, summed into normal equations.
+"""Residuals of moved points, summed into normal equations of their parts' twists.
 
-Every residual's derivative is taken to the twist (w, v) of the point's part, T <- exp(twist) T: six
-numbers a with dr = -a . twist. So the images enter the estimate only through a 6x6 matrix per part
-and frame, whatever the unknowns are: rigid motions, joint angles, axes.
+The derivative of every residual is taken to the twist (w, v) of the point's part, T <- exp(twist)
+T: six numbers a with dr = -a . twist. So the images enter the estimate only through a 6x6 matrix
+per part and frame, whatever the unknowns are: rigid motions, joint angles, or axes.
 
-All of them move points by motion [T J+1 4 4] into frames 0..T-1, but for the frame that the points
-are from, and add up over each part: matrix [T J+1 6 6], vector [T J+1 6], with Geman-McClure's
-weights. Part 0 stands still and says nothing.
+All functions move points by `motion` [T J+1 4 4] into frames 0..T-1, except the points' own, and
+sum over each part: matrix [T J+1 6 6] and vector [T J+1 6] of residuals in standard deviations,
+with Geman-McClure's weights (see numerics/robust.py). Part 0 is static and has no equations.
 """
 
 from __future__ import annotations
@@ -19,107 +19,114 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array
 from ..images import Surfaces
 from ..numerics import Image
-from .kernels import add_flow, add_surface, camera_of, columns, fill_views
+from .kernels import add_flow, add_surface, columns, fill_plane_rows, flat_camera
 from .settings import BundleSettings
 
-Equations = tuple[Array, Array]
+PartEquations = tuple[Array, Array]
+"""matrix [T J+1 6 6] and vector [T J+1 6]"""
 
 
 @dataclass(frozen=True)
-class Elements:
-    """TriangleSurface elements sorted by part."""
+class Surfels:
+    """Surface elements sorted by part (Pfister et al., Surfels, SIGGRAPH 2000)."""
 
     column: Image
-    """[7 N] point, normal, sigma of the distance in m"""
+    """[7 N] point and normal (camera frame, m), standard deviation of the distance (m)"""
     start: NDArray[np.int64]
-    """[J+2] where each part begins."""
+    """[J+2] where each part begins"""
 
-    def scaled(self, scale: float) -> Elements:
-        """The same with sigma times `scale`."""
+    def scaled(self, scale: float) -> Surfels:
+        """Return the same with the standard deviations times `scale`."""
         column = self.column.copy()
         column[6] *= np.float32(scale)
-        return Elements(column, self.start)
+        return Surfels(column, self.start)
 
 
-def elements(
+def sort_surfels(
     point: Array, normal: Array, sigma: Array, label: NDArray[np.int64], parts: int
-) -> Elements:
-    """Of points and normals [N 3], sigma and label [N] on as many parts."""
+) -> Surfels:
+    """Sort points and normals [N 3] with standard deviations and labels [N] by part."""
     order = np.argsort(label, kind="stable")
     start = np.searchsorted(label[order], np.arange(parts + 1))
-    return Elements(columns(point, normal, sigma)[:, order], start)
+    return Surfels(columns(point, normal, sigma)[:, order], start)
 
 
-def sparse(these: Elements, stride: int) -> Elements:
-    """Every so manieth of them."""
-    return Elements(np.ascontiguousarray(these.column[:, ::stride]), -(-these.start // stride))
+def thin_surfels(surfels: Surfels, stride: int) -> Surfels:
+    """Return every `stride`-th surfel."""
+    column = np.ascontiguousarray(surfels.column[:, ::stride])
+    return Surfels(column, -(-surfels.start // stride))
 
 
 def surface_equations(
-    surfaces: Surfaces, frame: int, motion: Array, these: Elements, settings: BundleSettings
-) -> Equations:
-    """Point-to-plane distance of the measured surface; projective association.
+    surfaces: Surfaces, frame: int, motion: Array, surfels: Surfels, settings: BundleSettings
+) -> PartEquations:
+    """Sum point-to-plane distances from the measured surfaces, by projective association (Chen and
+    Medioni, 1991; Blais and Levine, 1995).
 
-    A point that has turned to the back of a part meets the front, a part's thickness away: the
-    normals tell.
+    A point that has turned to the back of its part projects onto the front, a part's thickness
+    away. Such matches are rejected by their normals.
     """
-    out = empty(motion.shape)
-    add_surface(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
-                frame, motion.astype(np.float32), these.column, these.start,
+    out = zero_equations(motion.shape)
+    add_surface(surfaces.depth, surfaces.normal, flat_camera(surfaces), frame,
+                motion.astype(np.float32), surfels.column, surfels.start,
                 np.float32(settings.min_normal_cosine), *out)
     return out
 
 
 def accumulated_equations(
-    surfaces: Surfaces, motion: Array, these: Elements, settings: BundleSettings
-) -> tuple[Array, Array, Array]:
-    """Distance of the measured surfaces from points that are where all frames together put them.
+    surfaces: Surfaces, motion: Array, surfels: Surfels, settings: BundleSettings
+) -> tuple[PartEquations, Array]:
+    """Sum distances of measured surfaces from points that may be displaced along their normals.
 
-    A noisy point errs in every frame alike, and where it is looked for depends on its error: with
-    both, joints seem to move less than they do. So each point may be displaced along its normal,
-    which is eliminated by a Schur complement. That couples the frames: from matrix [T J+1 6 6]
-    `coupling` [J+1 6T 6T] is to be taken. The points' own frame is one of them.
+    The error of a noisy point is the same in all frames, and its match depends on that error: both
+    bias displacements toward zero. So each point has an unknown displacement, which is eliminated
+    by a Schur complement (Triggs et al., Bundle adjustment - a modern synthesis, 2000, section 6).
+    That couples the frames. The points' own frame is one of them.
+
+    Returns:
+        The equations, and the coupling [J+1 6T 6T] to be subtracted from the matrix of each part.
     """
     frames, parts = motion.shape[:2]
-    n = these.column.shape[1]
+    n = surfels.column.shape[1]
     row, residual = np.zeros((frames, 6, n), np.float32), np.zeros((frames, n), np.float32)
     weight = np.zeros((frames, n), np.float32)
-    fill_views(surfaces.depth, surfaces.normal, camera_of(surfaces.intrinsics, surfaces.depth),
-               motion.astype(np.float32), these.column, these.start,
-               np.float32(settings.min_normal_cosine), row, residual, weight)
-    many = np.maximum(weight.sum(axis=0), np.float32(1e-12))
-    residual -= (weight * residual).sum(axis=0) / many
-    matrix, vector = empty(motion.shape)
+    fill_plane_rows(surfaces.depth, surfaces.normal, flat_camera(surfaces),
+                    motion.astype(np.float32), surfels.column, surfels.start,
+                    np.float32(settings.min_normal_cosine), row, residual, weight)
+    total = np.maximum(weight.sum(axis=0), np.float32(1e-12))
+    residual -= (weight * residual).sum(axis=0) / total
+    matrix, vector = zero_equations(motion.shape)
     coupling = np.zeros((parts, 6 * frames, 6 * frames))
     for j in range(1, parts):
-        mine = slice(these.start[j], these.start[j + 1])
+        mine = slice(surfels.start[j], surfels.start[j + 1])
         a = row[:, :, mine]
-        weighed = a * weight[:, None, mine]
-        matrix[:, j] = weighed @ a.transpose(0, 2, 1)
-        vector[:, j] = np.einsum("tan,tn->ta", weighed, residual[:, mine])
-        pull = weighed.reshape(6 * frames, -1)
-        coupling[j] = (pull / many[mine]) @ pull.T
-    return matrix, vector, coupling
+        weighted = a * weight[:, None, mine]
+        matrix[:, j] = weighted @ a.transpose(0, 2, 1)
+        vector[:, j] = np.einsum("tan,tn->ta", weighted, residual[:, mine])
+        flat = weighted.reshape(6 * frames, -1)
+        coupling[j] = (flat / total[mine]) @ flat.T
+    return (matrix, vector), coupling
 
 
 def flow_equations(
-    surfaces: Surfaces, motion: Array, these: Elements, settings: BundleSettings
-) -> Equations:
-    """Flow from frame t to t + 1 against the motion between (Sec. 3.4, L_w), for t = 0..T-2.
+    surfaces: Surfaces, motion: Array, surfels: Surfels, settings: BundleSettings
+) -> PartEquations:
+    """Sum differences between the flow from frame t to t + 1 and the motion (Sec. 3.4, L_w), for
+    t = 0..T-2.
 
-    Twists are of the steps. One in `settings.flow_stride` of the surfels is compared.
+    Twists are of the steps between frames. One in `settings.flow_stride` surfels is compared.
     """
     assert surfaces.flow is not None
-    these = sparse(these, settings.flow_stride)
-    out = empty(motion[1:].shape)
-    add_flow(surfaces.depth, surfaces.normal, surfaces.flow,
-             camera_of(surfaces.intrinsics, surfaces.depth), motion.astype(np.float32),
-             these.column, these.start, np.float32(settings.flow_depth_noise * surfaces.noise),
+    some = thin_surfels(surfels, settings.flow_stride)
+    out = zero_equations(motion[1:].shape)
+    add_flow(surfaces.depth, surfaces.normal, surfaces.flow, flat_camera(surfaces),
+             motion.astype(np.float32), some.column, some.start,
+             np.float32(settings.flow_depth_noise * surfaces.noise),
              np.float32(settings.flow_sigma),
              np.float32(settings.flow_share * settings.flow_stride), *out)
     return out
 
 
-def empty(shape: tuple[int, ...]) -> Equations:
-    """Sums over nothing yet, for motion of that shape."""
+def zero_equations(shape: tuple[int, ...]) -> PartEquations:
+    """Return equations without residuals, for motions of a shape."""
     return np.zeros((*shape[:2], 6, 6)), np.zeros((*shape[:2], 6))

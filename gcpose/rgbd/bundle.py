@@ -1,10 +1,10 @@
-"""Bundle adjustment (Sec. 3.4) with depth: joint displacements of many frames and unknown axes.
+"""Bundle adjustment (Sec. 3.4) with depth: displacements of many frames, and unknown axes.
 
-The paper minimises the distance between where a part's points fall under T_theta and where the
-images show them: L_w in pixels, then L_b in brightness over the accumulated point cloud. With
-depth the distance is point-to-plane, and L_w joins it where depth is noisy and the search needs to
-be led; L_b would not help: shades stay with the lamp where a plain surface turns. The unknowns are
-the displacements theta_{1:n} of all joints and, where the knowledge leaves them open, the axes.
+The paper minimizes the distance between the places of a part's points under T_theta and in the
+images: L_w in pixels, then L_b in brightness over the accumulated point cloud. With depth the
+distance is point-to-plane. L_w is added where depth has noise and the search needs a guide. L_b is
+not used: on a plain surface that turns, the shading stays with the light. The unknowns are the
+displacements theta_{1:n} of all joints and, as far as the knowledge leaves them open, the axes.
 """
 
 from __future__ import annotations
@@ -17,26 +17,28 @@ from ...robots.geometry import Array, inverse
 from ..chain import (
     Articulation,
     Cloud,
-    Hinges,
-    Normal,
-    add_normal,
+    HingePrior,
+    NormalEquations,
+    add_normal_equations,
     axis_bases,
-    closeness,
-    displaced,
-    relative,
-    smoothness,
+    displace_axes,
+    hinge_equations,
+    relative_derivatives,
+    smoothness_equations,
 )
 from ..images import Surfaces
 from ..numerics import Solver
 from .alignment import (
-    Elements,
-    Equations,
+    PartEquations,
+    Surfels,
     accumulated_equations,
-    elements,
     flow_equations,
+    sort_surfels,
     surface_equations,
 )
 from .settings import BundleSettings, RgbdSettings
+
+_MIN_STEP = 1e-6  # rad or m; below this, iterations end
 
 
 @dataclass(frozen=True)
@@ -46,121 +48,132 @@ class Views:
     surfaces: Surfaces
     clouds: tuple[Cloud, ...]
     """Points of key frames with their parts."""
-    hinges: Hinges
+    hinges: HingePrior
 
 
 @dataclass(frozen=True)
-class Sums:
-    """Normal equations of U unknowns: displacements of frames 1.., then the axes'."""
+class BundleEquations:
+    """Normal equations of U unknowns: displacements of frames 1.. (rad or m), then of the axes.
+
+    Residuals are in standard deviations, so that the inverse matrix is a covariance.
+    """
 
     matrix: Array
     """[U U]"""
     vector: Array
     """[U]"""
     scatter: Array
-    """[U U] sum of the outer products of each cloud's, part's and frame's vector: the covariance
-    of `vector` if what errs errs together there."""
+    """[U U] sum of the outer products of the vectors of each cloud, part and frame: the covariance
+    of `vector` if the errors within each of these are the same."""
 
     @staticmethod
-    def nothing(size: int) -> Sums:
-        """Of as many unknowns."""
-        return Sums(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
+    def zeros(size: int) -> BundleEquations:
+        """Return the equations without any residual."""
+        return BundleEquations(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
 
-    def add(self, equations: Equations, g: Array) -> None:
-        """Of parts and frames, whose twists are g [T J+1 U 6] per unknown."""
-        add_normal(*equations, g, self.matrix, self.vector, self.scatter)
+    def add(self, equations: PartEquations, twists: Array) -> None:
+        """Add the equations of parts, whose twists are [T J+1 U 6] per unknown."""
+        add_normal_equations(*equations, twists, self.matrix, self.vector, self.scatter)
 
-    def believe(self, belief: Normal, these: slice) -> None:
-        """What is believed of some of the unknowns."""
-        self.matrix[these, these] += belief.matrix
-        self.scatter[these, these] += belief.matrix
-        self.vector[these] += belief.vector
+    def add_prior(self, prior: NormalEquations, unknowns: slice) -> None:
+        """Add a prior on some of the unknowns."""
+        self.matrix[unknowns, unknowns] += prior.matrix
+        self.scatter[unknowns, unknowns] += prior.matrix
+        self.vector[unknowns] += prior.vector
 
 
 def assemble(
-    surfaces: Surfaces,
-    seen: list[tuple[int, Elements]],
-    state: Articulation,
-    basis: tuple[Array, ...],
-    scale: float,
-    settings: BundleSettings,
-) -> Sums:
-    """Elements of key frames against all frames; `scale` is in footprints of a pixel.
+    surfaces: Surfaces, seen: list[tuple[int, Surfels]], state: Articulation,
+    basis: tuple[Array, ...], settings: BundleSettings,
+) -> BundleEquations:
+    """Sum the equations of key frames' surfels in all frames.
 
-    A point of frame s is at T_t T_s^-1 X in frame t: both frames' unknowns move it.
+    A point X of frame s is at T_t T_s^-1 X in frame t: the unknowns of both frames move it.
     """
     motion = state.motions(len(state.angle))
     derivative = state.derivatives(motion, basis)
     size = derivative.shape[2]
-    sums, by_step = Sums.nothing(size), derivative
+    sums, step_derivative = BundleEquations.zeros(size), derivative
     if surfaces.flow is not None:
         step = motion[1:] @ inverse(motion[:-1])
-        by_step = relative(derivative[1:], step, derivative[:-1])
-    for frame, unscaled in seen:
-        these = unscaled.scaled(scale)
-        here_from_there = motion @ inverse(motion[frame])
-        g = derivative
+        step_derivative = relative_derivatives(derivative[1:], step, derivative[:-1])
+    for frame, surfels in seen:
+        here_from_there, here = motion @ inverse(motion[frame]), derivative
         if frame:
-            g = relative(derivative, here_from_there, derivative[frame : frame + 1])
+            here = relative_derivatives(derivative, here_from_there, derivative[frame : frame + 1])
         if surfaces.noise:
-            six, right, coupling = accumulated_equations(surfaces, here_from_there, these,
-                                                         settings)
-            sums.add((six, right), g)
-            for part, c in zip(g.swapaxes(0, 1), coupling, strict=True):
+            equations, coupling = accumulated_equations(
+                surfaces, here_from_there, surfels, settings)
+            sums.add(equations, here)
+            for part, c in zip(here.swapaxes(0, 1), coupling, strict=True):
                 along = part.swapaxes(1, 2).reshape(-1, size)
                 sums.matrix[:] -= along.T @ c @ along
         else:
-            sums.add(surface_equations(surfaces, frame, here_from_there, these, settings), g)
+            sums.add(surface_equations(surfaces, frame, here_from_there, surfels, settings), here)
         if surfaces.flow is not None:
-            sums.add(flow_equations(surfaces, here_from_there, these, settings), by_step)
+            sums.add(flow_equations(surfaces, here_from_there, surfels, settings), step_derivative)
     return sums
 
 
-def elements_of(surfaces: Surfaces, cloud: Cloud, parts: int, least: int) -> Elements:
-    """A cloud's, with what a pixel's footprint and noise leave uncertain; parts with fewer than
-    `least` points do not count."""
-    many = np.bincount(cloud.label, minlength=parts) >= least
+def cloud_surfels(surfaces: Surfaces, cloud: Cloud, parts: int, least: int) -> Surfels:
+    """Return the surfels of a cloud, with the standard deviation of a footprint and the noise.
+
+    Those of parts with fewer than `least` points are put on part 0, which is not moved.
+    """
+    enough = np.bincount(cloud.label, minlength=parts) >= least
     sigma = surfaces.footprint(cloud.point[:, 2]) + surfaces.noise
-    label = np.where(many[cloud.label], cloud.label, 0)
-    return elements(cloud.point, cloud.normal, sigma, label, parts)
+    label = np.where(enough[cloud.label], cloud.label, 0)
+    return sort_surfels(cloud.point, cloud.normal, sigma, label, parts)
 
 
 def adjust(
-    views: Views, state: Articulation, freedom: int, scales: tuple[float, ...],
+    views: Views, state: Articulation, axis_dof: int, scales: tuple[float, ...],
     settings: RgbdSettings, newest: bool = False,
-) -> tuple[Articulation, Sums]:
-    """Gauss-Newton over the state's frames, an iteration for each of `scales` (footprints).
+) -> tuple[Articulation, BundleEquations]:
+    """Adjust displacements and axes by damped Gauss-Newton.
 
-    With `newest` only the last frame's displacements move. Returns the articulation and the
-    equations of the last iteration.
+    Args:
+        views: What is explained.
+        state: Where to begin.
+        axis_dof: Free parameters of a revolute axis: 0, 2 or 4 (see `axis_basis`).
+        scales: Robust scale of each iteration, footprints.
+        settings: The tuned numbers.
+        newest: Whether only the displacements of the last frame are adjusted.
+
+    Returns:
+        The articulation, and the equations of the last iteration.
     """
     joints, last = len(state.twist), len(state.angle) - 1
-    held = last * joints
+    angles = last * joints
     tuned, surfaces = settings.bundle, views.surfaces
-    seen = [(c.frame, elements_of(surfaces, c, joints + 1, tuned.min_part_points))
+    seen = [(c.frame, cloud_surfels(surfaces, c, joints + 1, tuned.min_part_points))
             for c in views.clouds]
     solver = Solver(tuned.damping, tuned.damping_floor, max_step=tuned.max_step)
-    sums = Sums.nothing(0)
+    sums = BundleEquations.zeros(0)
     for scale in scales:
-        basis = axis_bases(state, views.clouds, 0 if newest else freedom)
-        sums = assemble(surfaces, seen, state, basis, scale, tuned)
-        sums.believe(smoothness(state.angle, last, settings.chain), slice(0, held))
-        sums.believe(closeness(state, basis, views.hinges), slice(held, None))
-        frozen = newest & (np.arange(len(sums.vector)) < held - joints)
+        basis = axis_bases(state, views.clouds, 0 if newest else axis_dof)
+        sums = assemble(surfaces, [(f, s.scaled(scale)) for f, s in seen], state, basis, tuned)
+        sums.add_prior(smoothness_equations(state.angle, last, settings.chain), slice(0, angles))
+        sums.add_prior(hinge_equations(state, basis, views.hinges), slice(angles, None))
+        frozen = newest & (np.arange(len(sums.vector)) < angles - joints)
         step = solver.step(sums.matrix, sums.vector, frozen)
         angle = state.angle.copy()
-        angle[1:] += step[:held].reshape(last, joints)
-        state = replace(state, angle=angle, twist=displaced(state, basis, step[held:]))
-        if np.abs(step).max() < 1e-6:
+        angle[1:] += step[:angles].reshape(last, joints)
+        state = replace(state, angle=angle, twist=displace_axes(state, basis, step[angles:]))
+        if np.abs(step).max() < _MIN_STEP:
             break
     return state, sums
 
 
-def deviation(sums: Sums, frames: int, joints: int) -> Array:
-    """[T J] standard deviation of displacements: H^-1 S H^-1, S the scatter of what pulls at
-    them."""
-    out, held = np.zeros((frames, joints)), (frames - 1) * joints
-    inverse_hessian = np.linalg.inv(sums.matrix + 1e-6 * np.eye(len(sums.matrix)))
-    variance = np.diag(inverse_hessian @ sums.scatter @ inverse_hessian)[:held]
+def standard_deviations(sums: BundleEquations, frames: int, joints: int) -> Array:
+    """Return standard deviations [T J] of the displacements, rad or m.
+
+    The covariance is the sandwich H^-1 S H^-1 with the matrix H and the scatter S, which holds
+    where residuals are correlated within clusters (Huber, The behavior of maximum likelihood
+    estimates under nonstandard conditions, 1967; Liang and Zeger, 1986).
+    """
+    out, angles = np.zeros((frames, joints)), (frames - 1) * joints
+    bread = np.linalg.inv(sums.matrix + 1e-6 * np.eye(len(sums.matrix)))
+    variance = np.diag(bread @ sums.scatter @ bread)[:angles]
     out[1:] = np.sqrt(np.maximum(variance, 0.0)).reshape(frames - 1, joints)
     return out

@@ -1,8 +1,8 @@
-"""Starts without flow: every joint's first step in a grid of values, judged by depth alone.
+"""Starts from depth alone: a beam search over a grid of every joint's first step.
 
-An arm that reaches for the camera moves by a hundred pixels a frame, where no flow follows it; but
-its joints turn by a few degrees a frame, whatever the image does. So a coarse grid of steps, times
-the places where the parts may begin, holds a start near the truth.
+An arm that moves toward the camera moves by a hundred pixels from frame to frame, which flow cannot
+follow. But its joints turn by a few degrees. So a coarse grid of steps, times places where the
+parts may begin, holds a start near the truth.
 """
 
 from __future__ import annotations
@@ -12,76 +12,74 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, Cloud, Grid, Hypothesis, beamed, spread, thinned
+from ..chain import Articulation, Cloud, Hypothesis, StepGrid, beam_search, spread_places, subsample
 from ..images import Surfaces, smooth_costs
 from ..numerics import Image
-from .kernels import SweepCosts, camera_of, columns, grow, judge
+from .kernels import SweepCosts, columns, fill_mean_costs, fill_step_costs, flat_camera
 from .settings import RgbdSettings
 from .tracker import Tracker
 
 
-def swept(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
-    """The `most` best starts over frames 0 and `to`."""
-    grid, known, settings = tracker.grid(0), tracker.known, tracker.settings
+def sweep_depth(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
+    """Return the `most` best starts over frames 0 and `to`."""
+    grid, priors, settings = tracker.grid(0), tracker.priors, tracker.settings
     tuned = settings.sweep
-    inside = grid.point[tracker.moving]
-    pick = np.linspace(0, len(inside) - 1, min(len(inside), tuned.points)).astype(int)
-    column = columns(inside[pick], grid.normal[tracker.moving][pick])
-    places = spread(thinned(inside, tuned.spread_points), tuned.places)
+    points, normals = grid.point[tracker.moving], grid.normal[tracker.moving]
+    pick = np.linspace(0, len(points) - 1, min(len(points), tuned.points)).astype(int)
+    places = spread_places(subsample(points, tuned.spread_points), tuned.places)
     reach = min(to, tuned.max_step_frames)
-    steps = Grid(places, places, reach * tuned.max_turn, reach * tuned.max_slide, tuned.beam_width)
-    judge = ByDepth(tracker.surfaces, to, column, settings)
-    beam = beamed(known, judge, steps, settings.chain)
+    steps = StepGrid(places, places, reach * tuned.max_turn, reach * tuned.max_slide,
+                     tuned.beam_width)
+    costs = DepthStepCosts(tracker.surfaces, to, columns(points[pick], normals[pick]), settings)
+    beam = beam_search(priors, costs, steps, settings.chain)
     found: list[Hypothesis] = []
-    for twist, end, c in zip(beam.twist[:most], beam.angle[:most], beam.cost[:most].mean(axis=1),
-                             strict=True):
-        at = np.cross(twist[0, :3], twist[0, 3:])
-        order = int(np.argmin([np.linalg.norm(b - at) for b in tracker.bases]))
-        state = Articulation(twist, np.linspace(0 * end, end, to + 1), known.prismatic,
-                             known.parent)
-        cloud = coarse_cloud(tracker, state)
-        found.append(Hypothesis(state, (cloud,), float(c), order))
+    for twist, end, cost in zip(beam.twist[:most], beam.angle[:most],
+                                beam.cost[:most].mean(axis=1), strict=True):
+        foot = np.cross(twist[0, :3], twist[0, 3:])
+        base = int(np.argmin([np.linalg.norm(b - foot) for b in tracker.base_candidates]))
+        state = Articulation(twist, np.linspace(0 * end, end, to + 1), priors.prismatic,
+                             priors.parent)
+        found.append(Hypothesis(state, (label_coarsely(tracker, state),), float(cost), base))
     return found
 
 
-def coarse_cloud(tracker: Tracker, state: Articulation) -> Cloud:
-    """Frame 0's points labelled by what brings them near the last frame's surface."""
+def label_coarsely(tracker: Tracker, state: Articulation) -> Cloud:
+    """Label the candidates of frame 0 by their distance from the surface of the last frame."""
     grid, last = tracker.grid(0), len(state.angle) - 1
-    motion = state.motions(last + 1)[last]
-    judge = ByDepth(tracker.surfaces, last, columns(grid.point, grid.normal), tracker.settings)
-    label = smooth_costs(judge.costs(motion).T, grid).argmin(axis=1)
-    return Cloud(0, grid.point, grid.normal, label)
+    costs = DepthStepCosts(tracker.surfaces, last, columns(grid.point, grid.normal),
+                           tracker.settings)
+    volume = smooth_costs(costs.costs(state.motions(last + 1)[last]).T, grid)
+    return Cloud(0, grid.point, grid.normal, volume.argmin(axis=1))
 
 
 @dataclass(frozen=True)
-class ByDepth:
-    """Judges where points of frame 0 are found in another (see beam.py)."""
+class DepthStepCosts:
+    """Costs of points of frame 0 in another frame (see `chain.beam.StepCosts`)."""
 
     surfaces: Surfaces
     frame: int
     column: Image
-    """[6 N] points and normals"""
+    """[6 N] points and normals, camera frame, m"""
     settings: RgbdSettings
 
-    @property
-    def limits(self) -> SweepCosts:
-        """The settings of the costs in single precision."""
+    def costs(self, motion: Array) -> Image:
+        """Return [M N] costs under each of motion [M 4 4], variances."""
+        out = np.empty((len(motion), self.column.shape[1]), np.float32)
+        fill_step_costs(self.surfaces.depth[self.frame].ravel(), flat_camera(self.surfaces),
+                        motion.astype(np.float32), self.column, self._numbers(), out)
+        return out
+
+    def means(self, motion: Array, turn: Array, before: Image) -> Image:
+        """Return [M P] mean costs of chains with one more part."""
+        out = np.empty((len(motion), len(turn)), np.float32)
+        fill_mean_costs(self.surfaces.depth[self.frame].ravel(), flat_camera(self.surfaces),
+                        motion, turn, before, self.column, self._numbers(), out)
+        return out
+
+    def _numbers(self) -> SweepCosts:
+        """Return the settings in single precision."""
         labels, sweep = self.settings.labels, self.settings.sweep
         numbers = (labels.cost_seen_through, labels.cost_hidden, labels.cost_outside,
                    sweep.pixel_sigma, sweep.noise_factor * self.surfaces.noise,
                    sweep.empty_distance)
         return SweepCosts(*(np.float32(n) for n in numbers))
-
-    def costs(self, motion: Array) -> Image:
-        surfaces = self.surfaces
-        out = np.empty((len(motion), self.column.shape[1]), np.float32)
-        judge(surfaces.depth[self.frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
-              motion.astype(np.float32), self.column, self.limits, out)
-        return out
-
-    def means(self, motion: Array, turn: Array, before: Image) -> Image:
-        surfaces = self.surfaces
-        out = np.empty((len(motion), len(turn)), np.float32)
-        grow(surfaces.depth[self.frame].ravel(), camera_of(surfaces.intrinsics, surfaces.depth),
-             motion, turn, before, self.column, self.limits, out)
-        return out

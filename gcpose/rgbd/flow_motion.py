@@ -1,10 +1,9 @@
 """Motion of the parts between two frames from optical flow and depth (Sec. 3.3).
 
 The paper takes R and t of each part from its correspondences and then the angle about the axis.
-Here all parts are solved together, in twists: part j moves with the sum of the z_i of the joints
-that carry it, where z_i is what joint i adds. What is known of an axis confines z_i to a linear
-space: its screw's multiples if the line is known, its direction and any position if the direction
-is, anything if nothing is.
+Here all parts are solved jointly, in twists: part j moves with the sum of the z_i of its ancestors,
+where joint i adds z_i. The knowledge of an axis confines z_i to a linear space: the multiples of
+its screw if the line is known, the screws with its direction if that is known, else all twists.
 """
 
 from __future__ import annotations
@@ -22,24 +21,27 @@ from .settings import StartSettings
 
 @dataclass(frozen=True)
 class Correspondence:
-    """Where flow and depth take points [N 3] of frame 0, linearised at no motion.
+    """Matches of N points of frame 0 by flow and depth, linearized at no motion.
 
-    Row . twist should equal value; both are in standard deviations.
+    The equations are row . twist = value, both in standard deviations.
     """
 
     row: Array
-    """[N 3 6] point-to-plane, then flow u and v."""
+    """[N 3 6] point-to-plane distance, then flow u and v"""
     value: Array
     """[N 3]"""
     valid: NDArray[np.bool_]
     """[N 3]"""
 
 
-def correspond(
+def linearize_flow(
     surfaces: Surfaces, grid: Candidates, flow: Array, to: int, origin: Array,
     settings: StartSettings,
 ) -> Correspondence:
-    """Flow [N 2] from frame 0 to frame `to` at the pixels; twists are about `origin` [3]."""
+    """Linearize the flow [N 2] px from frame 0 to frame `to` at the candidates of frame 0.
+
+    Twists are about `origin` [3], m.
+    """
     points, pixel = grid.point, grid.pixel
     height, width = surfaces.depth.shape[1:]
     aim = np.rint(pixel + flow).astype(np.int64)
@@ -71,12 +73,12 @@ def correspond(
 
 
 @compiled
-def reweighted(
+def add_weighted_rows(
     row: Array, value: Array, valid: NDArray[np.bool_], label: NDArray[np.int64], twist: Array,
     scale: float, matrix: Array, vector: Array,
 ) -> None:
-    """Add up each part's normal equations, matrix [J+1 6 6] and vector [J+1 6], with weights by
-    what its twist [6] leaves."""
+    """Add each part's normal equations to matrix [J+1 6 6] and vector [J+1 6], with Geman-McClure's
+    weights of the residuals under its twist [6]; the vector is for the whole twist."""
     for i in range(len(label)):
         j = label[i]
         if j == 0:
@@ -92,30 +94,31 @@ def reweighted(
                     matrix[j, a, b] += weight * here[a] * here[b]
 
 
-def fit(
-    data: Correspondence,
-    label: NDArray[np.int64],
-    space: tuple[Array, ...],
-    prior: Array,
-    moves: NDArray[np.bool_],
-    scales: tuple[float, ...],
+def fit_twists(
+    data: Correspondence, label: NDArray[np.int64], spaces: tuple[Array, ...], prior: Array,
+    moves: NDArray[np.bool_], scales: tuple[float, ...],
 ) -> list[Array]:
-    """z_i [6] of each joint by reweighted least squares; label [N]; space[i] [6 d_i].
+    """Fit the twist z_i [6] of each joint by iteratively reweighted least squares.
 
-    prior [J 6 6] is added to the information of each z_i; moves [J+1 J] are the joints that move
-    each part.
+    Args:
+        data: Matches of N points.
+        label: [N].
+        spaces: [6 d_i] basis of each z_i.
+        prior: [J 6 6] information of each z_i about zero.
+        moves: [J+1 J] ancestors of each part.
+        scales: Robust scale of each iteration, standard deviations.
     """
-    size = [s.shape[1] for s in space]
+    size = [s.shape[1] for s in spaces]
     start = np.concatenate([[0], np.cumsum(size)])
-    joined = np.concatenate(space, axis=1)
+    joined = np.concatenate(spaces, axis=1)
     held = np.zeros((start[-1], start[-1]))
-    for i, s in enumerate(space):
+    for i, s in enumerate(spaces):
         held[start[i] : start[i + 1], start[i] : start[i + 1]] = s.T @ prior[i] @ s
 
     def linearize(y: Array, scale: float) -> tuple[Array, Array]:
         six, right = np.zeros((len(moves), 6, 6)), np.zeros((len(moves), 6))
-        z = np.stack([s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)])
-        reweighted(data.row, data.value, data.valid, label, moves @ z, scale, six, right)
+        z = np.stack([s @ y[start[i] : start[i + 1]] for i, s in enumerate(spaces)])
+        add_weighted_rows(data.row, data.value, data.valid, label, moves @ z, scale, six, right)
         matrix, vector = held.copy(), np.zeros(start[-1])
         for j in range(1, len(moves)):
             some = np.flatnonzero(np.repeat(moves[j], size))
@@ -125,13 +128,13 @@ def fit(
         return matrix, vector - matrix @ y
 
     y = gauss_newton(np.zeros(start[-1]), linearize, np.add, scales, Solver())
-    return [s @ y[start[i] : start[i + 1]] for i, s in enumerate(space)]
+    return [s @ y[start[i] : start[i + 1]] for i, s in enumerate(spaces)]
 
 
-def costs(
+def match_costs(
     data: Correspondence, added: list[Array], moves: NDArray[np.bool_], settings: StartSettings
 ) -> Array:
-    """[N J+1] cost of each part's motion for each point."""
+    """Return the truncated cost [N J+1] of each part's motion for each point, variances."""
     twist = moves @ np.stack(added)
     residual = data.value[:, None] - np.einsum("nrc,jc->njr", data.row, twist)
     square = residual**2

@@ -1,4 +1,4 @@
-"""The way down from a hypothesis: EM over all its frames, until it stands."""
+"""Refinement of a hypothesis: EM over all its frames until nothing changes."""
 
 from __future__ import annotations
 
@@ -10,31 +10,40 @@ from ..chain import Hypothesis, displace_axis
 from .tracker import Tracker
 
 
-def descended(
-    tracker: Tracker,
-    guess: Hypothesis,
-    rounds: int,
-    scales: tuple[float, ...] = (),
-    sharp: float = 1.0,
+def refine_until_stable(
+    tracker: Tracker, hypothesis: Hypothesis, rounds: int, scales: tuple[float, ...] = (),
+    width: float = 1.0,
 ) -> Hypothesis:
-    """EM until it stands; where labels and axes creep along together, by leaps."""
+    """Run EM until the displacements stop changing.
+
+    Labels and axes may creep along together. While they do, each round is also tried as an
+    extrapolation.
+
+    Args:
+        tracker: The video.
+        hypothesis: Where to begin.
+        rounds: Rounds at most.
+        scales: Robust scales of a round, footprints; default: as in the settings.
+        width: Least standard deviation of a candidate's place, footprints.
+    """
     tuned = tracker.settings.refine
     scales = scales or tuned.scales
-    loose = tuned.noisy_factor if tracker.surfaces.noise else 1.0
+    factor = tuned.noisy_factor if tracker.surfaces.noise else 1.0
     for _ in range(rounds):
-        after = tracker.settle(guess, 1, scales, sharp=sharp)
-        change = float(np.abs(after.state.angle - guess.state.angle).max())
-        if change > tuned.creep * loose:
-            leap = tracker.settle(leaped(guess, after, tuned.leap), 1, scales, sharp=sharp)
-            after = min(after, leap, key=lambda h: h.cost)
-        guess = after
-        if change < tuned.stop * loose:
+        after = tracker.run_em(hypothesis, 1, scales, width=width)
+        change = float(np.abs(after.state.angle - hypothesis.state.angle).max())
+        if change > tuned.creep * factor:
+            further = extrapolate(hypothesis, after, tuned.leap)
+            further = tracker.run_em(further, 1, scales, width=width)
+            after = min(after, further, key=lambda h: h.cost)
+        hypothesis = after
+        if change < tuned.stop * factor:
             break
-    return guess
+    return hypothesis
 
 
-def leaped(before: Hypothesis, after: Hypothesis, times: float) -> Hypothesis:
-    """The step from one hypothesis to the next, taken `times` as far."""
+def extrapolate(before: Hypothesis, after: Hypothesis, times: float) -> Hypothesis:
+    """Return the hypothesis `times` as far from the first one as the second."""
     one, two = before.state, after.state
     angle = one.angle + times * (two.angle - one.angle)
     twist = np.stack([
@@ -44,19 +53,21 @@ def leaped(before: Hypothesis, after: Hypothesis, times: float) -> Hypothesis:
     return replace(after, state=replace(two, angle=angle, twist=twist))
 
 
-def sharpened(tracker: Tracker, best: Hypothesis) -> Hypothesis:
-    """Where depth is exact, it is weighed as such: flat valleys are walked to their ends, and
-    labels and costs tell parts apart that move almost alike."""
+def refine_sharply(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Refine with small robust scales where depth is exact.
+
+    That reaches the end of flat valleys, and separates parts that move almost alike.
+    """
     if tracker.surfaces.noise:
         return best
     tuned = tracker.settings.refine
-    return descended(tracker, best, tuned.sharp_rounds, tuned.sharp_scales, tuned.sharp_width)
+    return refine_until_stable(tracker, best, tuned.sharp_rounds, tuned.sharp_scales,
+                               tuned.sharp_width)
 
 
-def refined(tracker: Tracker, best: Hypothesis) -> Hypothesis:
-    """Where depth is noisy: by depth alone at the end, as flow sees too little motion where there
-    is no texture."""
+def refine_without_flow(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Refine by depth alone where depth has noise: without texture, flow is too short."""
     if tracker.surfaces.flow is None:
         return best
     tuned = tracker.settings.refine
-    return descended(tracker.flowless(), best, tuned.rounds, tuned.noisy_scales)
+    return refine_until_stable(tracker.without_flow(), best, tuned.rounds, tuned.noisy_scales)

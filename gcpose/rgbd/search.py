@@ -1,113 +1,121 @@
-"""The choice among hypotheses: many starts, few survivors, what explains all frames best."""
+"""The choice among hypotheses: many on the first frames, few on all, and the best of these."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from ..chain import Articulation, Hypothesis, distinct
+from ..chain import Articulation, Hypothesis, select_by_labels
 from ..images import Flow
-from ..numerics import together
-from .chain_from_motion import factored
-from .refine import descended, refined, sharpened
+from ..numerics import thread_map
+from .chain_from_motion import chains_from_motion
+from .refine import refine_sharply, refine_until_stable, refine_without_flow
 from .settings import RgbdSettings
-from .strategies import pursue
+from .strategies import run_strategy
 from .tracker import Tracker
 
 
-def search(tracker: Tracker, flow: Flow) -> Hypothesis:
-    """The best hypothesis over all frames, from many starts on the first ones.
+def search_hypotheses(tracker: Tracker, flow: Flow) -> Hypothesis:
+    """Return the best hypothesis over all frames.
 
-    Many are judged on few points and frames, few on all.
+    Strategies are tried in order until one explains the video.
+
+    Args:
+        tracker: The video.
+        flow: Optical flow for the starts.
     """
-    freedom, settings = tracker.known.freedom, tracker.settings
-    tuned, difference = settings.search, settings.chain.distinct_labels
-    coarse, strategies = tracker, (settings.known_lines, settings.known_lines_more)
-    if freedom:
-        coarse = tracker.thinned(tuned.coarse_candidates)
+    free, settings = tracker.priors.axis_dof > 0, tracker.settings
+    tuned, coarse = settings.search, tracker
+    strategies = settings.known_lines, settings.known_lines_more
+    if free:
+        coarse = tracker.coarser(tuned.coarse_candidates)
         strategies = settings.free_sweeps, settings.free_flow, settings.free_sweeps_more
     tried: list[Hypothesis] = []
     for strategy in strategies:
-        found = pursue(strategy, coarse, flow)
-        if freedom:
-            found = [tracker.relabel(h.state, tuple(c.frame for c in h.clouds), h.order)
-                     for h in distinct(found, tuned.relabeled, difference)]
-        best = sharpened(tracker, polished(tracker, distinct(found, tuned.polished, difference)))
-        again = bool(tried) and apart(best, best_of(tried, settings), settings) < tuned.same_angle
-        if freedom:
-            best = bettered(tracker, coarse, best)
+        found = run_strategy(strategy, coarse, flow)
+        if free:
+            best_few = select_by_labels(found, tuned.relabeled, settings.chain.distinct_labels)
+            found = [relabel(tracker, h) for h in best_few]
+        best = refine_sharply(tracker, polish(tracker, found))
+        again = bool(tried) and motion_difference(
+            best, best_of(tried, settings), settings) < tuned.same_angle
+        if free:
+            best = try_other_chains(tracker, coarse, best)
         tried.append(best)
-        best = best_of(tried, settings)
-        most = most_unexplained(tracker) if again else most_poor(tracker)
-        if unexplained(tracker, best) < most and not idle(best, settings):
+        most = unreliable_share(tracker) if again else poor_share(tracker)
+        if is_explained(tracker, best_of(tried, settings), most):
             break
-    return refined(tracker, best_of(tried, settings))
+    return refine_without_flow(tracker, best_of(tried, settings))
 
 
-def most_poor(tracker: Tracker) -> float:
-    """Share of the candidates that may be unexplained without another strategy being tried."""
-    tuned, noisy = tracker.settings.search, tracker.surfaces.noise > 0
-    if tracker.known.freedom:
-        return tuned.poor_noisy if noisy else tuned.poor
-    return tuned.poor_known_lines_noisy if noisy else tuned.poor_known_lines
+def relabel(tracker: Tracker, hypothesis: Hypothesis) -> Hypothesis:
+    """Label all candidates of a tracker under the motion of a hypothesis."""
+    frames = tuple(c.frame for c in hypothesis.clouds)
+    return tracker.relabel(hypothesis.state, frames, hypothesis.base)
 
 
-def most_unexplained(tracker: Tracker) -> float:
-    """Share of the candidates that may be unexplained in a reliable estimate."""
-    tuned = tracker.settings.search
-    return tuned.unreliable_noisy if tracker.surfaces.noise else tuned.unreliable
+def polish(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:
+    """Track the best hypotheses to the last frame, and refine the best of them."""
+    tuned, difference = tracker.settings, tracker.settings.chain.distinct_labels
+    found = select_by_labels(found, tuned.search.polished, difference)
+    found = thread_map(lambda h: tracker.track(h, tracker.surfaces.frames - 1), found)
+    found = select_by_labels(found, tuned.search.refined, difference)
+    found = thread_map(lambda h: tracker.run_em(h, 1), found)
+    return refine_until_stable(tracker, min(found, key=lambda h: h.cost), tuned.refine.rounds)
 
 
-def bettered(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
-    """The best of a doubtful hypothesis and of other chains that move the surest part alike."""
+def try_other_chains(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
+    """Replace a doubtful hypothesis by a better chain that moves the surest part alike."""
     settings, tuned = tracker.settings, tracker.settings.search
     for _ in range(tuned.jumps):
-        if unexplained(tracker, best) < tuned.doubtful and not idle(best, settings):
+        if is_explained(tracker, best, tuned.doubtful):
             break
-        other = jumped(tracker, coarse, best)
-        if badness(other, settings) >= tuned.jump_cost * badness(best, settings):
+        other = best_other_chain(tracker, coarse, best)
+        if score(other, settings) >= tuned.jump_cost * score(best, settings):
             break
         best = other
     return best
 
 
-def jumped(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
-    """The best other chain, at the bottom of its valley."""
+def best_other_chain(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
+    """Refine other chains with the same part motion; return the best, or the present one."""
     frames = tuple(c.frame for c in best.clouds)
     settings, tuned = tracker.settings, tracker.settings.search
 
-    def seen(state: Articulation) -> Hypothesis:
-        return coarse.relabel(state, frames, best.order)
+    def label(state: Articulation) -> Hypothesis:
+        return coarse.relabel(state, frames, best.base)
 
-    found = unlike(together(seen, factored(tracker, best)), tuned.tried, settings)
-    found = together(lambda h: descended(coarse, h, tuned.tried_rounds), found)
-    found = [tracker.relabel(h.state, frames, h.order)
-             for h in unlike(found, tuned.tried_fully, settings)]
-    found = together(lambda h: descended(tracker, h, tuned.tried_fully_rounds), found)
+    found = thread_map(label, chains_from_motion(tracker, best))
+    found = select_by_motion(found, tuned.tried, settings)
+    found = thread_map(lambda h: refine_until_stable(coarse, h, tuned.tried_rounds), found)
+    found = [relabel(tracker, h) for h in select_by_motion(found, tuned.tried_fully, settings)]
+    found = thread_map(lambda h: refine_until_stable(tracker, h, tuned.tried_fully_rounds), found)
     most = np.inf
-    if not lost(tracker, best):
-        most = tuned.promising_cost * tracker.relabel(best.state, frames, best.order).cost
-    found = together(lambda h: sharpened(tracker, h),
-                     [h for h in unlike(found, tuned.tried_sharply, settings) if h.cost < most])
-    return best_of([best, *found], settings)
+    if not is_unreliable(tracker, best):
+        most = tuned.promising_cost * relabel(tracker, best).cost
+    found = [h for h in select_by_motion(found, tuned.tried_sharply, settings) if h.cost < most]
+    return best_of([best, *thread_map(partial(refine_sharply, tracker), found)], settings)
 
 
-def unlike(
+def select_by_motion(
     found: list[Hypothesis], most: int, settings: RgbdSettings
 ) -> list[Hypothesis]:
-    """The best few whose displacements differ at the end."""
+    """Return the `most` best hypotheses whose last displacements differ."""
+    least = settings.search.distinct_angle
     out: list[Hypothesis] = []
     for h in sorted(found, key=lambda h: h.cost):
-        if all(apart(h, other, settings) > settings.search.distinct_angle for other in out):
+        if all(motion_difference(h, other, settings) > least for other in out):
             out.append(h)
         if len(out) == most:
             break
     return out
 
 
-def apart(one: Hypothesis, two: Hypothesis, settings: RgbdSettings) -> float:
-    """Largest difference of a displacement at the end, rad; a slide counts as a turn on an arm.
+def motion_difference(one: Hypothesis, two: Hypothesis, settings: RgbdSettings) -> float:
+    """Return the largest difference of a last displacement, rad.
 
-    An axis that points the other way is the same axis.
+    A slide counts as a turn on an arm; an axis with the opposite direction is the same axis.
     """
     a, b = one.state, two.state
     arm = np.where(a.prismatic, settings.chain.slide_arm, 1.0)
@@ -117,38 +125,52 @@ def apart(one: Hypothesis, two: Hypothesis, settings: RgbdSettings) -> float:
 
 
 def best_of(found: list[Hypothesis], settings: RgbdSettings) -> Hypothesis:
-    """The hypothesis with the least cost."""
-    return min(found, key=lambda h: badness(h, settings))
+    """Return the hypothesis with the lowest score."""
+    return min(found, key=lambda h: score(h, settings))
 
 
-def badness(guess: Hypothesis, settings: RgbdSettings) -> float:
-    """Its cost, and a little more where a joint stands still: all were said to move, and what one
-    part does can often be shared among joints in other ways that cost the same."""
-    return guess.cost * (1 + settings.search.static_penalty * idle(guess, settings))
+def score(hypothesis: Hypothesis, settings: RgbdSettings) -> float:
+    """Return the cost with a penalty for static joints, variances by frame; lower is better.
+
+    All scored joints move, and motion can often be shared among joints at equal cost.
+    """
+    penalty = settings.search.static_penalty * has_static_joint(hypothesis, settings)
+    return hypothesis.cost * (1 + penalty)
 
 
-def idle(guess: Hypothesis, settings: RgbdSettings) -> bool:
-    """Whether a joint hardly moves."""
-    arm = np.where(guess.state.prismatic, settings.chain.slide_arm, 1.0)
-    largest = np.abs(guess.state.angle).max(axis=0) / arm
+def has_static_joint(hypothesis: Hypothesis, settings: RgbdSettings) -> bool:
+    """Return whether a joint hardly moves."""
+    arm = np.where(hypothesis.state.prismatic, settings.chain.slide_arm, 1.0)
+    largest = np.abs(hypothesis.state.angle).max(axis=0) / arm
     return bool(largest.min() < settings.search.static_angle)
 
 
-def lost(tracker: Tracker, guess: Hypothesis) -> bool:
-    """Whether more is unexplained than the truth hardly ever leaves."""
-    return unexplained(tracker, guess) > most_unexplained(tracker)
+def is_explained(tracker: Tracker, hypothesis: Hypothesis, most: float) -> bool:
+    """Return whether all joints move, and less than a share of the candidates is unexplained."""
+    return (unexplained_share(tracker, hypothesis) < most
+            and not has_static_joint(hypothesis, tracker.settings))
 
 
-def unexplained(tracker: Tracker, guess: Hypothesis) -> float:
-    """Share of the candidates."""
+def is_unreliable(tracker: Tracker, hypothesis: Hypothesis) -> bool:
+    """Return whether more candidates are unexplained than as a rule by the true motion."""
+    return unexplained_share(tracker, hypothesis) > unreliable_share(tracker)
+
+
+def unexplained_share(tracker: Tracker, hypothesis: Hypothesis) -> float:
+    """Return the share of the candidates that no part explains."""
     width = 1.0 if tracker.surfaces.noise else tracker.settings.refine.sharp_width
-    return tracker.unexplained(guess, width)
+    return tracker.unexplained_share(hypothesis, width)
 
 
-def polished(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:
-    """The best over all frames, at the bottom of its valley."""
-    tuned, difference = tracker.settings, tracker.settings.chain.distinct_labels
-    found = together(lambda h: tracker.follow(h, tracker.surfaces.frames - 1), found)
-    found = distinct(found, tuned.search.settled, difference)
-    found = together(lambda h: tracker.settle(h, 1), found)
-    return descended(tracker, min(found, key=lambda h: h.cost), tuned.refine.rounds)
+def poor_share(tracker: Tracker) -> float:
+    """Return the unexplained share above which another strategy is tried."""
+    tuned, noisy = tracker.settings.search, tracker.surfaces.noise > 0
+    if tracker.priors.axis_dof:
+        return tuned.poor_noisy if noisy else tuned.poor
+    return tuned.poor_known_lines_noisy if noisy else tuned.poor_known_lines
+
+
+def unreliable_share(tracker: Tracker) -> float:
+    """Return the unexplained share above which an estimate is unreliable."""
+    tuned = tracker.settings.search
+    return tuned.unreliable_noisy if tracker.surfaces.noise else tuned.unreliable

@@ -89,9 +89,9 @@ class TrackerSettings:
     """Standard deviation of an axis' distance from its hinge, by the object's extent."""
     extend_scales: Scales = (8.0, 4.0)
     """Robust scales for the displacements of a frame that was just added."""
-    follow_scales: Scales = (3.0, 1.5)
+    track_scales: Scales = (3.0, 1.5)
     """Robust scales for all frames after that."""
-    settle_scales: Scales = (4.0, 2.0, 1.0)
+    em_scales: Scales = (4.0, 2.0, 1.0)
     """Robust scales of a round of EM."""
     unexplained_cost: Positive = 2.0
     """Label cost by frame above which a point is unexplained, variances."""
@@ -324,7 +324,7 @@ class SearchSettings:
     """Distinct hypotheses of a strategy that all points label again."""
     polished: Count = 3
     """Distinct hypotheses that are tracked to the last frame."""
-    settled: Count = 3
+    refined: Count = 3
     """Distinct hypotheses of these that are refined."""
 
     # shares of the points that no part explains

@@ -1,4 +1,4 @@
-"""Where the search begins: parts cut in many ways, their motion from flow and depth (Sec. 3.3)."""
+"""Starts from optical flow and depth (Sec. 3.3): many initial labels, and EM between two frames."""
 
 from __future__ import annotations
 
@@ -13,46 +13,49 @@ from ..chain import (
     Articulation,
     Cloud,
     Hypothesis,
-    Known,
-    about,
-    axis_from,
-    carriers,
-    distinct,
+    JointPriors,
+    ancestors,
+    axis_from_twist,
     extent,
-    hinges,
-    spaces,
+    locate_hinges,
+    select_by_labels,
+    twist_about,
+    twist_spaces,
 )
 from ..images import Flow, smooth_costs
-from ..numerics import together
-from .flow_motion import Correspondence, correspond, costs, fit
+from ..numerics import thread_map
+from .flow_motion import Correspondence, fit_twists, linearize_flow, match_costs
 from .labels import Candidates
-from .settings import RgbdSettings
+from .settings import RgbdSettings, Strategy
 from .tracker import Tracker
 
 
-def beginnings(tracker: Tracker, flow: Flow, spans: tuple[int, ...], most: int) -> list[Hypothesis]:
-    """The best starts by flow from frame 0 over each of `spans` frames."""
-    grid, known, rank = tracker.grid(0), tracker.known, tracker.ranks[0]
+def start_from_flow(tracker: Tracker, flow: Flow, strategy: Strategy) -> list[Hypothesis]:
+    """Return the best starts of a strategy by flow from frame 0 over each of its spans."""
+    grid, priors, settings = tracker.grid(0), tracker.priors, tracker.settings
     origin = grid.point[tracker.moving].mean(axis=0)
-    settings = tracker.settings
-    first = starts(rank, tracker.moving, len(known.prismatic), settings.start.cuts)
+    labels = initial_labels(tracker.ranks[0], tracker.moving, len(priors.prismatic),
+                            settings.start.cuts)
+    slacks = settings.start.hinge_slacks if priors.axis_dof else settings.start.hinge_slacks[:1]
     found: list[Hypothesis] = []
-    for span in spans:
+    for span in strategy.flow_spans:
         to = min(span, tracker.surfaces.frames - 1)
         field = flow(tracker.rgb[0], tracker.rgb[to])
         field = field[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
-        data = correspond(tracker.surfaces, grid, field, to, origin, settings.start)
-        slips = settings.start.hinge_slacks
-        for slip in slips if known.freedom else slips[:1]:
-            begin = Beginning(data, grid, tracker.bases[0], known, origin, to, slip, settings)
-            found += distinct(together(begin.motion, first), most, settings.chain.distinct_labels)
+        data = linearize_flow(tracker.surfaces, grid, field, to, origin, settings.start)
+        for slack in slacks:
+            start = FlowStart(data, grid, tracker.base_candidates[0], priors, origin, to, slack,
+                              settings)
+            found += select_by_labels(thread_map(start.solve, labels), strategy.flow_kept,
+                                      settings.chain.distinct_labels)
     return found
 
 
-def starts(
+def initial_labels(
     rank: Array, moving: NDArray[np.bool_], joints: int, cuts: tuple[float, ...]
 ) -> list[NDArray[np.int64]]:
-    """Initial labels: moving points cut into J runs from the base outward, in many ways."""
+    """Return labels [N] that cut the moving points by geodesic rank [N] into J parts, for every
+    choice of cuts."""
     return [
         np.where(moving, 1 + np.searchsorted(np.array(some), rank), 0)
         for some in combinations(cuts, joints - 1)
@@ -60,54 +63,53 @@ def starts(
 
 
 @dataclass(frozen=True)
-class Beginning:
-    """Frames 0 and `to`, between which motion is sought."""
+class FlowStart:
+    """Frames 0 and `to`, between which a motion is estimated."""
 
     data: Correspondence
     grid: Candidates
     base: Array
     """[3] where the chain begins, m"""
-    known: Known
+    priors: JointPriors
     origin: Array
     """[3] about which twists are, m"""
     to: int
-    slip: float
-    """Standard deviation of a hinge's displacement, by the object's extent."""
+    slack: float
+    """Standard deviation of a hinge's displacement, by the object's extent"""
     settings: RgbdSettings
 
-    def motion(self, label: NDArray[np.int64]) -> Hypothesis:
-        """EM from initial labels [N]; the displacement goes on evenly."""
-        grid, known, settings, tuned = self.grid, self.known, self.settings, self.settings.start
-        joints, origin = len(known.prismatic), self.origin
-        space = tuple(about(origin, s.T).T for s in spaces(known))
-        added = [np.zeros(6)] * joints
-        moves = carriers(known.parent)
+    def solve(self, label: NDArray[np.int64]) -> Hypothesis:
+        """Run EM from initial labels [N]; displacements between the frames are interpolated."""
+        grid, priors = self.grid, self.priors
+        tuned, chain = self.settings.start, self.settings.chain
+        joints, origin = len(priors.prismatic), self.origin
+        spaces = tuple(twist_about(origin, s.T).T for s in twist_spaces(priors))
+        moves = ancestors(priors.parent)
         inside = grid.point[label > 0]
-        scale = extent(inside, settings.chain) if len(inside) else 1.0
-        cost = np.inf
-        at = hinges(grid.point, label, self.base, known.parent, settings.chain)
+        sigma = self.slack * (extent(inside, chain) if len(inside) else 1.0)
+        added, cost, hinge = [np.zeros(6)] * joints, np.inf, np.zeros((joints, 3))
         for _ in range(tuned.rounds):
-            at = hinges(grid.point, label, self.base, known.parent, settings.chain)
-            prior = np.stack([hinge_prior(p - origin, self.slip * scale, tuned.turn_sigma)
-                              for p in at])
-            added = fit(self.data, label, space, prior, moves, tuned.robust_scales)
-            volume = smooth_costs(costs(self.data, added, moves, tuned), grid)
+            hinge = locate_hinges(grid.point, label, self.base, priors.parent, chain)
+            prior = np.stack([joint_information(p - origin, sigma, tuned.turn_sigma)
+                              for p in hinge])
+            added = fit_twists(self.data, label, spaces, prior, moves, tuned.robust_scales)
+            volume = smooth_costs(match_costs(self.data, added, moves, tuned), grid)
             label = volume.argmin(axis=1)
             cost = float(volume.min(axis=1).mean())
         twist, angle = np.zeros((joints, 6)), np.zeros((self.to + 1, joints))
         for j in range(joints):
-            z = about(-origin, added[j])
-            twist[j], end = axis_from(z, known, j, at[j], tuned.min_turn,
-                                      settings.chain.max_axis_offset)
+            twist[j], end = axis_from_twist(twist_about(-origin, added[j]), priors, j, hinge[j],
+                                            tuned.min_turn, chain.max_axis_offset)
             angle[:, j] = np.linspace(0, end, self.to + 1)
         cloud = Cloud(0, grid.point, grid.normal, label)
-        state = Articulation(twist, angle, known.prismatic, known.parent)
+        state = Articulation(twist, angle, priors.prismatic, priors.parent)
         return Hypothesis(state, (cloud,), cost)
 
 
-def hinge_prior(hinge: Array, slip: float, turn: float) -> Array:
-    """[6 6] weak belief that a joint turns by some degrees and leaves its hinge [3] in place."""
-    drag = np.concatenate([-se3.hat(hinge), np.eye(3)], axis=1)  # of twists (w, v)
-    out = drag.T @ drag / slip**2
+def joint_information(hinge: Array, slip: float, turn: float) -> Array:
+    """Return the information [6 6] of a twist (w, v) that moves its hinge [3] by `slip` and turns
+    by `turn` (standard deviations, m and rad)."""
+    velocity = np.concatenate([-se3.hat(hinge), np.eye(3)], axis=1)  # of the hinge
+    out = velocity.T @ velocity / slip**2
     out[:3, :3] += np.eye(3) / turn**2
     return out

@@ -1,4 +1,4 @@
-"""EM over a video (Sec. 3.2): labels by all residuals so far, motion by bundle adjustment."""
+"""EM over a video (Sec. 3.2): labels by all residuals, motion by bundle adjustment."""
 
 from __future__ import annotations
 
@@ -9,58 +9,72 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Articulation, Cloud, Hinges, Hypothesis, Known, extent, hinges
+from ..chain import Articulation, Cloud, HingePrior, Hypothesis, JointPriors, extent, locate_hinges
 from ..images import Surfaces, geodesic_rank, smooth_costs
 from .bundle import Views, adjust
-from .labels import Candidates, candidates, changed, label_costs
+from .labels import Candidates, changed_mask, label_costs, sample_candidates
 from .settings import RgbdSettings
 
 
 class Tracker:
-    """The video seen by a hypothesis: clouds of key frames whose labels follow the motion."""
+    """EM on one video: the labels of key frames' points follow the motion of a hypothesis."""
 
     def __init__(
-        self, surfaces: Surfaces, rgb: NDArray[np.uint8], lively: NDArray[np.bool_],
-        known: Known, settings: RgbdSettings, most: int = 0,
+        self, surfaces: Surfaces, rgb: NDArray[np.uint8], moving_mask: NDArray[np.bool_],
+        priors: JointPriors, settings: RgbdSettings, most: int = 0,
     ) -> None:
-        """Images [T H W 3], what is lively in them [T H W], and how many candidates a frame has
-        (default: as the settings have it)."""
+        """Prepare a video.
+
+        Args:
+            surfaces: The depth images.
+            rgb: [T H W 3] images.
+            moving_mask: [T H W] pixels that may show a moving part.
+            priors: What is known of the joints.
+            settings: The tuned numbers.
+            most: Candidates of a frame; default: as in the settings.
+        """
         self.settings = settings
-        self.surfaces, self.rgb, self.lively, self.known = surfaces, rgb, lively, known
-        self.most = most or (
-            settings.candidates_noisy if surfaces.noise else settings.candidates)
-        self.grids: dict[int, Candidates] = {}
-        self.stays: dict[tuple[int, int, float], Array] = {}
+        self.surfaces, self.rgb, self.moving_mask, self.priors = surfaces, rgb, moving_mask, priors
+        self.most = most or (settings.candidates_noisy if surfaces.noise else settings.candidates)
+        self._grids: dict[int, Candidates] = {}
+        self._static_costs: dict[tuple[int, int, float], Array] = {}
         grid = self.grid(0)
-        still = np.tile(np.eye(4), (surfaces.frames, 1, 1, 1))
-        stays = label_costs(surfaces, grid, still, settings)
-        tuned = settings.tracker
-        moving = stays[:, 0] > tuned.moving_cost * (surfaces.frames - 1)
+        at_rest = np.tile(np.eye(4), (surfaces.frames, 1, 1, 1))
+        cost = label_costs(surfaces, grid, at_rest, settings)
+        moving = cost[:, 0] > settings.tracker.moving_cost * (surfaces.frames - 1)
         self.moving = moving if moving.any() else ~moving
+        """[N] candidates of frame 0 that move"""
+        self.ranks = tuple(self._ranks(self._static_points(grid, cost)))
+        """[N] geodesic rank of candidates of frame 0, for each candidate of the base"""
+        inside, share = grid.point[self.moving], settings.tracker.base_share
+        self.base_candidates = tuple(
+            inside[rank[self.moving] <= share].mean(axis=0) for rank in self.ranks)
+        """[3] where the chain may begin, for each of them"""
+
+    def _static_points(self, grid: Candidates, cost: Array) -> Array:
+        """Return static points [M 3] of frame 0; if the base is hidden, the candidates with the
+        least cost [N 1] of standing still."""
+        surfaces, tuned = self.surfaces, self.settings.tracker
         step = tuned.base_stride
-        fixed = ~changed(surfaces, 0)[::step, ::step] & (surfaces.depth[0, ::step, ::step] > 0)
-        base = surfaces.points(0, np.argwhere(fixed)[:, ::-1] * step)
-        if len(base) < tuned.min_base_points:
-            # the base is hidden: what moves least is nearest to it
-            calm = smooth_costs(stays, grid)[:, 0]
-            base = grid.point[calm <= np.quantile(calm, tuned.base_share)]
-        self.ranks = tuple(self._ranks(base))
-        inside = grid.point[self.moving]
-        self.bases = tuple(
-            inside[r[self.moving] <= tuned.base_share].mean(axis=0) for r in self.ranks)
+        static = ~changed_mask(surfaces, 0)[::step, ::step]
+        static &= surfaces.depth[0, ::step, ::step] > 0
+        points = surfaces.points(0, np.argwhere(static)[:, ::-1] * step)
+        if len(points) < tuned.min_base_points:
+            mean = smooth_costs(cost, grid)[:, 0]
+            points = grid.point[mean <= np.quantile(mean, tuned.base_share)]
+        return points
 
     def _ranks(self, base: Array) -> list[Array]:
-        """[N] each: how far out a point of frame 0 is, if the base is here, there, or there.
+        """Return geodesic ranks [N] of the candidates of frame 0, for each candidate of the base.
 
-        What stands still is nearest to the base as a rule; but a hand may hover over a table, and
-        then the base is at one end of what moves.
+        As a rule the base is what moves next to static points [M 3]. But a hand may be close to a
+        table, and then the base is at the other end of what moves.
         """
-        points = self.grid(0).point[self.moving]
+        points, tuned = self.grid(0).point[self.moving], self.settings.tracker
         found, start = [], base
-        tuned = self.settings.tracker
         for _ in range(tuned.base_candidates):
             rank = geodesic_rank(points, start, self.surfaces.settings)
-            start = points[rank >= np.quantile(rank, tuned.far_rank)]  # the other end
+            start = points[rank >= np.quantile(rank, tuned.far_rank)]
             if all(np.corrcoef(rank, other)[0, 1] < tuned.max_rank_correlation for other in found):
                 found.append(rank)
         out: list[Array] = []
@@ -69,115 +83,113 @@ class Tracker:
             out[-1][self.moving] = rank
         return out
 
-    def thinned(self, most: int) -> Tracker:
-        """The same with fewer candidates."""
-        out = Tracker(self.surfaces, self.rgb, self.lively, self.known, self.settings, most)
-        out.bases = self.bases  # a hypothesis means the same base to both
+    def coarser(self, most: int) -> Tracker:
+        """Return a tracker with fewer candidates and the same candidates of the base."""
+        out = Tracker(self.surfaces, self.rgb, self.moving_mask, self.priors, self.settings, most)
+        out.base_candidates = self.base_candidates
         return out
 
-    def flowless(self) -> Tracker:
-        """The same by depth alone."""
+    def without_flow(self) -> Tracker:
+        """Return a tracker that uses depth alone."""
         out = copy(self)
         out.surfaces = replace(self.surfaces, flow=None)
         return out
 
     def grid(self, frame: int) -> Candidates:
-        """Candidates of a key frame."""
-        if frame not in self.grids:
-            self.grids[frame] = candidates(self.surfaces, self.lively[frame], frame, self.most)
-        return self.grids[frame]
+        """Return the candidates of a frame."""
+        if frame not in self._grids:
+            mask = self.moving_mask[frame]
+            self._grids[frame] = sample_candidates(self.surfaces, mask, frame, self.most)
+        return self._grids[frame]
 
-    def label(self, state: Articulation, frame: int, width: float = 1.0) -> tuple[Cloud, float]:
-        """E-step for a frame's candidates; and their mean cost a frame."""
-        return self.label_motion(state.motions(len(state.angle)), frame, width)
+    def label(self, motion: Array, frame: int, width: float = 1.0) -> tuple[Cloud, float]:
+        """Label the candidates of a frame under motions [T J+1 4 4] of the parts (E-step).
 
-    def label_motion(self, motion: Array, frame: int, width: float) -> tuple[Cloud, float]:
-        """The same for any motion [T J+1 4 4] of the parts."""
+        Returns:
+            The labelled points, and their mean cost by frame in variances.
+        """
         grid = self.grid(frame)
         volume = smooth_costs(self.label_costs(motion, frame, width), grid, self.surfaces.noise > 0)
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
         return Cloud(frame, grid.point, grid.normal, volume.argmin(axis=1)), cost
 
     def label_costs(self, motion: Array, frame: int, width: float) -> Array:
-        """[N J+1] of a frame's candidates; what part 0 costs them is always the same."""
+        """Return the costs [N J+1] of a frame's candidates. Those of part 0 are computed once."""
         grid, key = self.grid(frame), (frame, len(motion), width)
-        if key not in self.stays:
-            self.stays[key] = label_costs(self.surfaces, grid, motion[:, :1], self.settings,
-                                           width)
-        moves = label_costs(self.surfaces, grid, motion[:, 1:], self.settings, width, 1)
-        return np.concatenate([self.stays[key], moves], axis=1)
+        if key not in self._static_costs:
+            self._static_costs[key] = label_costs(
+                self.surfaces, grid, motion[:, :1], self.settings, width)
+        moving = label_costs(self.surfaces, grid, motion[:, 1:], self.settings, width, 1)
+        return np.concatenate([self._static_costs[key], moving], axis=1)
 
-    def unexplained(self, guess: Hypothesis, width: float) -> float:
-        """Share of the candidates that no part brings to where the frames show something."""
-        state, bad = guess.state, []
-        most = self.settings.tracker.unexplained_cost * (len(state.angle) - 1)
-        for cloud in guess.clouds:
-            volume = self.label_costs(state.motions(len(state.angle)), cloud.frame, width)
-            bad.append(volume.min(axis=1) > most)
-        return float(np.concatenate(bad).mean())
+    def unexplained_share(self, hypothesis: Hypothesis, width: float) -> float:
+        """Return the share of the candidates that no part moves to a measured surface."""
+        last = len(hypothesis.state.angle) - 1
+        motion = hypothesis.state.motions(last + 1)
+        cost = np.concatenate([self.label_costs(motion, cloud.frame, width).min(axis=1)
+                               for cloud in hypothesis.clouds])
+        return float((cost > self.settings.tracker.unexplained_cost * last).mean())
 
     def relabel(
-        self, state: Articulation, frames: tuple[int, ...], order: int, width: float = 1.0
+        self, state: Articulation, frames: tuple[int, ...], base: int, width: float = 1.0
     ) -> Hypothesis:
-        """E-step for key frames."""
-        both = [self.label(state, f, width) for f in frames]
+        """Label the candidates of key frames (E-step)."""
+        motion = state.motions(len(state.angle))
+        both = [self.label(motion, frame, width) for frame in frames]
         cost = float(np.mean([c for _, c in both]))
-        return Hypothesis(state, tuple(c for c, _ in both), cost, order)
+        return Hypothesis(state, tuple(c for c, _ in both), cost, base)
 
-    def follow(
-        self,
-        guess: Hypothesis,
-        until: int,
-        scales: tuple[float, ...] = (),
-        held: bool = False,
+    def track(
+        self, hypothesis: Hypothesis, until: int, scales: tuple[float, ...] = (),
+        fixed_axes: bool = False,
     ) -> Hypothesis:
-        """Track on from the last frame of a hypothesis to frame `until`."""
+        """Extend a hypothesis frame by frame to frame `until`; robust scales in footprints."""
         tuned = self.settings.tracker
-        scales = scales or tuned.follow_scales
-        for last in range(len(guess.state.angle), until + 1):
-            angle = guess.state.angle
+        scales = scales or tuned.track_scales
+        for last in range(len(hypothesis.state.angle), until + 1):
+            angle = hypothesis.state.angle
             step = angle[-1] - angle[-2] if last > 1 else np.zeros_like(angle[-1])
-            state = replace(guess.state, angle=np.concatenate([angle, angle[-1:] + step]))
-            state = self.fit(guess, state, tuned.extend_scales, newest=True)
-            state = self.fit(guess, state, scales, held=held)
-            keys = tuple(c.frame for c in guess.clouds)
+            state = replace(hypothesis.state, angle=np.concatenate([angle, angle[-1:] + step]))
+            state = self.fit(hypothesis, state, tuned.extend_scales, newest=True)
+            state = self.fit(hypothesis, state, scales, fixed_axes)
+            keys = tuple(c.frame for c in hypothesis.clouds)
             keys = (*keys, last) if last % tuned.key_frame_step == 0 else keys
-            guess = self.relabel(state, keys, guess.order, max(1.0, scales[-1]))
-        return guess
+            hypothesis = self.relabel(state, keys, hypothesis.base, max(1.0, scales[-1]))
+        return hypothesis
 
-    def settle(
-        self,
-        guess: Hypothesis,
-        rounds: int,
-        scales: tuple[float, ...] = (),
-        held: bool = False,
-        sharp: float = 1.0,
+    def run_em(
+        self, hypothesis: Hypothesis, rounds: int, scales: tuple[float, ...] = (),
+        fixed_axes: bool = False, width: float = 1.0,
     ) -> Hypothesis:
-        """EM over the frames that a hypothesis has; labels within `sharp` footprints at least."""
-        scales = scales or self.settings.tracker.settle_scales
-        for _ in range(rounds):
-            state = self.fit(guess, guess.state, scales, held=held)
-            frames = tuple(c.frame for c in guess.clouds)
-            guess = self.relabel(state, frames, guess.order, max(sharp, scales[-1]))
-        return guess
+        """Run EM on the frames of a hypothesis.
 
-    def hinges(self, guess: Hypothesis) -> Hinges:
-        """Where frame 0's labels put the joints."""
-        cloud = guess.clouds[0]
-        chain = self.settings.chain
-        at = hinges(cloud.point, cloud.label, self.bases[guess.order], self.known.parent, chain)
-        return Hinges(at, self.settings.tracker.hinge_slack
-                      * extent(cloud.point[self.moving], chain))
+        Args:
+            hypothesis: Where to begin.
+            rounds: Number of M-steps and E-steps.
+            scales: Robust scales of an M-step, footprints; default: as in the settings.
+            fixed_axes: Whether axes stay where they are.
+            width: Least standard deviation of a candidate's place in an E-step, footprints.
+        """
+        scales = scales or self.settings.tracker.em_scales
+        for _ in range(rounds):
+            state = self.fit(hypothesis, hypothesis.state, scales, fixed_axes)
+            frames = tuple(c.frame for c in hypothesis.clouds)
+            hypothesis = self.relabel(state, frames, hypothesis.base, max(width, scales[-1]))
+        return hypothesis
+
+    def hinge_prior(self, hypothesis: Hypothesis) -> HingePrior:
+        """Return where the labels of frame 0 put the hinges."""
+        cloud, chain = hypothesis.clouds[0], self.settings.chain
+        base = self.base_candidates[hypothesis.base]
+        at = locate_hinges(cloud.point, cloud.label, base, self.priors.parent, chain)
+        size = extent(cloud.point[self.moving], chain)
+        return HingePrior(at, self.settings.tracker.hinge_slack * size)
 
     def fit(
-        self,
-        guess: Hypothesis,
-        state: Articulation,
-        scales: tuple[float, ...],
-        newest: bool = False,
-        held: bool = False,
+        self, hypothesis: Hypothesis, state: Articulation, scales: tuple[float, ...],
+        fixed_axes: bool = False, newest: bool = False,
     ) -> Articulation:
-        """M-step; with `held` axes stay where they are."""
-        freedom = 0 if held else self.known.freedom
-        views = Views(self.surfaces, guess.clouds, self.hinges(guess))
-        return adjust(views, state, freedom, scales, self.settings, newest)[0]
+        """Adjust an articulation to the labelled points of a hypothesis (M-step)."""
+        axis_dof = 0 if fixed_axes else self.priors.axis_dof
+        views = Views(self.surfaces, hypothesis.clouds, self.hinge_prior(hypothesis))
+        return adjust(views, state, axis_dof, scales, self.settings, newest)[0]

@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from gcbench.gcpose.chain.articulation import Articulation, Hypothesis
-from gcbench.gcpose.chain.beam_search import spread
-from gcbench.gcpose.chain.hinges import hinges
+from gcbench.gcpose.chain.beam import spread_places
+from gcbench.gcpose.chain.hinges import locate_hinges
 from gcbench.gcpose.chain.kinematics import part_motions, twists_of
-from gcbench.gcpose.chain.priors import knowledge
+from gcbench.gcpose.chain.priors import joint_priors
 from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.images.flow import dis_flow
 from gcbench.gcpose.images.settings import ImageSettings
@@ -21,16 +21,17 @@ from gcbench.gcpose.images.surfaces import (
     surfaces_from_noisy_depth,
 )
 from gcbench.gcpose.method import GCPose
-from gcbench.gcpose.numerics.threads import together
-from gcbench.gcpose.rgbd.depth_sweep import ByDepth, swept
+from gcbench.gcpose.numerics.threads import thread_map
+from gcbench.gcpose.rgbd.depth_sweep import DepthStepCosts, sweep_depth
 from gcbench.gcpose.rgbd.kernels import columns
-from gcbench.gcpose.rgbd.labels import lively
-from gcbench.gcpose.rgbd.search import apart, unlike
+from gcbench.gcpose.rgbd.labels import moving_mask
+from gcbench.gcpose.rgbd.search import motion_difference, select_by_motion
 from gcbench.gcpose.rgbd.settings import LabelSettings, RgbdSettings
 from gcbench.gcpose.rgbd.tracker import Tracker
 from gcbench.renderer.types.observation import Estimate, Observation
-from gcbench.robots.geometry import inverse, rotation_from_rpy
+from gcbench.robots.geometry import inverse, rotation_from_rpy, se3
 
+STILL = np.eye(4)
 HEIGHT, WIDTH, FRAMES = 180, 240, 8
 INTRINSICS = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
 TILT = rotation_from_rpy([0.45, -0.6, 0.0])
@@ -39,18 +40,18 @@ TILT = rotation_from_rpy([0.45, -0.6, 0.0])
 Box = tuple[int, list[float], list[float]]
 
 
-def cast(motion: np.ndarray, boxes: list[Box]) -> tuple[np.ndarray, np.ndarray]:
-    """Depth and part [T H W] of boxes (part, centre, half size) before a wall at 3 m."""
+def cast(
+    motion: np.ndarray, boxes: list[Box], world: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depth and part [T H W] of boxes (part, center, half size) before a wall at 3 m."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     ray = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(INTRINSICS).T
     depth = np.full((len(motion), HEIGHT, WIDTH), 3.0)
     part = np.zeros(depth.shape, int)
-    world = np.eye(4)
-    world[:3, :3], world[:3, 3] = TILT, [0.0, 0.0, 1.3]
     for t in range(len(motion)):
-        for j, centre, half in boxes:
+        for j, center, half in boxes:
             box_from_cam = inverse(motion[t, j] @ world)
-            o = box_from_cam[:3, 3] - np.array(centre)
+            o = box_from_cam[:3, 3] - np.array(center)
             d = ray @ box_from_cam[:3, :3].T
             with np.errstate(divide="ignore", invalid="ignore"):
                 one, two = (-np.array(half) - o) / d, (np.array(half) - o) / d
@@ -60,39 +61,47 @@ def cast(motion: np.ndarray, boxes: list[Box]) -> tuple[np.ndarray, np.ndarray]:
     return np.round(depth, 4).astype(np.float32), part
 
 
-def scene(kind: str) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray]:
-    """An observation with known lines, the true displacement, screws and parts."""
+Scene = tuple[Observation, np.ndarray, np.ndarray, np.ndarray]
+
+
+def scene(kind: str, new_from_old: np.ndarray = STILL) -> Scene:
+    """An observation with known lines, the true displacement, screws and parts.
+
+    `new_from_old` moves the camera.
+    """
     world = np.eye(4)
     world[:3, :3], world[:3, 3] = TILT, [0.0, 0.0, 1.3]
-    up, side = TILT[:, 1], TILT[:, 2]
-    base = world[:3, 3] + TILT @ np.array([0.0, 0.3, 0.0])
-    elbow = world[:3, 3] + TILT @ np.array([0.0, -0.05, 0.0])
+    world = new_from_old @ world
+    tilt, origin = world[:3, :3], world[:3, 3]
+    along, up, side = tilt.T
     time = np.linspace(0, 1, FRAMES)
     boxes: list[Box]
     parent: tuple[int, ...] = ()
-    if kind in ("doors", "drawers"):
+    if kind in ("doors", "drawers", "door and drawer"):
         parent = (-1, -1)
         boxes = [(0, [0, 0.05, 0.16], [0.4, 0.3, 0.1]), (1, [-0.17, 0.05, 0], [0.16, 0.22, 0.03]),
                  (2, [0.17, 0, 0], [0.16, 0.22, 0.03])]
-        prismatic = np.full(2, kind == "drawers")
+        prismatic = np.array([kind == "drawers", kind != "doors"])
         angle = np.stack([0.2 * time, 0.1 * time**1.5], axis=1)
-        screw = np.concatenate([-TILT[:, 2], np.zeros(3)])[None].repeat(2, axis=0)
-        if kind == "doors":
-            angle *= [4.0, -5.0]
-            at = world[:3, 3] + np.array([[-0.33, 0, 0], [0.33, 0, 0]]) @ TILT.T
-            screw = np.concatenate([up[None].repeat(2, axis=0), np.cross(at, up)], axis=1)
+        angle *= np.where(prismatic, 1.0, [4.0, -5.0])
+        at = origin + np.array([[-0.33, 0, 0], [0.33, 0, 0]]) @ tilt.T
+        turn = np.concatenate([up[None].repeat(2, axis=0), np.cross(at, up)], axis=1)
+        slide = np.concatenate([-side, np.zeros(3)])
+        screw = np.where(prismatic[:, None], slide, turn)
     elif kind == "slide":
-        screw, prismatic = np.concatenate([TILT[:, 0], np.zeros(3)])[None], np.array([True])
+        screw, prismatic = np.concatenate([along, np.zeros(3)])[None], np.array([True])
         angle = (0.15 * time)[:, None]
         boxes = [(0, [0, 0.2, 0], [0.25, 0.05, 0.1]), (1, [-0.1, 0.08, 0.02], [0.1, 0.07, 0.08])]
     else:
+        base, elbow = origin + 0.3 * up, origin - 0.05 * up
         screw = np.stack([np.r_[up, np.cross(base, up)], np.r_[side, np.cross(elbow, side)]])
         prismatic = np.array([False, False])
         angle = np.stack([0.5 * time, -0.6 * time**1.3], axis=1)
         boxes = [(0, [0, 0.33, 0], [0.14, 0.04, 0.14]), (1, [0, 0.12, 0], [0.06, 0.16, 0.04]),
                  (2, [0.12, -0.08, 0], [0.2, 0.05, 0.06])]
-    carrier = np.array(parent or range(-1, len(screw) - 1))
-    depth, part = cast(part_motions(twists_of(screw, prismatic), angle, carrier), boxes)
+    parents = np.array(parent or range(-1, len(screw) - 1))
+    motion = part_motions(twists_of(screw, prismatic), angle, parents)
+    depth, part = cast(motion, boxes, world)
     rgb = np.repeat((60 + 50 * part)[..., None], 3, axis=-1).astype(np.uint8)
     observation = Observation(
         rgb, depth, INTRINSICS, time, len(screw),
@@ -135,8 +144,52 @@ def test_exact_depth_gives_the_motion(kind: str, knowledge: str) -> None:
 
 def test_an_axis_given_the_other_way_round_turns_the_sign() -> None:
     observation, angle, screw, _ = scene("arm")
-    turned = replace(observation, axis_line=-screw, axis_direction=-screw[:, :3])
-    assert np.abs(GCPose().estimate(turned).displacement + angle).max() < np.radians(0.5)
+    rotate = replace(observation, axis_line=-screw, axis_direction=-screw[:, :3])
+    assert np.abs(GCPose().estimate(rotate).displacement + angle).max() < np.radians(0.5)
+
+
+@pytest.mark.parametrize("knowledge", ["kinematics", "axes"])
+@pytest.mark.parametrize("kind", ["arm", "slide"])
+def test_displacements_do_not_depend_on_the_camera_frame(kind: str, knowledge: str) -> None:
+    """Another camera sees other pixels of the same motion: the axes move with it, nothing else."""
+    new_from_old = se3.exp([0.06, -0.08, 0.3, 0.04, -0.03, 0.1])
+    one, two = (GCPose().estimate(told(scene(kind, camera)[0], knowledge))
+                for camera in (np.eye(4), new_from_old))
+    assert np.abs(one.displacement - two.displacement).max() < np.radians(0.4)
+    assert one.screw is not None and two.screw is not None
+    prismatic = np.array([kind == "slide"] * len(one.screw))
+    off = se3.move_screw(new_from_old, one.screw, prismatic) - two.screw
+    assert np.abs(off).max() < 0.02
+
+
+def test_a_turned_image_is_a_turned_camera() -> None:
+    """A half turn about the optical axis keeps all pixels: only their order differs."""
+    observation, _, screw, _ = scene("arm")
+    assert observation.rgb is not None and observation.depth is not None
+    intrinsics = INTRINSICS.copy()
+    intrinsics[:2, 2] = [WIDTH - 1, HEIGHT - 1] - INTRINSICS[:2, 2]
+    half_turn = np.diag([-1.0, -1.0, 1.0, 1.0])
+    turned = replace(observation, rgb=np.ascontiguousarray(observation.rgb[:, ::-1, ::-1]),
+                     depth=np.ascontiguousarray(observation.depth[:, ::-1, ::-1]),
+                     intrinsics=intrinsics, axis_line=se3.move_screw(half_turn, screw),
+                     axis_direction=screw[:, :3] * [-1, -1, 1])
+    one, two = GCPose().estimate(observation), GCPose().estimate(turned)
+    assert np.abs(one.displacement - two.displacement).max() < np.radians(0.2)
+
+
+@pytest.mark.parametrize("knowledge", ["kinematics", "axes"])
+def test_relabeled_joints_have_relabeled_displacements(knowledge: str) -> None:
+    observation = told(scene("door and drawer")[0], knowledge)
+    assert observation.axis_direction is not None
+    line = observation.axis_line
+    swapped = replace(observation, joint_types=observation.joint_types[::-1],
+                      axis_direction=observation.axis_direction[::-1],
+                      axis_line=None if line is None else line[::-1])
+    one, two = GCPose().estimate(observation), GCPose().estimate(swapped)
+    assert np.abs(one.displacement - two.displacement[:, ::-1]).max() < np.radians(0.4)
+    assert one.part is not None and two.part is not None
+    relabeled = np.array([0, 2, 1])[two.part]
+    assert (one.part != relabeled).mean() < 0.01
 
 
 def test_the_same_input_gives_the_same_output() -> None:
@@ -149,16 +202,16 @@ def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
     observation, angle, _, _ = scene("arm")
     assert observation.depth is not None
     surfaces = surfaces_from_depth(observation.depth, INTRINSICS, ImageSettings())
-    known = knowledge(told(observation, "axes"))
+    known = joint_priors(told(observation, "axes"))
     blank = np.zeros((*observation.depth.shape, 3), np.uint8)
-    where = lively(surfaces, blank, LabelSettings())
+    where = moving_mask(surfaces, blank, LabelSettings())
     tracker = Tracker(surfaces, blank, where, known, RgbdSettings(), 500)
-    found = swept(tracker, 3, 12)
+    found = sweep_depth(tracker, 3, 12)
     off = [np.abs(h.state.angle[3] - angle[3]).max() for h in found]
     assert len(found) == 12 and min(off) < np.radians(4.0)
     assert all(a.cost <= b.cost for a, b in pairwise(found))
-    assert tracker.thinned(100).bases is tracker.bases
-    free = swept(Tracker(surfaces, blank, where, knowledge(told(observation, "free")),
+    assert tracker.coarser(100).base_candidates is tracker.base_candidates
+    free = sweep_depth(Tracker(surfaces, blank, where, joint_priors(told(observation, "free")),
                          RgbdSettings(), 500), 3, 9)
     for h in free:  # upright, then along or across
         first, second = h.state.twist[:, :3]
@@ -174,7 +227,7 @@ def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
     column = columns(surfaces.points(0, np.stack([u, v], axis=1)), surfaces.normal[0, v, u])
     some = angle[5] + np.linspace(-0.2, 0.2, 41)[:, None]
     motion = part_motions(twists_of(screw, np.zeros(2, bool)), some, np.array([-1, 0]))[:, 2]
-    judge = ByDepth(surfaces, 5, column, RgbdSettings())
+    judge = DepthStepCosts(surfaces, 5, column, RgbdSettings())
     cost = judge.costs(motion)
     assert abs(int(cost.mean(axis=1).argmin()) - 20) <= 1  # 0.6 deg from one to the next
     alone = np.stack([judge.costs(m[None])[0] for m in motion])
@@ -183,11 +236,11 @@ def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
 
 def test_places_are_spread_and_threads_keep_the_order() -> None:
     points = np.random.default_rng(0).random((200, 3))
-    places = spread(points, 10)
+    places = spread_places(points, 10)
     assert places.shape == (10, 3)
     apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(10)
-    assert apart.min() > 0.15 and spread(points[:3], 10).shape == (3, 3)
-    assert together(lambda i: i * i, range(20)) == [i * i for i in range(20)]
+    assert apart.min() > 0.15 and spread_places(points[:3], 10).shape == (3, 3)
+    assert thread_map(lambda i: i * i, range(20)) == [i * i for i in range(20)]
 
 
 def test_one_thread_gives_what_two_give(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,12 +256,13 @@ def test_an_axis_that_points_the_other_way_is_the_same_solution() -> None:
     _, angle, screw, _ = scene("arm")
     twist, kind = twists_of(screw, np.zeros(2, bool)), np.zeros(2, bool)
     one = Hypothesis(Articulation(twist, angle, kind, np.array([-1, 0])), (), 1.0)
-    turned = Articulation(twist * [[1], [-1]], angle * [1, -1], kind, np.array([-1, 0]))
-    two = Hypothesis(turned, (), 2.0)
-    other = Hypothesis(replace(turned, twist=twist), (), 3.0)
+    rotate = Articulation(twist * [[1], [-1]], angle * [1, -1], kind, np.array([-1, 0]))
+    two = Hypothesis(rotate, (), 2.0)
+    other = Hypothesis(replace(rotate, twist=twist), (), 3.0)
     settings = RgbdSettings()
-    assert apart(one, two, settings) < 1e-9 < 0.5 < apart(one, other, settings)
-    assert unlike([other, two, one], 3, settings) == [one, other]
+    assert motion_difference(one, two, settings) < 1e-9
+    assert motion_difference(one, other, settings) > 0.5
+    assert select_by_motion([other, two, one], 3, settings) == [one, other]
 
 
 def test_a_hinge_is_where_a_part_is_nearest_to_what_carries_it() -> None:
@@ -220,13 +274,13 @@ def test_a_hinge_is_where_a_part_is_nearest_to_what_carries_it() -> None:
         apart = np.linalg.norm(outer[:, None] - inner, axis=2).min(axis=1)
         return outer[np.argsort(apart)[: 1 + len(outer) // 12]].mean(axis=0)
 
-    chain, fork = (hinges(points, label, base, np.array(p), ChainSettings())
+    chain, fork = (locate_hinges(points, label, base, np.array(p), ChainSettings())
                    for p in ([-1, 0, 1], [-1, 0, 0]))
     assert (chain[0] == base).all() and (fork[0] == base).all()
     assert np.allclose(chain[1], nearest(points[:30], points[30:]))
     assert np.allclose(chain[2], nearest(points[:60], points[60:]))
     assert np.allclose(fork[1:], [nearest(points[:30], points[i : i + 30]) for i in (30, 60)])
-    hidden = hinges(points, np.where(label == 3, 0, label), base, np.array([-1, 0, 1]),
+    hidden = locate_hinges(points, np.where(label == 3, 0, label), base, np.array([-1, 0, 1]),
                     ChainSettings())
     assert (hidden[2] == hidden[1]).all()  # nothing is seen of it: its carrier's
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gcbench.gcpose.chain.kernels import add_normal
+from gcbench.gcpose.chain.kernels import add_normal_equations
 from gcbench.gcpose.chain.kinematics import (
+    ancestors,
     axis_basis,
-    carriers,
     derivatives,
     displace_axis,
     part_motions,
-    relative,
+    relative_derivatives,
     screws_of,
     twists_of,
 )
@@ -57,9 +57,9 @@ def test_a_part_moves_with_all_that_carries_it() -> None:
     one, two, three = (se3.exp(t * a[:, None]) for t, a in zip(twist, angle.T, strict=True))
     for parent, expected in zip(TREES, (one @ two @ three, one @ three, two @ three), strict=True):
         assert np.allclose(part_motions(twist, angle, parent)[:, 3], expected)
-        moves = carriers(parent)
+        moves = ancestors(parent)
         assert not moves[0].any() and np.diagonal(moves[1:]).all()
-    assert carriers(TREES[2])[3].tolist() == [False, True, True]
+    assert ancestors(TREES[2])[3].tolist() == [False, True, True]
 
 
 @pytest.mark.parametrize("parent", TREES)
@@ -79,13 +79,13 @@ def test_derivatives_by_displacements_are_finite_differences(parent: np.ndarray)
 
 
 @pytest.mark.parametrize("parent", TREES)
-@pytest.mark.parametrize("freedom", [0, 2, 4])
-def test_derivatives_by_axes_are_finite_differences(freedom: int, parent: np.ndarray) -> None:
+@pytest.mark.parametrize("axis_dof", [0, 2, 4])
+def test_derivatives_by_axes_are_finite_differences(axis_dof: int, parent: np.ndarray) -> None:
     twist, angle = chain(np.random.default_rng(4))
     motion, step = part_motions(twist, angle, parent), 1e-6
     near = np.array([0.3, -0.2, 1.5])
     pairs = zip(twist, PRISMATIC, strict=True)
-    basis = tuple(axis_basis(s, bool(p), near, freedom) for s, p in pairs)
+    basis = tuple(axis_basis(s, bool(p), near, axis_dof) for s, p in pairs)
     derivative = derivatives(twist, motion, parent, basis)
     at = 9
     for i, b in enumerate(basis):
@@ -99,7 +99,7 @@ def test_derivatives_by_axes_are_finite_differences(freedom: int, parent: np.nda
                     assert np.allclose(seen, derivative[t, j, at + c], atol=1e-4)
         at += b.shape[1]
     assert derivative[:, :, 9:].any(axis=(0, 1, 3)).all()  # every one of them does something
-    assert at == derivative.shape[2] == {0: 9, 2: 13, 4: 19}[freedom]
+    assert at == derivative.shape[2] == {0: 9, 2: 13, 4: 19}[axis_dof]
 
 
 def test_relative_derivatives_are_finite_differences() -> None:
@@ -110,12 +110,12 @@ def test_relative_derivatives_are_finite_differences() -> None:
     more[2, 1] += step
     moved = part_motions(twist, more, CHAIN)
     apart, after = motion @ inverse(motion[2]), moved @ inverse(moved[2])
-    found = relative(derivative, apart, derivative[2:3])
+    found = relative_derivatives(derivative, apart, derivative[2:3])
     for t in range(4):
         for j in range(1, 4):
             assert np.allclose(twist_of(apart[t, j], after[t, j]) / step, found[t, j, u], atol=1e-4)
     apart, after = motion[1:] @ inverse(motion[:-1]), moved[1:] @ inverse(moved[:-1])
-    found = relative(derivative[1:], apart, derivative[:-1])
+    found = relative_derivatives(derivative[1:], apart, derivative[:-1])
     for t in range(3):
         for j in range(1, 4):
             assert np.allclose(twist_of(apart[t, j], after[t, j]) / step, found[t, j, u], atol=1e-4)
@@ -127,7 +127,7 @@ def test_normal_equations_are_those_of_dense_sums() -> None:
     six = root @ root.swapaxes(2, 3)
     g = rng.normal(size=(4, 3, 10, 6)) * (rng.random((4, 3, 10, 1)) < 0.4)
     matrix, vector, scatter = np.zeros((10, 10)), np.zeros(10), np.zeros((10, 10))
-    add_normal(six, right, g, matrix, vector, scatter)
+    add_normal_equations(six, right, g, matrix, vector, scatter)
     six, right, g = six[:, 1:], right[:, 1:], g[:, 1:]  # part 0 says nothing
     each = np.einsum("tjua,tja->tju", g, right)
     assert np.allclose(matrix, np.einsum("tjua,tjab,tjvb->uv", g, six, g))

@@ -9,7 +9,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load, with_options
 from gcbench.gcpose.chain.articulation import Articulation
-from gcbench.gcpose.chain.priors import Known
+from gcbench.gcpose.chain.priors import JointPriors
 from gcbench.gcpose.images.flow import Flow, dis_flow
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence, moving_foreground, video_evidence
@@ -136,7 +136,7 @@ def test_axes_should_pass_where_their_parts_begin() -> None:
         np.zeros(90, np.int64), point / point[:, 2:], np.repeat([1, 2, 3], 30), 1 / point[:, 2])
     start = hypothesis(state, rays, at[0], np.eye(1))
     tracker = VideoTracker(
-        seen, Known(state.prismatic, state.parent, state.twist[:, :3], None), SETTINGS)
+        seen, JointPriors(state.prismatic, state.parent, state.twist[:, :3], None), SETTINGS)
     assert tracker.axis_offset(start) < 0.02
 
     def moved(joint: int) -> VideoHypothesis:

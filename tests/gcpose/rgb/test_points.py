@@ -7,10 +7,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from gcbench.gcpose.chain.beam_search import Beam, Grid, beamed, unlike
-from gcbench.gcpose.chain.priors import Known
+from gcbench.gcpose.chain.beam import Beam, StepGrid, beam_search, select_by_steps
+from gcbench.gcpose.chain.priors import JointPriors
 from gcbench.gcpose.chain.settings import ChainSettings
-from gcbench.gcpose.chain.weak_prior import Hinges
+from gcbench.gcpose.chain.weak_prior import HingePrior
 from gcbench.gcpose.images.patches import PatchSearch, PredictedPatches, find_patches
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import appearance
@@ -39,7 +39,7 @@ def adjusted(
     true, _ = chain(scale)
     rays = measured(true, scale, noise, steps)
     off, near = chain()
-    hinges = Hinges(near + 0.01, 0.1)
+    hinges = HingePrior(near + 0.01, 0.1)
     twist = off.twist.copy()
     twist[:, 3:] = np.cross(near + 0.01, twist[:, :3])
     state = replace(off, twist=twist, angle=0.5 * off.angle)
@@ -65,8 +65,9 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     label = rays.label[mine]
     cost = judge.costs(motion)
     assert cost[label, np.arange(len(label))].max() < 0.5 < cost[0].mean()
-    known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
-    beam = beamed(known, judge, Grid(at[:1], at, np.radians(13.0), 0.1, 1000), ChainSettings())
+    known = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
+    grid = StepGrid(at[:1], at, np.radians(13.0), 0.1, 1000)
+    beam = beam_search(known, judge, grid, ChainSettings())
     off = np.abs(beam.angle[:30] - state.angle[3]).max(axis=1)
     assert off.min() < np.radians(3.0)
     assert (np.diff(beam.cost.mean(axis=1)) >= 0).all()
@@ -78,18 +79,18 @@ def test_a_sweep_keeps_chains_of_unlike_steps() -> None:
     angle = np.array([[0.1, 0.0], [0.1, 0.0], [0.0, 0.1], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
     count = np.arange(6.0)
     beam = Beam(count, count, count, angle)
-    assert unlike(beam, 9).cost.tolist() == [0, 2, 4]
-    assert unlike(beam, 2).cost.tolist() == [0, 2]
+    assert select_by_steps(beam, 9).cost.tolist() == [0, 2, 4]
+    assert select_by_steps(beam, 2).cost.tolist() == [0, 2]
     points = places_at_depths(np.array([[0.1, 0.2, 1.0], [0.0, -0.1, 1.0]]), (0.5, 2.0))
     assert points.tolist() == [[0.05, 0.1, 0.5], [0.2, 0.4, 2.0], [0, -0.05, 0.5], [0, -0.2, 2.0]]
 
 
 def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
     state, at = chain()
-    known = Known(state.prismatic, state.parent, state.twist[:, :3], None)
+    known = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
     judge = FlowJudge(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
                       np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]), SETTINGS)
-    twist = beamed(known, judge, Grid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
+    twist = beam_search(known, judge, StepGrid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
     away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
                      for p in at])
     assert away[0, :, 0].max() < 1e-9
@@ -111,7 +112,7 @@ def test_depths_of_neighbours_on_one_part_are_alike() -> None:
     noise = 20.0 * np.random.default_rng(7).standard_normal(there.shape)
     sure = rays.place_information * 0.1**2 / 20.0**2
     rays = replace(rays, place=there + noise, place_information=sure)
-    scales, setup = (3.0,) * 6, BundleSetup(INTRINSICS, 2, Hinges(at, 0.1))
+    scales, setup = (3.0,) * 6, BundleSetup(INTRINSICS, 2, HingePrior(at, 0.1))
     alone, together = (
         adjust_points(true, replace(rays, neighbors=near), setup, BundleWeights(scales, 0.5),
                       SETTINGS)

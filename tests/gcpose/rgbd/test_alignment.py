@@ -13,10 +13,10 @@ from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.surfaces import Surfaces, surfaces_from_depth
 from gcbench.gcpose.rgbd.alignment import (
     accumulated_equations,
-    elements,
     flow_equations,
-    sparse,
+    sort_surfels,
     surface_equations,
+    thin_surfels,
 )
 from gcbench.gcpose.rgbd.labels import Candidates, label_costs
 from gcbench.gcpose.rgbd.settings import BundleSettings, RgbdSettings
@@ -71,7 +71,7 @@ def test_surface_equations_are_the_sums_of_their_rows() -> None:
     surfaces, motion = bumpy(4), motions(4)
     points, normals, label = cloud(surfaces, 1)
     sigma = np.random.default_rng(3).uniform(0.005, 0.05, 300)
-    these = elements(points, normals, sigma, label, 3)
+    these = sort_surfels(points, normals, sigma, label, 3)
     matrix, vector = surface_equations(surfaces, 1, motion, these, BundleSettings())
     assert not matrix[1].any() and not matrix[:, 0].any()
     for t in (0, 2, 3):
@@ -87,8 +87,8 @@ def test_accumulated_equations_are_those_of_points_that_may_be_displaced() -> No
     motion[1] = np.eye(4)
     points, normals, label = cloud(surfaces, 1)
     sigma = np.full(300, 0.03)
-    matrix, vector, coupling = accumulated_equations(
-        surfaces, motion, elements(points, normals, sigma, label, 3), BundleSettings())
+    (matrix, vector), coupling = accumulated_equations(
+        surfaces, motion, sort_surfels(points, normals, sigma, label, 3), BundleSettings())
     for j in (1, 2):
         mine = label == j
         n = int(mine.sum())
@@ -116,7 +116,7 @@ def test_what_falls_outside_the_image_says_nothing() -> None:
     away = np.tile(np.eye(4), (2, 3, 1, 1))
     for shift in ([5.0, 0, 0], [0, -5.0, 0], [0, 0, -9.0], [1e30, 0, 0]):
         away[1, 1:, :3, 3] = shift
-        these = elements(points, normals, np.full(300, 0.01), label, 3)
+        these = sort_surfels(points, normals, np.full(300, 0.01), label, 3)
         assert not surface_equations(surfaces, 0, away, these, BundleSettings())[0].any()
 
 
@@ -124,7 +124,7 @@ def test_flow_equations_vanish_where_flow_is_as_predicted() -> None:
     surfaces, motion = bumpy(2), motions(2)
     motion[0] = np.eye(4)
     points, normals, label = cloud(surfaces, 0)
-    these = elements(points, normals, np.full(300, 0.01), label, 3)
+    these = sort_surfels(points, normals, np.full(300, 0.01), label, 3)
 
     def project(p: np.ndarray) -> np.ndarray:
         return p[:, :2] / p[:, 2:] * 200 + [79.5, 59.5]
@@ -143,8 +143,8 @@ def test_flow_equations_vanish_where_flow_is_as_predicted() -> None:
 def test_a_sparse_set_holds_every_so_manieth_element_of_each_part() -> None:
     surfaces = bumpy(2)
     points, normals, label = cloud(surfaces, 0)
-    these = elements(points, normals, np.full(300, 0.01), label, 3)
-    few = sparse(these, 2)
+    these = sort_surfels(points, normals, np.full(300, 0.01), label, 3)
+    few = thin_surfels(these, 2)
     assert few.column.shape == (7, 150) and few.start[-1] == 150
     assert (np.abs(2 * few.start - these.start) <= 1).all()
 
@@ -164,9 +164,11 @@ def test_label_costs_are_least_for_what_moved_the_points() -> None:
     assert (label_costs(still, grid, motion, RgbdSettings())[:, 2] == 4.0).all()
 
 
-@pytest.mark.parametrize("freedom", [2, 4])
+@pytest.mark.parametrize("axis_dof", [2, 4])
 @pytest.mark.parametrize("place", [[2], [2, 1]])
-def test_a_chain_is_found_from_the_motion_of_its_last_parts(freedom: int, place: list[int]) -> None:
+def test_a_chain_is_found_from_the_motion_of_its_last_parts(
+    axis_dof: int, place: list[int]
+) -> None:
     """The truth makes the motion; so does what is fitted, from axes that are some way off."""
     rng = np.random.default_rng(5)
     l = np.array([[0, -1.0, 0], [1.0, 0, 0], [0, 0, 1.0]])
@@ -177,7 +179,7 @@ def test_a_chain_is_found_from_the_motion_of_its_last_parts(freedom: int, place:
     path, which = np.arange(3), np.array(place)
     motion = part_motions(twist, angle, path - 1)[:, which + 1]
     goal = Goal(path, path - 1, which, motion, np.tile(np.eye(6), (12, len(place), 1, 1)),
-                np.zeros(3, bool), p, freedom)
+                np.zeros(3, bool), p, axis_dof)
     assert misfit(goal, Chains(twist[None], angle[None]))[0] < 1e-9
     held = fit_displacements(goal, twist[None], ChainSettings())
     assert np.allclose(held.angle[0], angle, atol=1e-3)
@@ -185,5 +187,5 @@ def test_a_chain_is_found_from_the_motion_of_its_last_parts(freedom: int, place:
     start = fit_displacements(goal, off[None], ChainSettings())
     found = fit_chains(goal, start, ChainSettings())
     assert misfit(goal, found)[0] < 0.02 * misfit(goal, start)[0]
-    if freedom == 2:
+    if axis_dof == 2:
         assert np.abs(found.angle[0] - angle).max() < np.radians(1.0)

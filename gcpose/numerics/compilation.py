@@ -1,7 +1,7 @@
-"""Inner loops as machine code: compiled when first called, kept on disk, free of the lock.
+"""Inner loops as machine code: compiled on the first call, cached on disk, without the GIL.
 
-What is kept is made again when the file of a function changes, not when a file changes that it
-takes a function or a number from: so compiled functions call those of their own file only.
+The cache of a function is renewed when its file changes, but not when a file changes from which it
+takes a function or a number. So compiled functions use only functions and numbers of their file.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(function: F) -> F:
-    """The same function, of arrays and numbers, as machine code."""
+    """Compile a function of arrays and numbers to machine code (a decorator)."""
     compile_: Any = numba.njit
     options = {"nogil": True, "error_model": "numpy", "fastmath": {"reassoc", "nsz", "contract"}}
     try:
         return cast(F, compile_(cache=True, **options)(function))
-    except RuntimeError:  # nowhere to keep it: compiled again by every process
+    except RuntimeError:  # no folder for the cache: every process compiles it
         return cast(F, compile_(**options)(function))
