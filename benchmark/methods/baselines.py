@@ -11,7 +11,7 @@ from ...renderer.scene import RenderConfig, Streams
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel, Joint, JointType, Link
-from ...robots.motion import sample_trajectory
+from ...robots.motion import MotionRanges, sample_trajectory
 
 TRAINING = RenderConfig(stream="train")
 """The recipe whose motion is learned: the suites' own, of the stream that no suite holds."""
@@ -65,6 +65,8 @@ def mean_motion(frames: int, prismatic: bool) -> Array:
     Learned from a joint that has room for every motion of the recipe (prismatic: 0.4 m).
     """
     config = TRAINING.randomization.motion
+    ranges = MotionRanges.from_degrees(
+        config.total, config.total_prismatic, config.max_step, config.fps)
     model = _one_joint(prismatic)
     motions: list[Array] = []
     for index in range(SEQUENCES):
@@ -72,11 +74,8 @@ def mean_motion(frames: int, prismatic: bool) -> Array:
             model,
             ("joint",),
             frames,
+            ranges,
             rng=Streams(TRAINING, index).rng("motion"),
-            total=(float(np.radians(config.total[0])), float(np.radians(config.total[1]))),
-            total_prismatic=config.total_prismatic,
-            max_step=float(np.radians(config.max_step)),
-            fps=config.fps,
         ).positions[:, 0]
         motions.append((motion - motion[0]) * np.sign(motion[-1] - motion[0]))
     return np.mean(motions, axis=0)

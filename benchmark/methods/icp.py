@@ -17,8 +17,8 @@ from scipy.spatial import KDTree
 
 from ...errors import GcbenchError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
-from ...robots.geometry import Array, apply, inverse, rotation_about, transform
-from ...robots.motion import chain_angles, chain_rotations, logarithm
+from ...robots.geometry import Array, apply, inverse, rotation_about, se3, transform
+from ...robots.motion import ChainAxes, chain_rotations, fit_chain_angles
 from .registry import load
 
 MAX_DEPTH_CHANGE = 0.10
@@ -88,8 +88,9 @@ class Icp:
                 motion[t, j] = pose if self.to_first else pose @ motion[t - 1, j]
                 rotation[j - 1] = pose[:3, :3]
             since = np.zeros(joints) if self.to_first else angle[t - 1]
-            angle[t] = chain_angles(rotation, trust, axes, prismatic, parent, since, angle[t - 1])
-            turned = chain_rotations(axes, prismatic, parent, angle[t])
+            chain = ChainAxes(axes, prismatic, parent)
+            angle[t] = fit_chain_angles(chain, rotation, trust, since, angle[t - 1])
+            turned = chain_rotations(chain, angle[t])
             for j in range(joints):  # the next frame starts where the chain says
                 motion[t, j + 1] = with_rotation(motion[t, j + 1], turned[j], origin[j])
         shifts = displacements(motion, axes, parent, origin)
@@ -256,7 +257,7 @@ def align_surfaces(
         pose = transform(rotation, center + shift - rotation @ center) @ pose
         if np.linalg.norm(turn) < 1e-6 and np.linalg.norm(shift) < 1e-7:
             break
-    correction = np.linalg.norm(logarithm(pose[:3, :3] @ start[:3, :3].T))
+    correction = np.linalg.norm(se3.so3_log(pose[:3, :3] @ start[:3, :3].T))
     return (pose, (points, normals)) if correction <= _MAX_CORRECTION else (start, None)
 
 

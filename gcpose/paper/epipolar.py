@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array
-from ...robots.motion import chain_angles, chain_rotations, logarithm
+from ...robots.geometry import Array, se3
+from ...robots.motion import ChainAxes, chain_rotations, fit_chain_angles
 from ..images import ImageSettings, geodesic_rank
 from ..numerics import Image
 from ..rgb import SampledPixels
@@ -250,11 +250,11 @@ def _fit_step(
     """Angles [J] after a step of rotations [J 3 3] with weights [J], and their cost."""
     slides = np.zeros(len(before), bool)
     trust = weight[:, None, None] * np.eye(3)
-    now = chain_angles(rotation, trust, axes.direction, slides, axes.parent, before, before)
-    at_first, at_last = (chain_rotations(axes.direction, slides, axes.parent, a)
-                         for a in (before, now))
+    chain = ChainAxes(axes.direction, slides, axes.parent)
+    now = fit_chain_angles(chain, rotation, trust, before, before)
+    at_first, at_last = (chain_rotations(chain, a) for a in (before, now))
     rest = rotation @ (at_last @ at_first.swapaxes(1, 2)).swapaxes(1, 2)
-    off = np.array([np.linalg.norm(logarithm(r)) for r in rest])
+    off = np.linalg.norm(se3.so3_log(rest), axis=-1)
     scale = settings.max_deviation
     cost = weight @ (np.minimum(off, scale) / scale) ** 2 - weight.sum()
     return now, float(cost + settings.turn_cost * (((now - before) / scale) ** 2).sum())

@@ -9,9 +9,15 @@ from typing import Any
 import numpy as np
 
 from ...errors import GcbenchError
-from ...robots.geometry import Array, apply
+from ...robots.geometry import Array, apply, hull_vertices
 from ...robots.model import Animation, ArticulatedModel, JointType, forward_kinematics
-from ...robots.motion import CollisionChecker, JointTrajectory, drawn_in, sample_trajectory
+from ...robots.motion import (
+    CollisionChecker,
+    JointTrajectory,
+    MotionRanges,
+    retract_slides,
+    sample_trajectory,
+)
 from .config import RenderConfig
 from .posed_model import PosedModel, posed_by_parts
 
@@ -83,13 +89,12 @@ class MotionSampler:
         config, ranges = self.config, self.config.randomization.motion
         trajectory = sample_trajectory(
             self.model, self.scored, config.frames, rng=rng,
-            total=(np.radians(ranges.total[0]), np.radians(ranges.total[1])),
-            total_prismatic=ranges.total_prismatic,
-            max_step=np.radians(ranges.max_step), fps=ranges.fps,
+            ranges=MotionRanges.from_degrees(
+                ranges.total, ranges.total_prismatic, ranges.max_step, ranges.fps),
         )
         motion = self._motion(trajectory)
         if motion.touches:  # a rack that is out before a closed door, most likely
-            inside = drawn_in(self.model, self.scored, trajectory)
+            inside = retract_slides(self.model, self.scored, trajectory)
             motion = motion if inside is trajectory else self._motion(inside)
         return motion
 
@@ -112,7 +117,7 @@ class MotionSampler:
         poses = poses[0] if len(poses) == 1 else poses
         rigid = [apply(poses[..., part, :, :], points).reshape(-1, 3)
                  for part, points in self._hulls]
-        moved = [_hull(np.concatenate([v for v, _ in posed.surfaces(t)]))
+        moved = [hull_vertices(np.concatenate([v for v, _ in posed.surfaces(t)]))
                  for t in numbers if posed.deforming]
         return np.concatenate([*rigid, *moved])
 
@@ -149,15 +154,6 @@ def animation_times(times: Array, start: float, duration: float) -> Array:
 def _hulls(model: ArticulatedModel) -> list[tuple[int, Array]]:
     """Each part's convex hull vertices [N 3] m in its frame: enough to find bounding boxes."""
     return [
-        (part, _hull(np.concatenate([v.vertices for v in model.visuals if v.part == part])))
+        (part, hull_vertices(np.concatenate([v.vertices for v in model.visuals if v.part == part])))
         for part in sorted({v.part for v in model.visuals})
     ]
-
-
-def _hull(points: Array) -> Array:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:  # flat parts have no hull
-        return np.unique(points, axis=0)

@@ -13,19 +13,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .transforms import Array, rotation_about, transform
+from .transforms import Array, hat, rotation_about, transform
+
+__all__ = [
+    "adjoint", "exp", "hat", "left_jacobian", "log", "move_screw", "prismatic_motion",
+    "revolute_motion", "so3_exp", "so3_log",
+]
 
 _SMALL = 1e-4  # rad; under it series replace the quotients: their error is under 1e-17
-
-
-def hat(w: ArrayLike) -> Array:
-    """The skew matrix [... 3 3] of w [... 3]: hat(w) @ x = w x x."""
-    w = np.asarray(w, np.float64)
-    k = np.zeros((*w.shape[:-1], 3, 3))
-    k[..., 0, 1], k[..., 0, 2] = -w[..., 2], w[..., 1]
-    k[..., 1, 0], k[..., 1, 2] = w[..., 2], -w[..., 0]
-    k[..., 2, 0], k[..., 2, 1] = -w[..., 1], w[..., 0]
-    return k
 
 
 def so3_exp(w: ArrayLike) -> Array:

@@ -33,14 +33,21 @@ def apply(a_from_b: ArrayLike, points_in_b: ArrayLike) -> Array:
     return p @ np.swapaxes(m[..., :3, :3], -1, -2) + m[..., None, :3, 3]
 
 
+def hat(w: ArrayLike) -> Array:
+    """The skew matrix [... 3 3] of w [... 3]: hat(w) @ x = w x x."""
+    w = np.asarray(w, np.float64)
+    k = np.zeros((*w.shape[:-1], 3, 3))
+    k[..., 0, 1], k[..., 0, 2] = -w[..., 2], w[..., 1]
+    k[..., 1, 0], k[..., 1, 2] = w[..., 2], -w[..., 0]
+    k[..., 2, 0], k[..., 2, 1] = -w[..., 1], w[..., 0]
+    return k
+
+
 def rotation_about(direction: ArrayLike, angle: ArrayLike) -> Array:
     """Rotation [... 3 3] by `angle` [...] rad about the unit `direction` [... 3] (Rodrigues)."""
     l = np.asarray(direction, np.float64)
     a = np.asarray(angle, np.float64)[..., None, None]
-    k = np.zeros((*l.shape[:-1], 3, 3))
-    k[..., 0, 1], k[..., 0, 2] = -l[..., 2], l[..., 1]
-    k[..., 1, 0], k[..., 1, 2] = l[..., 2], -l[..., 0]
-    k[..., 2, 0], k[..., 2, 1] = -l[..., 1], l[..., 0]
+    k = hat(l)
     return np.eye(3) + np.sin(a) * k + (1.0 - np.cos(a)) * (k @ k)
 
 
@@ -51,3 +58,33 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
     rx, ry, rz = (rotation_about(np.broadcast_to(d, e.shape), e[..., i])
                   for i, d in enumerate((x, y, z)))
     return rz @ ry @ rx
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
+    """Return the rotation [... 3 3] of unit quaternions [... 4] (x, y, z, w)."""
+    x, y, z, w = np.moveaxis(np.asarray(quaternion, np.float64), -1, 0)
+    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> Array:
+    """Return the unit quaternion [... 4] (x, y, z, w) of a rotation [... 3 3]; its sign is free."""
+    from scipy.spatial.transform import Rotation
+
+    r = np.asarray(rotation, np.float64)
+    quaternion = Rotation.from_matrix(r.reshape(-1, 3, 3)).as_quat()
+    return np.asarray(quaternion, np.float64).reshape(*r.shape[:-2], 4)
+
+
+def nearest_rotation(linear: ArrayLike) -> Array:
+    """Return the rotation [... 3 3] nearest to linear maps [... 3 3], by polar decomposition.
+
+    For a map that mirrors it is the rotation nearest to minus the map.
+    """
+    m = np.asarray(linear, np.float64)
+    sign = np.where(np.linalg.det(m) < 0.0, -1.0, 1.0)[..., None, None]
+    u, _, v = np.linalg.svd(sign * m)
+    u[..., :, 2] *= np.where(np.linalg.det(u @ v) < 0.0, -1.0, 1.0)[..., None]
+    return u @ v

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import binascii
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
@@ -23,6 +25,17 @@ _COMPONENTS = {5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2
                5123: np.dtype("<u2"), 5125: np.dtype("<u4"), 5126: np.dtype("<f4")}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _ROWS = {"MAT2": 2, "MAT3": 3}  # columns of matrices begin at multiples of 4 bytes
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How elements lie in a buffer view."""
+
+    dtype: np.dtype[np.generic]
+    kind: str
+    """SCALAR, VEC2, ... MAT4."""
+    stride: int | None = None
+    """Bytes between elements; None: they are packed."""
 
 
 class Accessors:
@@ -86,37 +99,39 @@ class Accessors:
             array = np.zeros((count, width), dtype)
         else:
             stride = self._gltf.bufferViews[accessor.bufferView].byteStride
-            array = self._strided(accessor.bufferView, int(accessor.byteOffset or 0), dtype,
-                                  accessor.type, count, stride, where)
+            array = self._elements(accessor, _Layout(dtype, accessor.type, stride), count, where)
         sparse = accessor.sparse
         if sparse is not None:
             if sparse.count > count:
                 raise ModelError(f"{where} replaces {sparse.count} of {count} elements")
-            at = self._strided(sparse.indices.bufferView, int(sparse.indices.byteOffset or 0),
-                               _COMPONENTS[sparse.indices.componentType], "SCALAR",
-                               int(sparse.count), None, where).ravel().astype(np.int64)
+            replaced = int(sparse.count)
+            at = self._elements(
+                sparse.indices, _Layout(_COMPONENTS[sparse.indices.componentType], "SCALAR"),
+                replaced, where).ravel().astype(np.int64)
             if at[-1] >= count or (np.diff(at) <= 0).any():
                 raise ModelError(f"{where} has sparse indices that do not rise within its count")
             array = array.copy()
-            array[at] = self._strided(sparse.values.bufferView, int(sparse.values.byteOffset or 0),
-                                      dtype, accessor.type, int(sparse.count), None, where)
+            array[at] = self._elements(
+                sparse.values, _Layout(dtype, accessor.type), replaced, where)
         return array[:, 0] if width == 1 else array
 
-    def _strided(self, view: int, offset: int, dtype: np.dtype[np.generic], kind: str, count: int,
-                 stride: int | None, where: str) -> NDArray[np.generic]:
-        """[count width] as they lie in a buffer view."""
-        width, size = _WIDTHS[kind], dtype.itemsize
-        rows = _ROWS.get(kind, width)
-        column = -(-rows * size // 4) * 4 if kind in _ROWS else rows * size
+    def _elements(
+        self, place: Any, layout: _Layout, count: int, where: str
+    ) -> NDArray[np.generic]:
+        """Return [count width] elements at the `bufferView` and `byteOffset` of `place`."""
+        view, offset = int(place.bufferView), int(place.byteOffset or 0)
+        width, size = _WIDTHS[layout.kind], layout.dtype.itemsize
+        rows = _ROWS.get(layout.kind, width)
+        column = -(-rows * size // 4) * 4 if layout.kind in _ROWS else rows * size
         element = (width // rows) * column
-        step = element if stride is None else stride
+        step = element if layout.stride is None else layout.stride
         data = self._view(view)
         end = offset + (count - 1) * step + element
         if step < element or end > len(data):
             raise ModelError(f"{where} needs {end} bytes, and bufferViews[{view}] has {len(data)}"
                              if step >= element else f"{where} has elements that overlap")
         shape, strides = (count, width // rows, rows), (step, column, size)
-        return np.ndarray(shape, dtype, data, offset, strides).reshape(count, width)
+        return np.ndarray(shape, layout.dtype, data, offset, strides).reshape(count, width)
 
     def _view(self, number: int) -> memoryview:
         view = self._gltf.bufferViews[number]

@@ -10,11 +10,11 @@ import pygltflib
 from numpy.typing import NDArray
 
 from ...errors import ModelError
-from ..geometry import Array, inverse, transform
+from ..geometry import Array, inverse, rotation_from_quaternion, transform
 from ..model import ModelState
 from .accessors import Accessors
 from .document import Document
-from .nodes import Z_UP, NodeTree, Rig, rotation_from_quaternion
+from .nodes import Z_UP, NodeTree, Rig
 
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
 _SAME = 1e-7

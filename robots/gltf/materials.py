@@ -115,19 +115,7 @@ class Materials:
             color = numbers(4)(glossy.get("diffuseFactor", [1.0] * 4), where, {})
             roughness = 1.0 - number(glossy.get("glossinessFactor", 1.0), where, {})
             metallic = 0.0
-        place = self.placement(material)
-        pictures: list[NDArray[np.uint8] | None] = []
-        for info in self._infos(material):
-            picture = None
-            if info is not None:
-                other = self._placement(info, where)
-                if other.uv_set == place.uv_set and np.allclose(other.matrix, place.matrix):
-                    picture = self._texture(int(cast("int", info.index)))
-                else:
-                    self.notes["textures that lie otherwise than their material's first are not "
-                               "drawn"] = None
-            pictures.append(picture)
-        picture, metal, normal, occlusion, glow = pictures
+        picture, metal, normal, occlusion, glow = self._pictures(material)
         if glossy:
             color, picture = self._with_highlights(color, picture, glossy, where)
         unlit = "KHR_materials_unlit" in (given.extensions or {})
@@ -155,6 +143,22 @@ class Materials:
             maps, ("repeat", "repeat") if first is None else self._tiling(int(
                 cast("int", first.index))), (0.0, 0.0, 0.0) if unlit else self._emission(material),
             unlit, cutoff, mode == "BLEND")
+
+    def _pictures(self, material: int) -> list[NDArray[np.uint8] | None]:
+        """Return the images of `_infos` that are placed as the first of them."""
+        place = self.placement(material)
+        pictures: list[NDArray[np.uint8] | None] = []
+        for info in self._infos(material):
+            picture = None
+            if info is not None:
+                other = self._placement(info, f"materials[{material}]")
+                if other.uv_set == place.uv_set and np.allclose(other.matrix, place.matrix):
+                    picture = self._texture(int(cast("int", info.index)))
+                else:
+                    self.notes["textures that lie otherwise than their material's first are not "
+                               "drawn"] = None
+            pictures.append(picture)
+        return pictures
 
     def _with_highlights(
         self, color: Sequence[float], picture: NDArray[np.uint8] | None,

@@ -16,10 +16,10 @@ from .accessors import Accessors
 from .document import Document
 from .materials import Materials
 
-MAX_VISITS = 20 * MeshLimits.triangles
-"""Vertices and corners of all primitives of all nodes: what a file may keep a machine busy with."""
+_LIMITS = MeshLimits()
+MAX_VISITS = 20 * _LIMITS.triangles
+"""Vertices and corners of all primitives of all nodes, which bounds the time to read a file."""
 MAX_MORPH_NUMBERS = 2**27
-_POINTS_AND_LINES = 4
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,9 @@ class Meshes:
         found = self._patches[mesh]
         self._instances += len(found)
         self._triangles += sum(len(p.faces) for p in found)
-        limits = MeshLimits()
-        if self._triangles > limits.triangles or self._instances > limits.instances:
-            raise ModelError(
-                f"has more than {limits.triangles} triangles or {limits.instances} pieces")
+        if self._triangles > _LIMITS.triangles or self._instances > _LIMITS.instances:
+            raise ModelError(f"has more than {_LIMITS.triangles} triangles "
+                             f"or {_LIMITS.instances} pieces")
         self._visit(sum(len(p.vertices) for p in found))
         return found
 
@@ -93,9 +92,9 @@ class Meshes:
             raise ModelError(f"has more than {MAX_VISITS} vertices and corners")
 
     def _patch(self, primitive: pygltflib.Primitive) -> Patch | None:
-        mode = 4 if primitive.mode is None else primitive.mode
+        mode = pygltflib.TRIANGLES if primitive.mode is None else primitive.mode
         attributes: dict[str, int] = primitive.attributes  # pyright: ignore[reportAssignmentType]
-        if mode < _POINTS_AND_LINES or "POSITION" not in attributes:
+        if mode < pygltflib.TRIANGLES or "POSITION" not in attributes:
             self.notes["points and lines are not drawn"] = None
             return None
         positions = self._attribute(attributes["POSITION"], "POSITION", None, "VEC3")
@@ -238,7 +237,7 @@ def skinned_visuals(
         chosen = bone_part[follows] == part
         shown = inside_out if mirrored[follows[chosen][0]] else patch
         visuals.append(_visual(shown, int(part), shown.faces[chosen],
-                               (bone_part, part_from_mesh, bone, weight), channels))
+                               Skin(bone_part, part_from_mesh, bone, weight), channels))
     return visuals
 
 
@@ -246,7 +245,7 @@ def bound_visual(patch: Patch, part: int, part_from_mesh: Array, channels: slice
     """A patch that follows one part wholly: scale that changes, or morphs under a scale."""
     patch = turned(patch) if np.linalg.det(part_from_mesh[:3, :3]) < 0.0 else patch
     bone = np.zeros((len(patch.vertices), 1), np.int64)
-    skin = (np.array([part]), part_from_mesh[None], bone, np.ones(bone.shape))
+    skin = Skin(np.array([part]), part_from_mesh[None], bone, np.ones(bone.shape))
     return _visual(patch, part, patch.faces, skin, channels)
 
 
@@ -307,18 +306,17 @@ def dominant(
 
 
 def _visual(
-    patch: Patch, part: int, faces: NDArray[np.int64],
-    skin: tuple[NDArray[np.int64], Array, NDArray[np.int64], Array] | None, channels: slice | None,
+    patch: Patch, part: int, faces: NDArray[np.int64], skin: Skin | None, channels: slice | None
 ) -> Visual:
     """The chosen faces [F 3] of a patch, with the vertices that they use."""
     used = np.zeros(len(patch.vertices), bool)
     used[faces.ravel()] = True
     made_skin = made_morph = None
     if skin is not None:
-        bone_part, part_from_mesh, bone, weight = skin
-        seen, at = np.unique(bone[used], return_inverse=True)
-        made_skin = Skin(bone_part[seen], part_from_mesh[seen], at.reshape(bone[used].shape),
-                         weight[used])
+        bone = skin.bone[used]
+        seen, at = np.unique(bone, return_inverse=True)
+        made_skin = Skin(skin.bone_part[seen], skin.part_from_mesh[seen], at.reshape(bone.shape),
+                         skin.weight[used])
     if patch.displacement is not None and channels is not None:
         moving = patch.displacement[:, used].any((1, 2))
         bend = patch.normal_displacement

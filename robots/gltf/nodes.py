@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ModelError
-from ..geometry import Array, inverse, transform
+from ..geometry import (
+    Array,
+    inverse,
+    nearest_rotation,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    transform,
+)
 from .document import Document, Node
 
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -175,28 +182,3 @@ def _unique(names: Sequence[str]) -> tuple[str, ...]:
             unique = f"{text}_{counts[text]}"
         out[unique] = None
     return tuple(out)
-
-
-def rotation_from_quaternion(q: Array) -> Array:
-    """Rotation [... 3 3] of unit quaternions [... 4] (x, y, z, w)."""
-    x, y, z, w = np.moveaxis(np.asarray(q, np.float64), -1, 0)
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
-
-
-def quaternion_from_rotation(rotation: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_quat(), np.float64)
-
-
-def nearest_rotation(linear: Array) -> Array:
-    """The rotation [... 3 3] next to linear maps [... 3 3]; of one that mirrors, next to it turned
-    inside out (minus itself).
-    """
-    sign = np.where(np.linalg.det(linear) < 0.0, -1.0, 1.0)[..., None, None]
-    u, _, v = np.linalg.svd(sign * linear)
-    u[..., :, 2] *= np.where(np.linalg.det(u @ v) < 0.0, -1.0, 1.0)[..., None]
-    return u @ v

@@ -100,19 +100,16 @@ class ArticulatedModel:
 
         Parts are sorted depth first from the root, siblings in the order of `links`; independent
         joints stand in the order of `links`. Mimics are resolved through chains; a mimic joint
-        that nothing moves becomes fixed at its offset, which `notes` record.
+        that nothing moves becomes fixed at its offset, which `notes` record. The surfaces of a
+        link become visuals, those of equal material joined.
 
         Args:
             name: Name of the model.
-            links: The links in any order, one of them without parent.
-            keep_order: Number the parts as `links` are ordered, parents before children.
-
-        Returns:
-            The model; its visuals are the surfaces of the links, those of equal material joined.
+            links: The links, one of them without a parent.
+            keep_order: Keep the order of `links`, in which parents stand before children.
 
         Raises:
-            ModelError: If the links do not make one tree, if two links or two joints share a name,
-                if a mimic follows no joint or itself, or if an axis is not a unit vector.
+            ModelError: If the links do not make one tree, or a name, mimic or axis is invalid.
         """
         parts = sort_links(links, keep_order)
         index = {link.name: p for p, link in enumerate(parts)}
@@ -125,12 +122,10 @@ class ArticulatedModel:
                           and driver.joint in number
                           for joint, driver in zip(joints, drivers, strict=True)], bool)
         at_zero = np.array([link.parent_from_link_at_zero for link in parts], np.float64)
-        screw, notes = np.array([joint.screw for joint in joints]), list[str]()
-        for p in np.flatnonzero(~moves):
-            if joints[p].type is not _FIXED:
-                at_zero[p] = at_zero[p] @ joints[p].type.motion(screw[p], drivers[p].offset)
-                notes.append(f"joint {joints[p].name!r} mimics {drivers[p].joint!r}, "
-                             "which does not move it: frozen")
+        screw = np.array([joint.screw for joint in joints])
+        frozen = [p for p in np.flatnonzero(~moves) if joints[p].type is not _FIXED]
+        for p in frozen:
+            at_zero[p] = at_zero[p] @ joints[p].type.motion(screw[p], drivers[p].offset)
         return cls(
             name=name, part_names=tuple(index),
             parent=np.array([-1 if link.parent is None else index[link.parent] for link in parts],
@@ -145,9 +140,9 @@ class ArticulatedModel:
             joint_names=tuple(number),
             joint_child=np.array([index[link.name] for link in free], np.int64),
             limits=np.array([link.joint.limits for link in free], np.float64).reshape(-1, 2),
-            visuals=tuple(v for p, link in enumerate(parts)
-                          for v in visuals_of_part(p, link.surfaces)),
-            notes=tuple(notes))
+            visuals=tuple(v for p, x in enumerate(parts) for v in visuals_of_part(p, x.surfaces)),
+            notes=tuple(f"joint {joints[p].name!r} mimics {drivers[p].joint!r}, "
+                        "which does not move it: frozen" for p in frozen))
 
     @property
     def joint_types(self) -> tuple[JointType, ...]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from .collision import CollisionChecker
-from .kinematics import chain_angles, chain_rotations, logarithm
+from .kinematics import ChainAxes, chain_rotations, fit_chain_angles
 from .trajectory import (
     JointTrajectory,
+    MotionRanges,
     default_scored_joints,
-    drawn_in,
     joint_indices,
+    retract_slides,
     sample_trajectory,
 )
 
 __all__ = [
-    "CollisionChecker", "JointTrajectory", "chain_angles", "chain_rotations",
-    "default_scored_joints", "drawn_in", "joint_indices", "logarithm", "sample_trajectory",
+    "ChainAxes", "CollisionChecker", "JointTrajectory", "MotionRanges", "chain_rotations",
+    "default_scored_joints", "fit_chain_angles", "joint_indices", "retract_slides",
+    "sample_trajectory",
 ]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import Array, apply, inverse
+from ..geometry import Array, apply, hull_vertices, inverse
 from ..model import ArticulatedModel, forward_kinematics
 from .trajectory import joint_window
 
@@ -47,7 +47,7 @@ class RigidGroups:
     @cached_property
     def hulls(self) -> list[Array]:
         """For each group, the points [H 3] that a plane can touch from outside."""
-        return [_hull(vertices) for vertices, _ in self.surfaces.values()]
+        return [hull_vertices(vertices) for vertices, _ in self.surfaces.values()]
 
     @cached_property
     def _tries(self) -> Array:
@@ -101,12 +101,3 @@ def random_poses(model: ArticulatedModel) -> Array:
     low, high = windows.reshape(-1, 2).T
     rng = np.random.default_rng(0)  # what follows from these is a property of the model
     return forward_kinematics(model, rng.uniform(low, high, (_SAMPLES, len(low))))
-
-
-def _hull(points: Array) -> Array:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return points[ConvexHull(points).vertices]
-    except (QhullError, ValueError):  # flat, or too few: then all of them
-        return points

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import ConfigError
 from ..geometry import Array, apply
-from ..model import ArticulatedModel, deformed, forward_kinematics
+from ..model import ArticulatedModel, JointType, deformed, forward_kinematics
 
 _SINES = 3  # half-waves in the speed: at most 1.5 cycles in a sequence
 _UNEVENNESS = 1.5  # the speed leaves its mean by up to this share of it; above 1 it may turn back
@@ -29,40 +29,68 @@ class JointTrajectory:
     """[T J] rad or m, one column per joint."""
 
 
+@dataclass(frozen=True)
+class MotionRanges:
+    """How far and how fast the scored joints of a random motion move."""
+
+    total: tuple[float, float] = (np.deg2rad(10.0), np.deg2rad(70.0))
+    """rad: smallest and largest displacement of a revolute joint over the sequence."""
+    total_prismatic: tuple[float, float] = (0.1, 0.9)
+    """The same of a prismatic joint, as a share of its range; at least 3 cm where that fits."""
+    max_step: float = np.deg2rad(6.0)
+    """rad between two frames; for a prismatic joint scaled with the total."""
+    fps: float = 30.0
+
+    @classmethod
+    def from_degrees(
+        cls, total: tuple[float, float], total_prismatic: tuple[float, float], max_step: float,
+        fps: float,
+    ) -> MotionRanges:
+        """Return ranges whose `total` and `max_step` are given in degrees."""
+        low, high = np.radians(total).tolist()
+        return cls((low, high), total_prismatic, float(np.radians(max_step)), fps)
+
+
 def sample_trajectory(
-    model: ArticulatedModel, scored: Sequence[str], frames: int, *,
-    rng: np.random.Generator,
-    total: tuple[float, float] = (np.deg2rad(10.0), np.deg2rad(70.0)),
-    total_prismatic: tuple[float, float] = (0.1, 0.9),
-    max_step: float = np.deg2rad(6.0),
-    fps: float = 30.0,
+    model: ArticulatedModel, scored: Sequence[str], frames: int, ranges: MotionRanges | None = None,
+    *, rng: np.random.Generator,
 ) -> JointTrajectory:
-    """A motion of all independent joints of the model, [T J] with T = `frames`.
+    """Draw a smooth motion of all independent joints of a model.
 
-    Scored joints move: |displacement| over the sequence is uniform in `total` (rad; prismatic:
-    `total_prismatic` as a share of the joint's range, at least 3 cm where that fits), the sign is
-    random, and no step is larger than `max_step` (rad; prismatic: scaled alike, to the range).
-    The speed wanders about its mean on low-frequency sines and the amplitude of that is what
-    `max_step` leaves. Fewer frames than the total needs at that step: the total is less. A joint
-    whose range is smaller than its motion moves what fits. Other joints hold a random pose.
+    Scored joints move with a random sign. Their speed varies about its mean with low-frequency
+    sines, whose amplitude is what `ranges.max_step` leaves. The displacement is smaller where the
+    frames or the range of a joint do not allow more. Other joints keep a random position.
 
-    Everything stays within the limits of the independent joints, and, where these are wider than
-    a full turn or missing, within half a turn (prismatic: 0.5 m) to each side of zero. Each joint
-    takes the same number of draws, so that scoring another joint leaves the rest as it is.
-    Raises GcbenchError for a joint that does not exist or less than one frame.
+    Positions stay within the limits of the joints and, where these are wider than a full turn or
+    missing, within half a turn (prismatic: 0.5 m) of zero. Each joint takes the same number of
+    draws, so scoring another joint leaves the rest unchanged.
+
+    Args:
+        model: The model.
+        scored: Names of the joints that move.
+        frames: Number of frames T.
+        ranges: How far and how fast joints move; default `MotionRanges()`.
+        rng: Source of randomness.
+
+    Returns:
+        Positions [T J], rad or m.
+
+    Raises:
+        ConfigError: If a joint does not exist, or if `frames` is less than 1.
     """
+    ranges = ranges or MotionRanges()
     if frames < 1:
-        raise GcbenchError(f"a sequence needs at least 1 frame, not {frames}")
+        raise ConfigError(f"a sequence needs at least 1 frame, not {frames}")
     moving = set(joint_indices(model, scored).tolist())
     positions = np.empty((frames, len(model.joint_names)))
     for j, kind in enumerate(model.joint_types):
         low, high = joint_window(model, j)
-        if kind == "prismatic":
-            most = total_prismatic[1] * (high - low)
-            amount = max(total_prismatic[0] * (high - low), min(_SMALLEST_SLIDE, most)), most
-            step = max_step * most / max(total[1], 1e-12)
+        if kind is JointType.PRISMATIC:
+            least, most = (share * (high - low) for share in ranges.total_prismatic)
+            amount = max(least, min(_SMALLEST_SLIDE, most)), most
+            step = ranges.max_step * most / max(ranges.total[1], 1e-12)
         else:
-            amount, step = total, max_step
+            amount, step = ranges.total, ranges.max_step
         path = _displacement(frames, amount, step, rng)
         if j not in moving:
             path = np.zeros(frames)
@@ -70,15 +98,17 @@ def sample_trajectory(
         path = path * min(1.0, (high - low) / span) if span > 0 else path
         first, last = low - float(path.min()), high - float(path.max())
         positions[:, j] = np.clip(first + rng.random() * (last - first) + path, low, high)
-    return JointTrajectory(np.arange(frames) / fps, positions)
+    return JointTrajectory(np.arange(frames) / ranges.fps, positions)
 
 
-def drawn_in(
+def retract_slides(
     model: ArticulatedModel, scored: Sequence[str], trajectory: JointTrajectory
 ) -> JointTrajectory:
-    """The motion with the prismatic joints that are not scored at rest (zero, or the limit that is
-    nearest to it); the same object if they are."""
-    slides = np.array([kind == "prismatic" and name not in scored
+    """Return the motion with the prismatic joints that are not scored at rest.
+
+    Rest is zero, or the limit nearest to it. If they rest already, the result is `trajectory`.
+    """
+    slides = np.array([kind is JointType.PRISMATIC and name not in scored
                        for kind, name in zip(model.joint_types, model.joint_names, strict=True)])
     rest = np.clip(0.0, model.limits[:, 0], model.limits[:, 1])
     positions = np.where(slides, rest, trajectory.positions)
@@ -114,7 +144,7 @@ def _displacement(frames: int, total: tuple[float, float], max_step: float,
 def joint_window(model: ArticulatedModel, joint: int) -> tuple[float, float]:
     """Lowest and highest position (rad or m) that a random motion of the joint may take."""
     low, high = (float(x) for x in model.limits[joint])
-    prismatic = model.joint_types[joint] == "prismatic"
+    prismatic = model.joint_types[joint] is JointType.PRISMATIC
     half = _UNLIMITED_SLIDE if prismatic else float(np.pi)
     if high - low <= 2.0 * half or (prismatic and np.isfinite(high - low)):
         return low, high
@@ -133,11 +163,11 @@ def base_outward(model: ArticulatedModel) -> NDArray[np.int64]:
 def joint_indices(model: ArticulatedModel, names: Sequence[str]) -> NDArray[np.int64]:
     """Indices of independent joints, from the base outward whatever the order of the names.
 
-    Raises GcbenchError that lists the joints when a name is not among them.
+    Raises ConfigError that lists the joints if a name is not among them.
     """
     for name in names:
         if name not in model.joint_names:
-            raise GcbenchError(f"{model.name} has no joint {name!r} of its own; there are "
+            raise ConfigError(f"{model.name} has no joint {name!r} of its own; there are "
                                f"{', '.join(model.joint_names) or 'none'}")
     return np.array([j for j in base_outward(model) if model.joint_names[j] in names], np.int64)
 

@@ -28,7 +28,7 @@ from gcbench.gcpose.paper.settings import PaperSettings
 from gcbench.gcpose.rgb.labels import SampledPixels
 from gcbench.renderer.types.observation import Observation
 from gcbench.robots.geometry import Array, rotation_about
-from gcbench.robots.motion.kinematics import chain_rotations
+from gcbench.robots.motion import ChainAxes, chain_rotations
 from scipy.sparse import csr_array
 
 INTRINSICS = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
@@ -123,17 +123,17 @@ def test_exact_matches_give_exact_angles(with_depth: bool) -> None:
 
 def test_the_chain_tells_whose_a_turn_is() -> None:
     """One that is not seen is read off what it carries; what is none is left out."""
-    direction, parent = np.eye(3)[[2, 0, 1]], np.array([-1, 0, 1])
+    chain = ChainAxes(np.eye(3)[[2, 0, 1]], np.zeros(3, bool), np.array([-1, 0, 1]))
     time = TIME[:, None] * [0.4, -0.3, 0.35]
-    turn = chain_rotations(direction, np.zeros(3, bool), parent, time[0])
+    turn = chain_rotations(chain, time[0])
     steps = []
     for angle in time[1:]:
-        before, turn = turn, chain_rotations(direction, np.zeros(3, bool), parent, angle)
+        before, turn = turn, chain_rotations(chain, angle)
         steps.append(list(turn @ before.swapaxes(1, 2)))
     some = MatchedParts(np.zeros((9, 2), int), np.ones((9, 3)), np.ones((9, 3)),
                         np.repeat([1, 2, 3], 3),
                 np.zeros((3, 3, 3)))
-    pairs, axes = [some] * len(steps), Axes(direction, parent)
+    pairs, axes = [some] * len(steps), Axes(chain.direction, chain.parent)
     known, free = [np.arange(3)], joint_orders(3, 2)
     assert np.allclose(accumulate_angles(pairs, steps, axes, known, SETTINGS)[0], time)
     unseen = [[None, *s[1:]] for s in steps]

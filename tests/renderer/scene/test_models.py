@@ -29,7 +29,7 @@ from gcbench.renderer.verify.driver import verify_dataset
 from gcbench.robots.appliances import APPLIANCE_SOURCE
 from gcbench.robots.catalog import instance_numbers, load_robot
 from gcbench.robots.motion.collision import CollisionChecker
-from gcbench.robots.motion.trajectory import drawn_in, sample_trajectory
+from gcbench.robots.motion.trajectory import retract_slides, sample_trajectory
 
 SMALL = RenderConfig(
     robot="microwave", frames=4, width=160, height=120, seed=3, randomization=replace(
@@ -114,10 +114,10 @@ def test_racks_are_drawn_in_where_the_door_would_hit_them() -> None:
         assert (np.ptp(positions[:, slides], axis=0) == 0).all()
         out += bool((positions[0, slides] > 0.05).any())
     assert 0 < out < 30  # before an open door they may stand out
-    still = drawn_in(model, ("door", "rack"), motion.trajectory)
+    still = retract_slides(model, ("door", "rack"), motion.trajectory)
     np.testing.assert_array_equal(still.positions[:, slides[0]], positions[:, slides[0]])
     assert (still.positions[:, slides[1]] == 0).all()
-    assert drawn_in(model, ("door", "rack"), still) is still
+    assert retract_slides(model, ("door", "rack"), still) is still
     checker = CollisionChecker(model)
     assert checker.pairs  # the door against the racks
 

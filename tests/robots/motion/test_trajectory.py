@@ -16,6 +16,7 @@ from gcbench.robots.model import (
     Visual,
 )
 from gcbench.robots.motion.trajectory import (
+    MotionRanges,
     base_outward,
     default_scored_joints,
     joint_indices,
@@ -145,7 +146,8 @@ def test_the_same_generator_gives_the_same_motion() -> None:
 
 
 def test_times_are_seconds() -> None:
-    times = sample_trajectory(chain(), NAMES, 4, rng=np.random.default_rng(0), fps=10.0).times
+    times = sample_trajectory(chain(), NAMES, 4, MotionRanges(fps=10.0),
+                              rng=np.random.default_rng(0)).times
     np.testing.assert_allclose(times, [0, 0.1, 0.2, 0.3])
 
 
