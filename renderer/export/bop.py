@@ -34,7 +34,7 @@ from ..runtime import Archive, dump_json
 from ..scene import PosedModel, model_of, posed_by_parts, robot_of
 from ..types import Camera, Meta, Sequence
 from .bop_models import size_of, write_ply
-from .journal import Record
+from .journal import SequenceRecord
 
 _MM = 1000.0
 _PASS = 32  # parts whose silhouettes are drawn at once
@@ -109,7 +109,7 @@ class Bop:
                 "objects": {} if now.robot in self._firsts else _objects(now),
                 "camera": camera, "targets": targets}
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: SequenceRecord) -> None:
         if record["robot"] not in self._firsts:
             self._firsts[record["robot"]] = record["first"]
             self._next = record["first"] + record["parts"]

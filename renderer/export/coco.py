@@ -24,7 +24,7 @@ from pycocotools import mask as _coco
 from ..dataset import Dataset
 from ..runtime import Archive, dump_json
 from ..types import Sequence
-from .journal import Record
+from .journal import SequenceRecord
 
 
 class Coco:
@@ -70,7 +70,7 @@ class Coco:
         return {"images": images, "annotations": annotations, "keypoints": points,
                 "keypoint_names": meta.keypoint_names if points else (), "categories": categories}
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: SequenceRecord) -> None:
         self._images += record["images"]
         self._annotations += record["annotations"]
         self._keypoints += record["keypoints"]

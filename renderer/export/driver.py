@@ -23,7 +23,7 @@ from ...robots.files import LOCK, lock_folder
 from ..dataset import Dataset, open_dataset, sequence_paths
 from ..runtime import Archive, dump_json, frame_bar, open_archive
 from ..types import Sequence
-from .journal import Journal, Record
+from .journal import Journal, SequenceRecord
 
 Format = Literal["kitti", "bop", "coco", "webdataset", "tapvid", "rerun"]
 WRITERS: dict[str, str] = {
@@ -34,7 +34,7 @@ WRITERS: dict[str, str] = {
     "tapvid": "tapvid:TapVid",
     "rerun": "rerun:Rerun",
 }
-FILE = "export.json"
+_FILE = "export.json"
 
 
 class Writer(Protocol):
@@ -51,7 +51,7 @@ class Writer(Protocol):
         """
         ...
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: SequenceRecord) -> None:
         """Remember a sequence that `add` has written: now, or in a run that was stopped."""
         ...
 
@@ -84,7 +84,7 @@ def export(
     dataset; nothing is left behind then.
     """
     data = open_dataset(dataset)
-    names = chosen(data, sequences)
+    names = select_sequences(data, sequences)
     if out.exists() or out.is_symlink():
         raise GcbenchError(f"{out} is there already; choose another --out, or delete it")
     module, _, name = WRITERS[format].partition(":")
@@ -106,7 +106,7 @@ def export(
     return Exported(out, len(names), frames)
 
 
-def chosen(dataset: Dataset, text: str) -> list[str]:
+def select_sequences(dataset: Dataset, text: str) -> list[str]:
     """Names of the sequences that `text` means ("": all). Raises GcbenchError."""
     if not dataset.names:
         raise GcbenchError(f"{dataset.path} has no sequences yet")
@@ -144,7 +144,7 @@ def _write_all(
             if isinstance(error, GcbenchError) or not journal.entries:
                 shutil.rmtree(part, ignore_errors=True)
             raise
-    (part / FILE).write_bytes(dump_json(account))
+    (part / _FILE).write_bytes(dump_json(account))
     journal.path.unlink()
     return sum(entry.frames for entry in journal.entries)
 

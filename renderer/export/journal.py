@@ -16,8 +16,8 @@ from typing import Any
 from ...robots.files import LOCK
 from ..runtime import dump_json
 
-FILE = "journal.jsonl"
-Record = Mapping[str, Any]
+_FILE = "journal.jsonl"
+SequenceRecord = Mapping[str, Any]
 """What a format must know of a sequence that it has written: JSON."""
 
 
@@ -27,17 +27,17 @@ class Entry:
 
     sequence: str
     frames: int
-    record: Record
+    record: SequenceRecord
 
 
 class Journal:
-    """Appends to FILE in a folder; `entries` are those of earlier runs and this one, in order."""
+    """Appends to _FILE in a folder; `entries` are those of earlier runs and this one, in order."""
 
     def __init__(self, folder: Path, plan: Mapping[str, Any], names: Sequence[str]) -> None:
         """Continue what is in `folder` if it follows this `plan` for the first of `names`, else
         delete it and begin.
         """
-        self.path = folder / FILE
+        self.path = folder / _FILE
         lines = self.path.read_bytes().splitlines(keepends=True) if self.path.is_file() else []
         whole = [line for line in lines if line.endswith(b"\n")]
         self.entries = [Entry(**json.loads(line)) for line in whole[1:]]
@@ -56,7 +56,7 @@ class Journal:
         self._file = self.path.open("wb")
         self._append(_line(plan))
 
-    def add(self, name: str, frames: int, record: Record) -> Record:
+    def add(self, name: str, frames: int, record: SequenceRecord) -> SequenceRecord:
         """Note that a sequence is written; the record as a later run will read it."""
         line = _line(asdict(Entry(name, frames, record)))
         self._append(line)

@@ -24,9 +24,9 @@ from ...errors import GcbenchError
 from ..dataset import Dataset, codec
 from ..runtime import Archive
 from ..types import BACKGROUND, VISIBLE, Sequence
-from .journal import Record
+from .journal import SequenceRecord
 
-DEPTH_UNIT = 1.0 / 256.0
+_DEPTH_UNIT = 1.0 / 256.0
 """m"""
 
 
@@ -64,7 +64,7 @@ class Kitti:
         return {"rows": [f"{first + t},{archive.path.stem},{t},{t + 1}"
                          for t in range(len(sequence) - 1)]}
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: SequenceRecord) -> None:
         self._rows += record["rows"]
 
     def finish(self) -> None:
@@ -112,6 +112,6 @@ def calib(intrinsics: NDArray[np.float64], width: int, height: int) -> str:
 
 def _depth(depth: NDArray[np.float32], archive: Archive) -> bytes:
     try:
-        return codec.encode_depth(depth, DEPTH_UNIT)
+        return codec.encode_depth(depth, _DEPTH_UNIT)
     except GcbenchError as error:
         raise GcbenchError(f"{archive.path}: KITTI cannot hold it: {error}") from error

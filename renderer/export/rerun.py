@@ -29,7 +29,7 @@ from ..dataset import Dataset
 from ..runtime import Archive, dump_json
 from ..scene import model_of, robot_of
 from ..types import Meta, Sequence
-from .journal import Record
+from .journal import SequenceRecord
 
 _APPLICATION = "gcbench"
 _CAMERA, _IMAGE = ["world", "camera"], ["world", "camera", "image"]
@@ -77,7 +77,7 @@ class Rerun:
         recording.disconnect()
         return {}
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: SequenceRecord) -> None:
         pass
 
     def finish(self) -> None:

@@ -26,7 +26,7 @@ from ..dataset import Dataset
 from ..runtime import Archive
 from ..truth import TruthImages, track_paths
 from ..types import Camera, Sequence
-from .journal import Record
+from .journal import SequenceRecord
 
 _POINTS = 256
 
@@ -52,7 +52,7 @@ class TapVid:
                                 occluded=~visible.T)
         return {}
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: SequenceRecord) -> None:
         pass
 
     def finish(self) -> None:

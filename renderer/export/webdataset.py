@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..dataset import Dataset, member_names
 from ..runtime import Archive, dump_json
 from ..types import Sequence
-from .journal import Record
+from .journal import SequenceRecord
 
 SHARD = 1000
 """Frames."""
@@ -61,7 +61,7 @@ class WebDataset:
             self._tar.fileobj.flush()  # pyright: ignore
         return {"frames": frames, "size": size}
 
-    def keep(self, record: Record) -> None:
+    def keep(self, record: SequenceRecord) -> None:
         self._frames, self._size = record["frames"], record["size"]
 
     def finish(self) -> None:

@@ -1,7 +1,7 @@
 """Colour images of everything in a frame that is not a photograph.
 
 Each function takes data and returns 8-bit RGB. Colours mean the same in every picture: a part has
-the colour of its joint's axis and curve, and NOTHING always says "there is no value here".
+the colour of its joint's axis and curve, and NO_VALUE always says "there is no value here".
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ..types import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
 
-Image = NDArray[np.uint8]
-NOTHING = (38, 40, 46)
+RgbImage = NDArray[np.uint8]
+NO_VALUE = (38, 40, 46)
 """No surface, no part, no flow: dark, because white is the colour of zero flow."""
 VISIBILITY = {
-    BACKGROUND: ("background", NOTHING),
+    BACKGROUND: ("background", NO_VALUE),
     VISIBLE: ("visible at t+1", (0, 158, 115)),
     OCCLUDED: ("occluded at t+1", (230, 120, 20)),
     OUT_OF_IMAGE: ("out of the image at t+1", (86, 170, 240)),
@@ -45,7 +45,7 @@ def _palette(parts: int) -> bytes:
     colors = list(first[:parts])
     if parts > len(first):
         candidates = lab(grid)
-        known = np.concatenate([lab(first), lab(np.array([NOTHING], np.float64))])
+        known = np.concatenate([lab(first), lab(np.array([NO_VALUE], np.float64))])
         gap = np.linalg.norm(candidates[:, None] - known, axis=-1).min(axis=1)
         for _ in range(min(parts - len(first), len(grid))):
             best = int(gap.argmax())  # always the colour that is farthest from all that are taken
@@ -55,51 +55,51 @@ def _palette(parts: int) -> bytes:
     return np.resize(table, (parts, 3)).tobytes()  # beyond 780 parts colours repeat
 
 
-def palette(parts: int) -> Image:
+def palette(parts: int) -> RgbImage:
     """RGB [parts+1 3]: row k is the colour of part k, row 0 that of the background.
 
     The first colours do not depend on how many parts there are.
     """
     rows = np.frombuffer(_palette(parts), np.uint8).reshape(-1, 3)
-    return np.concatenate([np.array([NOTHING], np.uint8), rows])
+    return np.concatenate([np.array([NO_VALUE], np.uint8), rows])
 
 
-def part_image(part: NDArray[np.unsignedinteger], parts: int) -> Image:
+def color_parts(part: NDArray[np.unsignedinteger], parts: int) -> RgbImage:
     """RGB [H W 3] of a part mask [H W] of a model with `parts` parts."""
     return palette(parts)[np.minimum(part, parts)]
 
 
-def visibility_image(visibility: NDArray[np.uint8]) -> Image:
+def color_visibility(visibility: NDArray[np.uint8]) -> RgbImage:
     """RGB [H W 3] of a visibility image [H W]."""
     table = np.array([color for _, color in VISIBILITY.values()], np.uint8)
     return table[np.minimum(visibility, len(table) - 1)]
 
 
-def normal_image(normal: NDArray[np.floating]) -> Image:
+def color_normals(normal: NDArray[np.floating]) -> RgbImage:
     """RGB [H W 3] of unit normals [H W 3] in the camera frame: red points right, green up, blue
-    towards the camera; NaN is NOTHING.
+    towards the camera; NaN is NO_VALUE.
     """
     known = np.asarray(np.isfinite(normal).all(axis=-1))
     colors = np.rint((np.nan_to_num(normal) * [1.0, -1.0, -1.0] + 1.0) * 127.5).astype(np.uint8)
-    colors[~known] = NOTHING
+    colors[~known] = NO_VALUE
     return colors
 
 
-def coordinate_image(
+def color_coordinates(
     coordinates: NDArray[np.floating], part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
-) -> Image:
+) -> RgbImage:
     """RGB [H W 3] of coordinates [H W 3] m on parts [H W]: each axis from 0 to full over the box
-    [P 2 3] m of the part; NaN is NOTHING.
+    [P 2 3] m of the part; NaN is NO_VALUE.
     """
     boxes = np.concatenate([np.zeros((1, 2, 3)), box])[part]
     low, size = boxes[..., 0, :], boxes[..., 1, :] - boxes[..., 0, :]
     share = np.nan_to_num(coordinates - low) / np.where(size > 0, size, 1.0)
     colors = np.rint(np.clip(share, 0.0, 1.0) * 255).astype(np.uint8)
-    colors[~np.isfinite(coordinates).all(axis=-1)] = NOTHING
+    colors[~np.isfinite(coordinates).all(axis=-1)] = NO_VALUE
     return colors
 
 
-def depth_colors() -> Image:
+def depth_colors() -> RgbImage:
     """RGB [256 3], far to near."""
     import cv2
 
@@ -107,7 +107,7 @@ def depth_colors() -> Image:
     return np.ascontiguousarray(np.asarray(ramp, np.uint8)[:, 0, ::-1])
 
 
-def depth_image(depth: NDArray[np.floating], near: float, far: float) -> Image:
+def color_depth(depth: NDArray[np.floating], near: float, far: float) -> RgbImage:
     """RGB [H W 3] of a depth image [H W] m; `near` and what is nearer is red, `far` is blue.
 
     Linear in 1/z, as disparity is: a room behind the robot does not eat the robot's colours.
@@ -116,7 +116,7 @@ def depth_image(depth: NDArray[np.floating], near: float, far: float) -> Image:
     z = np.clip(np.where(valid, depth, far), near, far)
     share = (1.0 / z - 1.0 / far) / max(1.0 / near - 1.0 / far, 1e-12)
     out = depth_colors()[np.rint(share * 255).astype(np.intp)]
-    out[~valid] = NOTHING
+    out[~valid] = NO_VALUE
     return out
 
 
@@ -131,11 +131,11 @@ def _wheel() -> bytes:
     return np.concatenate(rows).astype(np.float64).tobytes()
 
 
-def flow_image(flow: NDArray[np.floating], largest: float) -> Image:
+def color_flow(flow: NDArray[np.floating], largest: float) -> RgbImage:
     """RGB [H W 3] of a flow [H W 2] px, the Middlebury colours: hue is direction.
 
     Zero is white, a magnitude of `largest` px is saturated, what is larger is darker, NaN is
-    NOTHING.
+    NO_VALUE.
     """
     wheel = np.frombuffer(_wheel(), np.float64).reshape(-1, 3)
     valid = np.asarray(np.isfinite(flow).all(axis=-1))
@@ -147,20 +147,20 @@ def flow_image(flow: NDArray[np.floating], largest: float) -> Image:
     hue = (1.0 - share) * wheel[low % len(wheel)] + share * wheel[(low + 1) % len(wheel)]
     r = radius[..., None]
     out = np.rint(np.where(r <= 1.0, 1.0 - r * (1.0 - hue), 0.75 * hue) * 255).astype(np.uint8)
-    out[~valid] = NOTHING
+    out[~valid] = NO_VALUE
     return out
 
 
-def flow_wheel(size: int) -> Image:
+def flow_wheel(size: int) -> RgbImage:
     """RGB [size size 3]: the colour of each flow vector, seen from the middle; white outside."""
     c = (np.arange(size) - (size - 1) / 2) / ((size - 1) / 2)
     vectors = np.stack(np.meshgrid(c, c), axis=-1)
-    out = flow_image(vectors, 1.0)
+    out = color_flow(vectors, 1.0)
     out[np.hypot(vectors[..., 0], vectors[..., 1]) > 1.0] = 255
     return out
 
 
-def write(image: Image, text: str, at: tuple[int, int]) -> None:
+def write(image: RgbImage, text: str, at: tuple[int, int]) -> None:
     """Put a small label into `image` [H W 3], to the right of `at` (u, v) px but inside the image.
 
     What OpenCV's font does not have becomes `?`.

@@ -12,14 +12,14 @@ import numpy as np
 from ...robots.geometry import inverse
 from ..types import Meta, State
 
-Rows = list[tuple[str, str]]
-HEADINGS = {
+_Rows = list[tuple[str, str]]
+_HEADINGS = {
     "pixels": "fewest pixels",
     "share": "least unoccluded share",
     "motion": "own flow, px per step",
 }
 """Of what `meta.observability` says of a joint; `displacement` is the column `total`."""
-LONGEST = 600
+_LONGEST = 600
 """Characters of one value; the raw metadata below the tables are longer."""
 
 
@@ -29,7 +29,7 @@ def joint_table(meta: Meta, state: State) -> dict[str, list[Any]]:
     What `meta.observability` says of single joints is in further columns.
     """
     head = ["joint", "scored", "type", "parent → child", "limits", "first → last", "total"]
-    known = per_joint(meta.observability, meta.joint_names)
+    known = columns_of_joints(meta.observability, meta.joint_names)
     columns = list(dict.fromkeys(column for values in known.values() for column in values
                                  if column != "displacement"))  # fmt: skip
     names = ("(world)", *meta.part_names)
@@ -43,12 +43,12 @@ def joint_table(meta: Meta, state: State) -> dict[str, list[Any]]:
             "yes" if name in meta.scored_joints else "–",
             kind,
             f"{names[int(state.joint_parent_part[j])]} → {names[int(state.joint_child_part[j])]}",
-            " … ".join(position(x, kind) for x in limits) if limits else "none",
-            f"{position(float(q[0]), kind)} → {position(float(q[-1]), kind)}",
-            position(float(q[-1] - q[0]), kind),
-            *(text(known.get(name, {}).get(column, "–")) for column in columns),
+            " … ".join(format_position(x, kind) for x in limits) if limits else "none",
+            f"{format_position(float(q[0]), kind)} → {format_position(float(q[-1]), kind)}",
+            format_position(float(q[-1] - q[0]), kind),
+            *(format_value(known.get(name, {}).get(column, "–")) for column in columns),
         ])  # fmt: skip
-    return {"head": head + [HEADINGS.get(c, c.replace("_", " ")) for c in columns], "rows": rows}
+    return {"head": head + [_HEADINGS.get(c, c.replace("_", " ")) for c in columns], "rows": rows}
 
 
 def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
@@ -61,26 +61,26 @@ def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
     for said_elsewhere in ("vertical_fov_deg", "world_from_cam", "materials"):
         drawn.pop(said_elsewhere, None)  # by the camera's rows, or too long but for the raw data
     raw = {name: getattr(meta, name) for name in meta.__dataclass_fields__}
-    sequence: Rows = [
+    sequence: _Rows = [
         ("name", meta.name), ("seed / index", f"{meta.seed} / {meta.index}"),
         ("frames", f"{meta.frames}, {_seconds(state)}"),
         ("image", f"{meta.width} × {meta.height} px"), ("format", meta.format),
         ("parts / joints", f"{len(meta.part_names)} / {len(meta.joint_names)}"),
     ]  # fmt: skip
-    out: list[tuple[str, Rows]] = [
-        ("Robot", flat(meta.asset)),
+    out: list[tuple[str, _Rows]] = [
+        ("Robot", flatten(meta.asset)),
         ("Sequence", sequence),
-        ("Camera", camera_rows(meta, state) + flat(camera)),
-        ("Lights", [(key.removeprefix("lights / "), said) for key, said in flat(lights)]),
-        ("Observability", flat(observability)),
-        ("Other drawn values", flat(drawn)),
-        ("Renderer", flat(meta.renderer)),
+        ("Camera", camera_rows(meta, state) + flatten(camera)),
+        ("Lights", [(key.removeprefix("lights / "), said) for key, said in flatten(lights)]),
+        ("Observability", flatten(observability)),
+        ("Other drawn values", flatten(drawn)),
+        ("Renderer", flatten(meta.renderer)),
     ]
     tables: list[dict[str, Any]] = [{"title": title, "rows": rows} for title, rows in out if rows]
-    return [*tables, {"title": "Raw metadata", "raw": json.dumps(plain(raw), indent=1)[:200_000]}]
+    return [*tables, {"title": "Raw metadata", "raw": json.dumps(to_json(raw), indent=1)[:200_000]}]
 
 
-def camera_rows(meta: Meta, state: State) -> Rows:
+def camera_rows(meta: Meta, state: State) -> _Rows:
     """Where the camera is, in the first frame."""
     k, world_from_cam = state.intrinsics, inverse(state.cam_from_world)
     eye = world_from_cam[0, :3, 3]
@@ -94,17 +94,17 @@ def camera_rows(meta: Meta, state: State) -> Rows:
         ("focal length", f"{k[0, 0]:.1f}, {k[1, 1]:.1f} px"),
         ("principal point", f"({k[0, 2]:.1f}, {k[1, 2]:.1f}) px"),
         ("field of view", f"{fov[0]:.1f}° × {fov[1]:.1f}°"),
-        ("position in the world", text(eye) + " m"),
+        ("position in the world", format_value(eye) + " m"),
         ("moves", "no" if still else f"yes, up to {travel:.3f} m from where it starts"),
     ]
 
 
-def position(value: float, kind: str) -> str:
+def format_position(value: float, kind: str) -> str:
     """A joint position or its change: degrees, or metres of a prismatic joint."""
     return f"{value:.4f} m" if kind == "prismatic" else f"{math.degrees(value):.1f}°"
 
 
-def per_joint(said: Mapping[str, Any], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
+def columns_of_joints(said: Mapping[str, Any], joints: Sequence[str]) -> dict[str, dict[str, Any]]:
     """joint -> column -> value: of `{joint: {column: value}}` and `{column: {joint: value}}`,
     at the top or one level below."""
     out: dict[str, dict[str, Any]] = {}
@@ -123,21 +123,21 @@ def _of_joints(value: Any, joints: Sequence[str]) -> bool:
     return isinstance(value, Mapping) and any(key in joints for key in value)
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> Rows:
+def flatten(values: Mapping[str, Any], prefix: str = "") -> _Rows:
     """(key, text) of each value; the keys of inner mappings are joined by ` / `."""
-    rows: Rows = []
+    rows: _Rows = []
     for key, value in values.items():
         name = f"{prefix}{key}".replace("_", " ")
         if isinstance(value, Mapping) and value:
-            rows += flat(value, f"{name} / ")
+            rows += flatten(value, f"{name} / ")
         elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
-            rows += flat({str(i + 1): item for i, item in enumerate(value)}, f"{name} / ")
+            rows += flatten({str(i + 1): item for i, item in enumerate(value)}, f"{name} / ")
         elif value not in ("", [], ()):
-            rows.append((name, text(value)))
+            rows.append((name, format_value(value)))
     return rows
 
 
-def text(value: Any) -> str:
+def format_value(value: Any) -> str:
     """One value as a reader wants it: few digits, yes and no."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
@@ -146,22 +146,22 @@ def text(value: Any) -> str:
     if isinstance(value, (float, np.floating)):
         return f"{value:.4g}"
     if isinstance(value, (list, tuple)):
-        return "(" + ", ".join(text(item) for item in value[:16]) + (
+        return "(" + ", ".join(format_value(item) for item in value[:16]) + (
             ", …)" if len(value) > 16 else ")")  # fmt: skip
     if isinstance(value, Mapping) and not value:
         return "none"
     shown = "–" if value is None or value == "" else str(value)
-    return shown if len(shown) <= LONGEST else shown[:LONGEST] + " …"
+    return shown if len(shown) <= _LONGEST else shown[:_LONGEST] + " …"
 
 
-def plain(value: Any) -> Any:
+def to_json(value: Any) -> Any:
     """JSON values of mappings, sequences and NumPy values; NaN and infinities become text."""
     if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {str(k): to_json(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
+        return [to_json(v) for v in value]
     if isinstance(value, (np.ndarray, np.generic)):
-        return plain(value.tolist())
+        return to_json(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)

@@ -18,10 +18,10 @@ from ...robots.model import ArticulatedModel, forward_kinematics
 from ..gl import Rasterizer
 from ..scene import posed_by_parts
 from ..types import Camera, Sequence
-from .colors import Image
+from .colors import RgbImage
 
-RED = (224, 28, 36)
-TOLERANCE = 1e-6
+_RED = (224, 28, 36)
+_TOLERANCE = 1e-6
 """m, and the sines of angles: how well a model must reproduce the poses of a sequence."""
 
 
@@ -53,7 +53,7 @@ class Painter:
                  trace: TracebackType | None) -> None:
         self._rasterizer.close()
 
-    def paint(self, sequence: Sequence, displacement: Mapping[str, float], t: int = -1) -> Image:
+    def paint(self, sequence: Sequence, displacement: Mapping[str, float], t: int = -1) -> RgbImage:
         """RGB [H W 3] of frame t: the object as it is, its background paled, the estimate in red.
 
         `displacement` is the estimate, rad or m since frame 0, finite, by the joint's name.
@@ -64,7 +64,7 @@ class Painter:
         if meta.part_names != self.model.part_names or meta.joint_names != self.model.joint_names:
             raise GcbenchError(f"{meta.name} does not show the model {self.model.name}")
         true = forward_kinematics(self.model, state.joint_positions[t])
-        if np.abs(true - state.world_from_part[t]).max() > TOLERANCE:
+        if np.abs(true - state.world_from_part[t]).max() > _TOLERANCE:
             raise GcbenchError(f"{meta.name} was rendered from another model than the one at hand")
         positions = estimated_positions(sequence, displacement, t)
         poses = forward_kinematics(self.model, positions)
@@ -76,8 +76,8 @@ class Painter:
         return blend(frame.rgb, frame.part > 0, drawn.depth, drawn.part > 0, state.intrinsics)
 
 
-def blend(rgb: Image, object_mask: NDArray[np.bool_], depth: NDArray[np.float32],
-          estimate_mask: NDArray[np.bool_], intrinsics: Array) -> Image:
+def blend(rgb: RgbImage, object_mask: NDArray[np.bool_], depth: NDArray[np.float32],
+          estimate_mask: NDArray[np.bool_], intrinsics: Array) -> RgbImage:
     """RGB [H W 3]: `rgb` with a pale background, and over it an estimate of depth [H W] m in red.
 
     `object_mask` [H W] says what is object in `rgb`, `estimate_mask` [H W] where the estimate is.
@@ -88,7 +88,7 @@ def blend(rgb: Image, object_mask: NDArray[np.bool_], depth: NDArray[np.float32]
     grey = image.mean(axis=-1, keepdims=True)
     image = np.where(object_mask[..., None], image, 0.25 * grey + 0.75 * 246.0)
     light = shade(depth, estimate_mask, intrinsics)[..., None]
-    red = np.array(RED, np.float32) * light + 255.0 * np.maximum(light - 0.92, 0.0)
+    red = np.array(_RED, np.float32) * light + 255.0 * np.maximum(light - 0.92, 0.0)
     image = np.where(estimate_mask[..., None], 0.42 * image + 0.58 * red, image)
     thick = max(1, round(min(rgb.shape[:2]) / 320))
     outlines = cv2.findContours(estimate_mask.astype(np.uint8), cv2.RETR_CCOMP,

@@ -15,27 +15,26 @@ from ... import __version__
 from ...errors import RenderError
 from ...robots.files import write_atomically
 from ..types import Frame, Sequence
+from .annotations import draw_points, has_points, joint_axes
 from .colors import (
-    NOTHING,
+    NO_VALUE,
     VISIBILITY,
-    Image,
-    coordinate_image,
+    RgbImage,
+    color_coordinates,
+    color_depth,
+    color_flow,
+    color_normals,
+    color_parts,
+    color_visibility,
     depth_colors,
-    depth_image,
-    flow_image,
     flow_wheel,
-    normal_image,
     palette,
-    part_image,
-    visibility_image,
 )
 from .descriptions import joint_table, sections
 from .html import render_page
-from .joint_axes import joint_axes
-from .marks import has_points, points_image
 
 TEMPLATE = Path(__file__).parent / "show.html"
-MAX_FRAMES, MAX_SIDE, MAX_PIXELS = 120, 640, 20_000_000
+PAGE_FRAMES, PAGE_SIDE, PAGE_PIXELS = 120, 640, 20_000_000
 """Bounds of a page: frames, px of a picture's longer side, px of all frames together."""
 VALUES_SIDE = 320
 """px: longer side of the grid on which a page knows the values under the pointer."""
@@ -58,10 +57,10 @@ def write_page(sequence: Sequence, out: Path) -> Path:
 def page_data(sequence: Sequence) -> dict[str, Any]:
     """Everything that the page's script reads, as JSON values."""
     meta, state = sequence.meta, sequence.state
-    frames = [int(t) for t in chosen_frames(len(sequence))]
+    frames = [int(t) for t in select_frames(len(sequence))]
     width, height = picture_size(meta.width, meta.height, len(frames))
     grid = picture_size(meta.width, meta.height, len(frames), VALUES_SIDE)
-    near, far, largest = ranges(sequence, frames)
+    near, far, largest = value_ranges(sequence, frames)
     unit = far * 4 / 65535  # m; what is farther than that is shown as that far
     parts = len(meta.part_names)
     layers = layer_names(sequence)
@@ -71,7 +70,7 @@ def page_data(sequence: Sequence) -> dict[str, Any]:
         frame = sequence.frame(t)
         for name, uri in _pictures(frame, (width, height), (near, far, largest), parts).items():
             images[name].append(uri)
-        for name, image in layer_images(sequence, t, (width, height)).items():
+        for name, image in color_layers(sequence, t, (width, height)).items():
             images[name].append(data_uri(image, 85 if name == "points" else None))
         values.append(data_uri(_values(frame, *grid, unit)))
     colors = [_css(c) for c in palette(parts)]
@@ -91,7 +90,7 @@ def page_data(sequence: Sequence) -> dict[str, Any]:
         "depth": {"near": near, "far": far, "unit": unit,
                   "colors": [_css(c) for c in depth_colors()[::15]]},
         "flow": {"largest": largest, "unit": FLOW_UNIT, "wheel": data_uri(flow_wheel(96))},
-        "nothing": _css(NOTHING),
+        "nothing": _css(NO_VALUE),
         "visibility": [{"name": text, "color": _css(c)} for text, c in VISIBILITY.values()],
         "parts": [{"name": name, "color": color, "pixels": _integers(state.part_pixels[:, i])}
                   for i, (name, color) in enumerate(zip(meta.part_names, colors[1:], strict=True))],
@@ -114,35 +113,35 @@ def layer_names(sequence: Sequence) -> list[str]:
     return [name for name, is_there in there.items() if is_there]
 
 
-def layer_images(sequence: Sequence, t: int, size: tuple[int, int]) -> dict[str, Image]:
+def color_layers(sequence: Sequence, t: int, size: tuple[int, int]) -> dict[str, RgbImage]:
     """The pictures of frame t for `layer_names`, of (width, height) px."""
     frame, box = sequence.frame(t), sequence.state.coordinate_box
-    out: dict[str, Image] = {}
+    out: dict[str, RgbImage] = {}
     if frame.normal is not None:
-        out["normal"] = normal_image(sampled(frame.normal, *size))
+        out["normal"] = color_normals(resample(frame.normal, *size))
     if frame.coordinates is not None and box is not None:
-        chosen = (sampled(frame.coordinates, *size), sampled(frame.part, *size))
-        out["coordinates"] = coordinate_image(*chosen, box)
+        chosen = (resample(frame.coordinates, *size), resample(frame.part, *size))
+        out["coordinates"] = color_coordinates(*chosen, box)
     if has_points(sequence.state):
-        out["points"] = points_image(resized(frame.rgb, *size), sequence.meta, sequence.state, t)
+        out["points"] = draw_points(resize_rgb(frame.rgb, *size), sequence.meta, sequence.state, t)
     return out
 
 
-def chosen_frames(frames: int, most: int = MAX_FRAMES) -> NDArray[np.int64]:
+def select_frames(frames: int, most: int = PAGE_FRAMES) -> NDArray[np.int64]:
     """At most `most` frame numbers out of `frames`, evenly spread, the first and last included."""
     return np.unique(np.rint(np.linspace(0, frames - 1, min(frames, most))).astype(np.int64))
 
 
 def picture_size(
-    width: int, height: int, frames: int, side: int = MAX_SIDE
+    width: int, height: int, frames: int, side: int = PAGE_SIDE
 ) -> tuple[int, int]:
     """(width, height) px of a page's pictures: never larger than the sequence's own."""
     zoom = min(1.0, side / max(width, height),
-               math.sqrt(MAX_PIXELS / (max(frames, 1) * width * height)))  # fmt: skip
+               math.sqrt(PAGE_PIXELS / (max(frames, 1) * width * height)))  # fmt: skip
     return max(1, round(width * zoom)), max(1, round(height * zoom))
 
 
-def ranges(sequence: Sequence, frames: Iterable[int]) -> tuple[float, float, float]:
+def value_ranges(sequence: Sequence, frames: Iterable[int]) -> tuple[float, float, float]:
     """(near m, far m, largest flow px) over these frames, so that colours do not flicker."""
     near, far, largest = math.inf, 0.0, 0.0
     for t in frames:
@@ -160,7 +159,7 @@ def ranges(sequence: Sequence, frames: Iterable[int]) -> tuple[float, float, flo
     return near, far, largest
 
 
-def sampled(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
+def resample(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
     """The values [height width ...] at the pixels of `image` in the middle of each cell.
 
     Never an average: between two parts there is no third, and between two depths no surface.
@@ -170,7 +169,7 @@ def sampled(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
     return image[rows[:, None], columns]
 
 
-def resized(rgb: Image, width: int, height: int) -> Image:
+def resize_rgb(rgb: RgbImage, width: int, height: int) -> RgbImage:
     """A photograph [height width 3], averaged over each cell."""
     import cv2
 
@@ -186,24 +185,24 @@ def _pictures(
     near, far, largest = span
 
     def flow_uri(flow: NDArray[np.float32] | None) -> str | None:
-        return None if flow is None else data_uri(flow_image(sampled(flow, *size), largest), 90)
+        return None if flow is None else data_uri(color_flow(resample(flow, *size), largest), 90)
 
     seen = frame.visibility
     return {
-        "rgb": data_uri(resized(frame.rgb, *size), 85),
-        "depth": data_uri(depth_image(sampled(frame.depth, *size), near, far)),
-        "part": data_uri(part_image(sampled(frame.part, *size), parts)),
+        "rgb": data_uri(resize_rgb(frame.rgb, *size), 85),
+        "depth": data_uri(color_depth(resample(frame.depth, *size), near, far)),
+        "part": data_uri(color_parts(resample(frame.part, *size), parts)),
         "flow": flow_uri(frame.flow),
         "flow_backward": flow_uri(frame.flow_backward),
-        "visibility": None if seen is None else data_uri(visibility_image(sampled(seen, *size))),
+        "visibility": None if seen is None else data_uri(color_visibility(resample(seen, *size))),
     }
 
 
-def _values(frame: Frame, width: int, height: int, depth_unit: float) -> Image:
+def _values(frame: Frame, width: int, height: int, depth_unit: float) -> RgbImage:
     """[13 height, width] grey: visibility and the bytes (high first) of depth, part and both
     flows, one plane below the other. A picture is what a browser inflates fastest."""
     depth, part, visibility, *flows = (
-        None if image is None else sampled(image, width, height)
+        None if image is None else resample(image, width, height)
         for image in (frame.depth, frame.part, frame.visibility, frame.flow, frame.flow_backward)
     )
     assert depth is not None and part is not None
@@ -218,7 +217,7 @@ def _values(frame: Frame, width: int, height: int, depth_unit: float) -> Image:
     return np.concatenate(planes).astype(np.uint8)
 
 
-def data_uri(picture: Image, quality: int | None = None) -> str:
+def data_uri(picture: RgbImage, quality: int | None = None) -> str:
     """A picture, RGB [H W 3] or grey [H W], as a `data:` address; lossless without a quality."""
     import cv2
 

@@ -12,36 +12,44 @@ import numpy as np
 
 from ...errors import GcbenchError
 from ..types import Sequence
-from .colors import NOTHING, Image, depth_image, flow_image, part_image
-from .joint_axes import axis_image
-from .page import chosen_frames, layer_images, picture_size, ranges, resized, sampled, write_file
+from .annotations import draw_axes
+from .colors import NO_VALUE, RgbImage, color_depth, color_flow, color_parts
+from .page import (
+    color_layers,
+    picture_size,
+    resample,
+    resize_rgb,
+    select_frames,
+    value_ranges,
+    write_file,
+)
 
-SHEET_SEQUENCES, SHEET_FRAMES, FILM_FRAMES = 100, 5, 300
-SHEET_TILE, SMALL_TILE, FILM_TILE = 320, 200, 400
-"""px: longer side of one picture; small where there are more than SHEET_LARGE."""
-SHEET_LARGE = 20
-GAP, STRIP = 10, 20
+_SHEET_SEQUENCES, _SHEET_FRAMES, _FILM_FRAMES = 100, 5, 300
+_SHEET_TILE, _SMALL_TILE, _FILM_TILE = 320, 200, 400
+"""px: longer side of one picture; small where there are more than _SHEET_LARGE."""
+_SHEET_LARGE = 20
+_GAP, _STRIP = 10, 20
 """px between pictures; height of the strip with a picture's caption."""
-PAPER, LINE, INK = 255, 205, 40
+_PAPER, _LINE, _INK = 255, 205, 40
 """Grey levels."""
-SHORTEST = 2.0
+_SHORTEST = 2.0
 """s that a film lasts at least: shorter ones are slowed down, and say so."""
-CODECS = ("vp09", "avc1", "mp4v")
+_CODECS = ("vp09", "avc1", "mp4v")
 """The first two play in browsers. OpenCV's own wheels can write the first, not the second."""
 
 
 def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
     """Write one PNG: of one sequence RGB with axes, depth, parts and flow over time (a row each);
-    of several the first frame of each, up to SHEET_SEQUENCES. Returns `out`.
+    of several the first frame of each, up to _SHEET_SEQUENCES. Returns `out`.
 
     Raises GcbenchError if there is no sequence, or the file cannot be written.
     """
     if isinstance(sequences, Sequence):
         rows = _over_time(sequences)
     else:
-        shown = list(itertools.islice(sequences, SHEET_SEQUENCES))
-        few = len(shown) <= SHEET_LARGE
-        tiles = [_first(s, SHEET_TILE if few else SMALL_TILE) for s in shown]
+        shown = list(itertools.islice(sequences, _SHEET_SEQUENCES))
+        few = len(shown) <= _SHEET_LARGE
+        tiles = [_first(s, _SHEET_TILE if few else _SMALL_TILE) for s in shown]
         columns = min(len(tiles), 4 if len(tiles) <= 12 else 5 if few else 10)
         rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
     if not rows:
@@ -49,18 +57,18 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
     return write_file(out, _png(_grid(rows)))
 
 
-def film(sequence: Sequence) -> Iterator[Image]:
+def film_frames(sequence: Sequence) -> Iterator[RgbImage]:
     """Pictures [h w 3] over time, of even size: RGB with axes, depth, parts and flow to the next
     frame, two by two."""
-    numbers = [int(t) for t in chosen_frames(len(sequence), FILM_FRAMES)]
-    span = ranges(sequence, numbers)
+    numbers = [int(t) for t in select_frames(len(sequence), _FILM_FRAMES)]
+    span = value_ranges(sequence, numbers)
     speed = _seconds_per_picture(sequence) / _true_seconds_per_picture(sequence)
     note = "" if speed < 1.01 else f"  1/{speed:.2g} of true speed"
     for t in numbers:
-        rgb, depth, part, flow = _tiles(sequence, t, FILM_TILE, span)
+        rgb, depth, part, flow = _tiles(sequence, t, _FILM_TILE, span)
         title = f"t = {sequence.state.times[t]:.3f} s{note}"
         rows = [[(rgb[0], title), depth], [part, flow]]
-        layers = _layers(sequence, t, FILM_TILE)
+        layers = _layers(sequence, t, _FILM_TILE)
         rows += [layers[i : i + 2] for i in range(0, len(layers), 2)]
         picture = _grid(rows)
         height, width = (n - n % 2 for n in picture.shape[:2])  # video codecs halve the colours
@@ -73,7 +81,7 @@ def write_gif(sequence: Sequence, out: Path) -> Path:
 
     from PIL import Image as Pillow
 
-    pictures = [Pillow.fromarray(picture).quantize(256) for picture in film(sequence)]
+    pictures = [Pillow.fromarray(picture).quantize(256) for picture in film_frames(sequence)]
     buffer = io.BytesIO()
     milliseconds = max(20, round(_seconds_per_picture(sequence) * 100) * 10)  # the format's unit
     pictures[0].save(buffer, "GIF", save_all=True, append_images=pictures[1:],
@@ -82,7 +90,7 @@ def write_gif(sequence: Sequence, out: Path) -> Path:
 
 
 def write_mp4(sequence: Sequence, out: Path) -> Path:
-    """Write the film as MP4 in the first of CODECS that this OpenCV can write. Returns `out`.
+    """Write the film as MP4 in the first of _CODECS that this OpenCV can write. Returns `out`.
 
     Warns if browsers will not play the result. Raises GcbenchError if there is no encoder, the
     name does not end in .mp4 or the file cannot be written.
@@ -93,12 +101,12 @@ def write_mp4(sequence: Sequence, out: Path) -> Path:
         raise GcbenchError(f"{out} is no MP4 file: give a name that ends in .mp4")
     if not out.parent.is_dir():
         raise GcbenchError(f"cannot write {out}: there is no folder {out.parent}")
-    pictures = film(sequence)
+    pictures = film_frames(sequence)
     first = next(pictures)
     rate, size = 1 / _seconds_per_picture(sequence), first.shape[1::-1]
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
         part = Path(folder) / "film.mp4"
-        for codec in CODECS:
+        for codec in _CODECS:
             writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*codec), rate, size)
             if writer.isOpened():
                 break
@@ -114,10 +122,10 @@ def write_mp4(sequence: Sequence, out: Path) -> Path:
     return out
 
 
-LAYER_CAPTIONS = {"normal": "normals", "coordinates": "coordinates in the parts",
+_LAYER_CAPTIONS = {"normal": "normals", "coordinates": "coordinates in the parts",
                   "points": "keypoints and tracks"}
 
-Tile = tuple[Image, str]
+Tile = tuple[RgbImage, str]
 """A picture and its caption."""
 
 
@@ -127,13 +135,13 @@ def _tiles(
     """RGB with axes, depth, parts, flow of frame t."""
     meta, frame, (near, far, largest) = sequence.meta, sequence.frame(t), span
     size = picture_size(meta.width, meta.height, 1, side)
-    rgb = axis_image(resized(frame.rgb, *size), meta, sequence.state, t, scored_only=True)
-    blank = np.full_like(rgb, NOTHING)
-    flow = blank if frame.flow is None else flow_image(sampled(frame.flow, *size), largest)
+    rgb = draw_axes(resize_rgb(frame.rgb, *size), meta, sequence.state, t, scored_only=True)
+    blank = np.full_like(rgb, NO_VALUE)
+    flow = blank if frame.flow is None else color_flow(resample(frame.flow, *size), largest)
     return (
         (rgb, f"frame {t}, t = {sequence.state.times[t]:.2f} s"),
-        (depth_image(sampled(frame.depth, *size), near, far), f"depth {near:.2f} - {far:.2f} m"),
-        (part_image(sampled(frame.part, *size), len(meta.part_names)), "parts"),
+        (color_depth(resample(frame.depth, *size), near, far), f"depth {near:.2f} - {far:.2f} m"),
+        (color_parts(resample(frame.part, *size), len(meta.part_names)), "parts"),
         (flow, "no next frame" if frame.flow is None else f"flow, up to {largest:.1f} px"),
     )
 
@@ -141,47 +149,47 @@ def _tiles(
 def _layers(sequence: Sequence, t: int, side: int) -> list[Tile]:
     """Pictures of the layers of frame t, if the sequence has any."""
     size = picture_size(sequence.meta.width, sequence.meta.height, 1, side)
-    found = layer_images(sequence, t, size)
-    return [(image, LAYER_CAPTIONS[name]) for name, image in found.items()]
+    found = color_layers(sequence, t, size)
+    return [(image, _LAYER_CAPTIONS[name]) for name, image in found.items()]
 
 
 def _over_time(sequence: Sequence) -> list[list[Tile]]:
     # The last frame has no flow: a sheet with a black corner would ask for an explanation.
-    numbers = [int(t) for t in chosen_frames(max(len(sequence) - 1, 1), SHEET_FRAMES)]
-    span = ranges(sequence, numbers)
-    columns = [[*_tiles(sequence, t, SHEET_TILE, span), *_layers(sequence, t, SHEET_TILE)]
+    numbers = [int(t) for t in select_frames(max(len(sequence) - 1, 1), _SHEET_FRAMES)]
+    span = value_ranges(sequence, numbers)
+    columns = [[*_tiles(sequence, t, _SHEET_TILE, span), *_layers(sequence, t, _SHEET_TILE)]
                for t in numbers]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _first(sequence: Sequence, side: int) -> Tile:
     meta = sequence.meta
-    rgb = resized(sequence.rgb[0], *picture_size(meta.width, meta.height, 1, side))
+    rgb = resize_rgb(sequence.rgb[0], *picture_size(meta.width, meta.height, 1, side))
     return rgb, f"{meta.index}: {meta.asset.get('name', meta.name)}"
 
 
-def _grid(rows: list[list[Tile]]) -> Image:
+def _grid(rows: list[list[Tile]]) -> RgbImage:
     """The tiles on paper, each with its caption below; pictures may differ in size."""
     import cv2
 
     height = max(tile.shape[0] for row in rows for tile, _ in row)
     width = max(tile.shape[1] for row in rows for tile, _ in row)
-    high, wide = height + STRIP + GAP, width + GAP
-    sheet = np.full((GAP + high * len(rows), GAP + wide * len(rows[0]), 3), PAPER, np.uint8)
+    high, wide = height + _STRIP + _GAP, width + _GAP
+    sheet = np.full((_GAP + high * len(rows), _GAP + wide * len(rows[0]), 3), _PAPER, np.uint8)
     for y, row in enumerate(rows):
         for x, (tile, caption) in enumerate(row):
-            top, left = GAP + y * high, GAP + x * wide
+            top, left = _GAP + y * high, _GAP + x * wide
             bottom, end = top + tile.shape[0], left + tile.shape[1]
-            sheet[top - 1 : bottom + 1, left - 1 : end + 1] = LINE  # zero flow is white, as paper
+            sheet[top - 1 : bottom + 1, left - 1 : end + 1] = _LINE  # zero flow is white, as paper
             sheet[top:bottom, left:end] = tile
-            place = (left + 1, bottom + STRIP - 6)
+            place = (left + 1, bottom + _STRIP - 6)
             shown = caption.encode("ascii", "replace").decode()[: width // 7]
-            cv2.putText(sheet, shown, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (INK, INK, INK), 1,
+            cv2.putText(sheet, shown, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (_INK, _INK, _INK), 1,
                         cv2.LINE_AA)  # fmt: skip
     return sheet
 
 
-def _png(picture: Image) -> bytes:
+def _png(picture: RgbImage) -> bytes:
     import cv2
 
     return cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes()
@@ -189,10 +197,10 @@ def _png(picture: Image) -> bytes:
 
 def _true_seconds_per_picture(sequence: Sequence) -> float:
     times = sequence.state.times
-    pictures = min(len(times), FILM_FRAMES)
+    pictures = min(len(times), _FILM_FRAMES)
     span = float(times[-1] - times[0])
-    return span / (pictures - 1) if pictures > 1 and span > 0 else SHORTEST
+    return span / (pictures - 1) if pictures > 1 and span > 0 else _SHORTEST
 
 
 def _seconds_per_picture(sequence: Sequence) -> float:
-    return max(_true_seconds_per_picture(sequence), SHORTEST / min(len(sequence), FILM_FRAMES))
+    return max(_true_seconds_per_picture(sequence), _SHORTEST / min(len(sequence), _FILM_FRAMES))

@@ -22,7 +22,7 @@ from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
 from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.export import kitti as export_kitti
-from gcbench.renderer.export.driver import WRITERS, chosen, export
+from gcbench.renderer.export.driver import WRITERS, export, select_sequences
 from gcbench.renderer.export.webdataset import known
 from gcbench.renderer.generate.driver import generate
 from gcbench.renderer.runtime.zip_archive import Archive, open_archive
@@ -73,13 +73,13 @@ def test_the_command_line_exports(
 
 
 def test_sequences_are_chosen_by_number(dataset: Dataset) -> None:
-    assert chosen(dataset, "") == ["000000", "000001", "000002"]
-    assert chosen(dataset, "2, 0-1,1") == ["000002", "000000", "000001"]
-    assert chosen(dataset, "1-99999") == ["000001", "000002"]
+    assert select_sequences(dataset, "") == ["000000", "000001", "000002"]
+    assert select_sequences(dataset, "2, 0-1,1") == ["000002", "000000", "000001"]
+    assert select_sequences(dataset, "1-99999") == ["000001", "000002"]
     for wrong, why in (("x", "as in 0-9,15"), ("3", "none of 3; there are 000000 to 000002"),
                        ("0,7-9", "none of 7-9"), ("-1", "as in"), ("1-", "as in")):
         with pytest.raises(GcbenchError, match=why):
-            chosen(dataset, wrong)
+            select_sequences(dataset, wrong)
 
 
 def test_what_fails_leaves_nothing_behind(

@@ -15,7 +15,7 @@ from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.scene.config import STUDIO, RenderConfig
 from gcbench.renderer.scene.models import model_of
 from gcbench.renderer.show.overlay import (
-    RED,
+    _RED,
     Painter,
     blend,
     estimated_positions,
@@ -83,7 +83,7 @@ def test_the_estimate_is_red_and_the_background_pales() -> None:
     assert (out[there & ~estimate] == rgb[0, 0]).mean() > 0.9  # but for the outline
     assert reddish(out[estimate]).all()
     assert out[0, 0].min() > 200 and np.ptp(out[0, 0].astype(int)) < 2
-    assert RED[0] > 2 * max(RED[1:])
+    assert _RED[0] > 2 * max(_RED[1:])
 
 
 def test_a_wall_seen_squarely_is_lit_and_a_slanted_one_darker() -> None:

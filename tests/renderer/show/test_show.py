@@ -21,9 +21,9 @@ from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.show import colors as pictures
 from gcbench.renderer.show import page, render_page
 from gcbench.renderer.show import video as film
+from gcbench.renderer.show.annotations import draw_axes, joint_axes
 from gcbench.renderer.show.command import show
 from gcbench.renderer.show.descriptions import joint_table, sections
-from gcbench.renderer.show.joint_axes import axis_image, joint_axes
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.geometry.pinhole import project
 
@@ -40,7 +40,7 @@ def sequence() -> Sequence:
 def shaded(sequence: Sequence, **changes: object) -> Sequence:
     """With an RGB stack that is not black: parts in their colours, darker where they are far."""
     parts = len(sequence.meta.part_names)
-    rgb = [(pictures.part_image(p, parts) * np.clip(1.2 / np.maximum(z, 0.1), 0, 1)[..., None])
+    rgb = [(pictures.color_parts(p, parts) * np.clip(1.2 / np.maximum(z, 0.1), 0, 1)[..., None])
            .astype(np.uint8) for p, z in zip(sequence.part, sequence.depth, strict=True)]
     meta = dataclasses.replace(sequence.meta, **changes)
     return dataclasses.replace(sequence, rgb=rgb, meta=meta)
@@ -52,19 +52,19 @@ def shaded(sequence: Sequence, **changes: object) -> Sequence:
 def test_zero_flow_is_white_unknown_is_not() -> None:
     flow = np.zeros((2, 3, 2), np.float32)
     flow[1, 1] = np.nan
-    image = pictures.flow_image(flow, 5.0)
+    image = pictures.color_flow(flow, 5.0)
     assert (image[0] == 255).all()
-    assert tuple(image[1, 1]) == pictures.NOTHING
+    assert tuple(image[1, 1]) == pictures.NO_VALUE
 
 
 def test_flow_hue_is_direction_and_opposites_differ() -> None:
     angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     flow = np.stack([np.cos(angle), np.sin(angle)], axis=-1)[None]
-    one, other = (pictures.flow_image(f, 1.0)[0] / 255.0 for f in (flow, -flow))
+    one, other = (pictures.color_flow(f, 1.0)[0] / 255.0 for f in (flow, -flow))
     hues = [[colorsys.rgb_to_hsv(*c)[0] for c in side] for side in (one, other)]
     apart = np.abs(np.subtract(*hues))
     assert np.minimum(apart, 1 - apart).min() > 0.25, "a quarter of the colour circle at least"
-    weaker = pictures.flow_image(0.5 * flow, 1.0)[0] / 255.0
+    weaker = pictures.color_flow(0.5 * flow, 1.0)[0] / 255.0
     hue = np.array([colorsys.rgb_to_hsv(*c)[0] for c in weaker])
     assert np.abs((hue - hues[0] + 0.5) % 1 - 0.5).max() < 0.01
     assert weaker.min() > one.min() - 1e-9, "weaker is paler"
@@ -75,14 +75,14 @@ def test_flow_hue_is_direction_and_opposites_differ() -> None:
     (0, 1, (255, 230, 0)),  # downward yellow,
 ])
 def test_flow_colours_are_those_of_middlebury(u: int, v: int, color: tuple[int, ...]) -> None:
-    got = pictures.flow_image(np.array([[[u, v]]], np.float32), 1.0)[0, 0]
+    got = pictures.color_flow(np.array([[[u, v]]], np.float32), 1.0)[0, 0]
     assert np.abs(got.astype(int) - color).max() < 25
 
 
 def test_flow_wheel_agrees_with_flow_image() -> None:
     wheel = pictures.flow_wheel(65)
     assert tuple(wheel[32, 32]) == (255, 255, 255)
-    right = pictures.flow_image(np.array([[[1.0, 0.0]]]), 1.0)[0, 0]
+    right = pictures.color_flow(np.array([[[1.0, 0.0]]]), 1.0)[0, 0]
     assert tuple(wheel[32, 64]) == tuple(right)
 
 
@@ -97,9 +97,9 @@ def test_palette_colours_are_distinct_and_stable() -> None:
 
 
 def test_depth_orders_and_marks_holes() -> None:
-    image = pictures.depth_image(np.array([[0.0, 0.5, 1.0, 4.0, 9.0, np.nan]]), 0.5, 4.0)
+    image = pictures.color_depth(np.array([[0.0, 0.5, 1.0, 4.0, 9.0, np.nan]]), 0.5, 4.0)
     ramp = pictures.depth_colors()
-    assert tuple(image[0, 0]) == tuple(image[0, 5]) == pictures.NOTHING
+    assert tuple(image[0, 0]) == tuple(image[0, 5]) == pictures.NO_VALUE
     assert np.array_equal(image[0, 1], ramp[255])
     assert np.array_equal(image[0, 3], ramp[0])
     assert np.array_equal(image[0, 4], ramp[0])
@@ -154,13 +154,13 @@ def test_axis_is_cut_in_front_of_the_camera(sequence: Sequence) -> None:
     axis = joint_axes(sequence.meta, state, 1)[2]
     assert np.isfinite([axis.tail, axis.head, axis.point]).all()
     assert [a.joint for a in joint_axes(sequence.meta, state, 2)] == [0, 1]
-    assert axis_image(sequence.rgb[1], sequence.meta, state, 1).shape == sequence.rgb[1].shape
+    assert draw_axes(sequence.rgb[1], sequence.meta, state, 1).shape == sequence.rgb[1].shape
 
 
 @pytest.mark.parametrize("zoom", [1, 3])
 def test_drawn_axis_is_where_it_projects_to(sequence: Sequence, zoom: int) -> None:
     paper = np.zeros((120 * zoom, 160 * zoom, 3), np.uint8)
-    image = axis_image(paper, sequence.meta, sequence.state, 0, scored_only=True)
+    image = draw_axes(paper, sequence.meta, sequence.state, 0, scored_only=True)
     assert not paper.any(), "the argument is not drawn on"
     for axis in joint_axes(sequence.meta, sequence.state, 0)[:2]:
         color = pictures.palette(5)[sequence.state.joint_child_part[axis.joint]].astype(int)
@@ -213,7 +213,7 @@ def test_page_pictures_are_the_frames(sequence: Sequence) -> None:
     data = read_data(page_of(sequence))
     for t in range(len(sequence)):
         part = decoded(data["images"]["part"][t])[..., ::-1]
-        assert np.array_equal(part, pictures.part_image(sequence.part[t], 5))
+        assert np.array_equal(part, pictures.color_parts(sequence.part[t], 5))
         rgb = decoded(data["images"]["rgb"][t])[..., ::-1]
         assert np.abs(rgb.astype(int) - sequence.rgb[t]).mean() < 6
     assert data["images"]["flow"][-1] is None
@@ -239,18 +239,18 @@ def test_page_is_bounded_and_says_so() -> None:
     assert page.picture_size(480, 1280, 15) == (240, 640)
     for width, height, frames in ((640, 480, 120), (4000, 3000, 90)):
         w, h = page.picture_size(width, height, frames)
-        assert w * h * frames <= 1.02 * page.MAX_PIXELS
-    frames = page.chosen_frames(5000)
-    assert len(frames) == page.MAX_FRAMES
+        assert w * h * frames <= 1.02 * page.PAGE_PIXELS
+    frames = page.select_frames(5000)
+    assert len(frames) == page.PAGE_FRAMES
     assert frames[0] == 0
     assert frames[-1] == 4999
-    assert list(page.chosen_frames(1)) == [0]
+    assert list(page.select_frames(1)) == [0]
 
 
 def test_sampling_picks_pixels_and_never_mixes() -> None:
     part = np.arange(12).reshape(3, 4)
-    assert np.array_equal(page.sampled(part, 4, 3), part)
-    assert np.array_equal(page.sampled(part, 2, 1), [[5, 7]])
+    assert np.array_equal(page.resample(part, 4, 3), part)
+    assert np.array_equal(page.resample(part, 2, 1), [[5, 7]])
 
 
 def test_one_frame_without_surface_or_joint(sequence: Sequence) -> None:
@@ -268,7 +268,7 @@ def test_one_frame_without_surface_or_joint(sequence: Sequence) -> None:
     data = read_data(page_of(lone))
     assert data["depth"]["near"] < data["depth"]["far"]
     assert data["images"]["flow"] == [None]
-    assert next(film.film(lone)).ndim == 3
+    assert next(film.film_frames(lone)).ndim == 3
 
 
 # ---- tables
@@ -306,7 +306,7 @@ def test_sheet_gif_and_mp4_can_be_read_back(sequence: Sequence, tmp_path: Path) 
         assert image.n_frames == len(sequence)
         assert image.info["duration"] == 500
         first = np.asarray(image.convert("RGB")).astype(int)
-    wanted = next(film.film(sequence)).astype(int)
+    wanted = next(film.film_frames(sequence)).astype(int)
     assert np.abs(first - wanted).mean() < 6
 
     video = cv2.VideoCapture(str(film.write_mp4(sequence, tmp_path / "film.mp4")))

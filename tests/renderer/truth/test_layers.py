@@ -17,8 +17,8 @@ from gcbench.renderer.dataset.storage import SequenceWriter, open_sequence
 from gcbench.renderer.generate.driver import generate
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene.config import LAYERS, RenderConfig, resolved
+from gcbench.renderer.show import annotations
 from gcbench.renderer.show import colors as pictures
-from gcbench.renderer.show import marks
 from gcbench.renderer.show.page import page_data
 from gcbench.renderer.show.video import contact_sheet, write_gif
 from gcbench.renderer.types.sequence import Sequence
@@ -431,12 +431,12 @@ def test_layers_are_shown(bar: Sequence, tmp_path: Path) -> None:
 
 def test_colours_of_normals_and_coordinates() -> None:
     normal = np.array([[[0, 0, -1], [1, 0, 0], [0, -1, 0], [np.nan] * 3]], np.float32)
-    assert pictures.normal_image(normal)[0].tolist() == [
-        [128, 128, 255], [255, 128, 128], [128, 255, 128], list(pictures.NOTHING)]
+    assert pictures.color_normals(normal)[0].tolist() == [
+        [128, 128, 255], [255, 128, 128], [128, 255, 128], list(pictures.NO_VALUE)]
     box = np.array([[[0, 0, 0], [1, 2, 0.0]]])
     at = np.array([[[0, 2, 0], [1, 1, 0], [np.nan] * 3]], np.float32)
-    shown = pictures.coordinate_image(at, np.array([[1, 1, 0]], np.uint16), box)
-    assert shown[0].tolist() == [[0, 255, 0], [255, 128, 0], list(pictures.NOTHING)]
+    shown = pictures.color_coordinates(at, np.array([[1, 1, 0]], np.uint16), box)
+    assert shown[0].tolist() == [[0, 255, 0], [255, 128, 0], list(pictures.NO_VALUE)]
 
 
 @pytest.mark.gl
@@ -445,7 +445,7 @@ def test_visible_points_are_dots_and_hidden_ones_rings(bar: Sequence) -> None:
     state = replace(bar.state, keypoint_image=None, track_part=np.array([2]),
                     track_image=np.full((4, 1, 2), [[[50.0, 60.0]]]),
                     track_visible=np.array([[True], [False]] * 2))
-    dot, ring = (marks.points_image(rgb, bar.meta, state, t) for t in (0, 1))
+    dot, ring = (annotations.draw_points(rgb, bar.meta, state, t) for t in (0, 1))
     color, pale = np.array(pictures.palette(2)[2], int), np.full(3, 218)
 
     def near(image: np.ndarray, u: int, to: np.ndarray) -> bool:
