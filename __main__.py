@@ -4,32 +4,26 @@ The arguments of a command's function are its options, and its docstring is thei
 the package are imported when a command runs, so that `gcbench --help` answers at once.
 """
 
-# No `annotations` from the future here: tyro evaluates those of local classes.
-
 import os
 import signal
 import sys
+import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import __version__
 from .errors import ConfigError, GcbenchError
+
+if TYPE_CHECKING:
+    from .benchmark.results import Results
 
 HELP = """\
 gcbench: synthetic videos of articulated objects with exact ground truth, and their benchmark.
 
 usage: gcbench COMMAND [OPTIONS]
 
-  render   render a dataset from a robot's name, a URDF or a glTF
-  verify   check a dataset: recompute its ground truth for every pixel
-  show     show a dataset or a sequence as a page, contact sheet, GIF or MP4
-  eval     run methods on a suite or on datasets, and score them
-  score    score the predictions of a method that ran elsewhere
-  report   write the leaderboard as one page, CSV, Markdown and LaTeX
-  export   write a dataset in the format of KITTI, BOP, COCO, WebDataset, TAP-Vid or Rerun
-  train    train the optical flow network of GC-Pose
-  robots   list the robots that gcbench knows, and fetch their meshes
-  doctor   check whether this machine can render, and list missing packages
+{commands}
 
 examples:
   gcbench render --robot ur5 --n 20 --seed 7
@@ -49,13 +43,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     args = list(sys.argv[1:] if argv is None else argv)
     if not args or args[0] in ("-h", "--help", "help"):
-        print(HELP, end="")
+        lines = [f"  {k:12} {(run.__doc__ or k).splitlines()[0]}" for k, run in COMMANDS.items()]
+        print(HELP.format(commands="\n".join(lines)), end="")
         return 0
     if args[0] == "--version":
         print(f"gcbench {__version__}")
         return 0
     try:
-        code = _run(args[0], args[1:])
+        words = 2 if args[:2] == ["robots", "fetch"] else 1
+        code = _run(" ".join(args[:words]), args[words:])
         sys.stdout.flush()  # raises BrokenPipeError here, if at all
         return code
     except GcbenchError as error:
@@ -81,14 +77,8 @@ def _run(name: str, args: Sequence[str]) -> int:
     return command_line.command(name, function)(args)
 
 
-def _open(page: Path) -> None:
-    import webbrowser
-
-    webbrowser.open(page.resolve().as_uri())
-
-
 def render(args: Sequence[str]) -> int:
-    """Render a dataset: RGB, depth, part masks, optical flow both ways, visibility, joint states.
+    """Render a dataset: RGB, depth, part masks, optical flow, visibility and joint states.
 
     To continue an interrupted run, run the same command again. A sequence depends only on the
     options and its index, not on the number of workers, the order or restarts.
@@ -156,10 +146,9 @@ def show(
     if open and not out and (contact_sheet or gif or mp4):
         raise ConfigError("--open needs a page: add --out PAGE.html")
     written = write(path, out, contact_sheet, gif, mp4, index)
-    for file in written:
-        print(file)
+    print(*written, sep="\n")
     if open:
-        _open(written[0])
+        webbrowser.open(written[0].resolve().as_uri())
     return 0
 
 
@@ -189,38 +178,22 @@ def export(dataset: Path, /, format: str, out: Path | None = None, sequences: st
     return 0
 
 
-def robots(args: Sequence[str]) -> int:
-    """List the robots that gcbench knows. `gcbench robots fetch` downloads their meshes.
+def robots() -> int:
+    """List the robots that gcbench knows.
 
-    Meshes are also downloaded on first use. Any .urdf, .glb or .gltf file is a robot, too: give
-    its path wherever a command takes a robot's name.
+    `gcbench robots fetch` downloads their meshes, which also happens on first use. Any
+    .urdf, .glb or .gltf file is a robot, too: give its path wherever a command takes a name.
 
     Examples:
       gcbench robots
       gcbench robots fetch ur5
       gcbench robots fetch --all
     """
-    from .renderer.runtime import command_line
-
-    if args and args[0] == "fetch":
-        return command_line.command("robots fetch", fetch)(args[1:])
-    return command_line.command("robots", _list)(args)
-
-
-def _list() -> int:
-    from dataclasses import astuple, fields
-
     from . import list_robots
+    from .robots.catalog import robots_table
 
-    known = list_robots()
-    rows = [tuple(f.name for f in fields(known[0])), *map(astuple, known)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip())
+    print(robots_table(list_robots()))
     return 0
-
-
-_list.__doc__ = robots.__doc__
 
 
 def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> int:
@@ -277,15 +250,9 @@ def evaluate(args: Sequence[str]) -> int:
     """
     from . import EvalConfig
     from . import evaluate as run
-    from .benchmark.report import leaderboard_text
     from .renderer.runtime import command_line
 
-    outcome = run(command_line.parse_options(args, "eval", EvalConfig, evaluate.__doc__))
-    print(leaderboard_text(outcome.runs))
-    for line in outcome.failures:
-        print(f"failed: {line}")
-    for path in dict.fromkeys(folder.path for folder in outcome.runs):
-        print(path)
+    _print_results(run(command_line.parse_options(args, "eval", EvalConfig, evaluate.__doc__)))
     return 0
 
 
@@ -300,16 +267,21 @@ def score(args: Sequence[str]) -> int:
       gcbench score --predictions mine.csv
       gcbench score --predictions mine.npz --data data/ur5 data/iiwa14
     """
-    from .benchmark.report import leaderboard_text
     from .benchmark.run import ScoreConfig, score_predictions
     from .renderer.runtime import command_line
 
     options = command_line.parse_options(args, "score", ScoreConfig, score.__doc__)
-    runs = score_predictions(options).runs
-    print(leaderboard_text(runs))
-    for folder in runs:
-        print(folder.path)
+    _print_results(score_predictions(options))
     return 0
+
+
+def _print_results(results: "Results") -> None:
+    from .benchmark.report import leaderboard_text
+
+    print(leaderboard_text(results.runs))
+    for line in results.failures:
+        print(f"failed: {line}")
+    print(*dict.fromkeys(folder.path for folder in results.runs), sep="\n")
 
 
 def report(
@@ -333,10 +305,9 @@ def report(
     from . import report as write
 
     written = write(results, out, pictures)
-    for path in written:
-        print(path)
+    print(*written, sep="\n")
     if open:
-        _open(written[0])
+        webbrowser.open(written[0].resolve().as_uri())
     return 0
 
 
@@ -351,7 +322,6 @@ def train(args: Sequence[str]) -> int:
       gcbench train flow --out raft --held-out data/ur5-train
       gcbench train flow --out raft --robots panda.urdf kinova.urdf --steps 100000 --workers 8
       gcbench train flow --data data/train --out raft --start-from gcpose/weights/raft.safetensors
-      gcbench train flow --out raft --held-out data/ur5-train --steps 0
     """
     if args and args[0] in ("-h", "--help"):
         args = ["flow", *args]
@@ -361,13 +331,11 @@ def train(args: Sequence[str]) -> int:
     from .renderer.runtime import command_line
 
     options = command_line.parse_options(args[1:], "train flow", TrainConfig, train.__doc__)
+    from .gcpose.training.errors import errors_table
     from .gcpose.training.loop import train as run
 
     for path, errors in run(options).items():
-        print(f"{path}: px on moving parts")
-        print(f"  {'flow':10} {'EPE':>7} {'median':>7} {'bias':>7} {'by size':>7}")
-        for name, e in errors.items():
-            print(f"  {name:10} {e.epe:7.3f} {e.median:7.3f} {e.bias:7.3f} {e.bias_by_size:7.3f}")
+        print(f"{path}: px on moving parts\n{errors_table(errors)}")
     print(options.out)
     return 0
 
@@ -375,6 +343,7 @@ def train(args: Sequence[str]) -> int:
 COMMANDS: dict[str, Callable[..., int]] = {
     "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
     "eval": evaluate, "score": score, "report": report, "export": export, "train": train,
+    "robots fetch": fetch,
 }
 
 if __name__ == "__main__":

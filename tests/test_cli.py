@@ -64,7 +64,7 @@ def parses(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], bool]:
     return lambda line: main(shlex.split(line, comments=True)[1:]) == 130
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, "robots fetch"])
+@pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 def test_a_command_s_help_has_examples_that_parse(
     command: str, flag: str, parses: Callable[[str], bool], capsys: Lines

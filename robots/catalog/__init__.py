@@ -11,7 +11,7 @@ from .entries import (
     is_local,
     robot_folder,
 )
-from .listing import RobotInfo, fetch_robot, list_robots
+from .listing import RobotInfo, fetch_robot, list_robots, robots_table
 from .loading import is_file, load_robot, robot_urdf, scored_by_default
 from .names import instance_numbers, is_category, is_object, parse_object_name
 
@@ -33,5 +33,6 @@ __all__ = [
     "parse_object_name",
     "robot_folder",
     "robot_urdf",
+    "robots_table",
     "scored_by_default",
 ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from ...errors import ModelError
@@ -70,3 +71,12 @@ def fetch_robot(name: str) -> Path | None:
         raise ModelError(f"{name}: an object has nothing to fetch; name robots")
     entry = find_robot(name)
     return None if isinstance(entry, GeneratedRobot) else robot_folder(entry)
+
+
+def robots_table(robots: Sequence[RobotInfo]) -> str:
+    """Return a line of text for each robot, below a header."""
+    rows = [tuple(f.name for f in fields(RobotInfo)), *map(astuple, robots)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows)
