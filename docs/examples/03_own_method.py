@@ -56,11 +56,10 @@ def main() -> None:
 
     methods = (f"{Path(__file__).resolve()}:DoorAngle", "hold-still")
     config = gb.EvalConfig(method=methods, data=(data,), results=options.out / "results")
-    outcome = gb.evaluate(config)
-    for run in outcome.runs:
-        errors = [r.value for r in run.results() if r.metric == "final_error"]
-        print(f"{run.path.parent.name:30} {np.mean(errors):6.2f} deg, {len(errors)} joints")
-    print(*outcome.failures, sep="\n")
+    results = gb.evaluate(config)
+    final = results.frame[results.frame.metric == "final_error"]
+    print(final.groupby("method").value.describe()[["count", "mean", "50%", "max"]])
+    print(*results.failures, sep="\n")
 
 
 if __name__ == "__main__":

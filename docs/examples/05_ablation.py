@@ -14,7 +14,6 @@ import argparse
 from pathlib import Path
 
 import gcbench as gb
-import numpy as np
 
 CHANGES = ((), ("rgbd.candidates=300",))
 
@@ -33,12 +32,10 @@ def main() -> None:
     for change in CHANGES:
         config = gb.EvalConfig(method=("gcpose",), set=change, inputs=("rgbd",),
                                knowledge=("axes",), data=(data,), results=options.out / "results")
-        run = gb.evaluate(config).runs[0]
-        rows = run.results()
-        errors = [r.value for r in rows if r.metric == "final_error"]
-        seconds = [r.value for r in rows if r.metric == "seconds_per_frame"]
-        print(f"{' '.join(change) or 'defaults':25} {np.mean(errors):7.3f} deg, "
-              f"{np.mean(seconds):.2f} s per frame")
+        frame = gb.evaluate(config).frame
+        mean = frame.groupby("metric").value.mean()
+        print(f"{' '.join(change) or 'defaults':25} {mean.final_error:7.3f} deg, "
+              f"{mean.seconds_per_frame:.2f} s per frame")
 
 
 if __name__ == "__main__":
