@@ -119,6 +119,7 @@ def _options(body: str) -> list[tuple[str, str, str]]:
         text = " ".join(words)
         match = re.fullmatch(r"(.*?) *\((?:default: ?(.*)|required)\)", text) or [text, text, ""]
         value = (match[2] or "").strip("'")
+        option = re.sub(r" \[(\S+) \[.*\.\.\.\]\]$", r" \1 ...", option)
         cells = f"`{option}`", _prose(match[1]), f"`{value}`" if value else ""
         out.append(tuple(cell.replace("|", "\\|") for cell in cells))  # type: ignore[arg-type]
     return out
@@ -128,23 +129,24 @@ def _options(body: str) -> list[tuple[str, str, str]]:
 
 
 def settings_table(name: str) -> str:
-    """Markdown table of a settings dataclass `module:Class`: setting, default, meaning."""
+    """Markdown tables of a settings dataclass `module:Class` and of the records inside it."""
     module, _, kind = name.partition(":")
-    rows = ["| setting | default | meaning |", "|---|---|---|"]
-    return "\n".join([*rows, *_settings_rows(getattr(import_module(module), kind)(), "")])
+    return "\n".join(_settings_rows(getattr(import_module(module), kind)(), ""))
 
 
 def _settings_rows(record: Any, prefix: str) -> list[str]:
-    """A row for each field; the fields of records inside it follow with dotted names."""
-    notes, rows = field_notes(type(record)), list[str]()
+    """A table of the fields; sections for the records inside follow."""
+    notes, inner, rows = field_notes(type(record)), list[str](), list[str]()
     for field in dataclasses.fields(record):
         value, name = getattr(record, field.name), f"{prefix}{field.name}"
+        note = notes.get(field.name, "").replace("|", "\\|")
         if dataclasses.is_dataclass(value):
-            rows += _settings_rows(value, f"{name}.")
+            inner += ["", f"### {name}", "", note or inspect.getdoc(value) or "", ""]
+            inner += _settings_rows(value, f"{name}.")
         else:
-            note = notes.get(field.name, "").replace("|", "\\|")
-            rows.append(f"| `{name}` | `{_short(value)}` | {note} |")
-    return rows
+            rows.append(f"| `{field.name}` | `{_short(value)}` | {note} |")
+    head = ["| setting | default | meaning |", "|---|---|---|"] if rows else []
+    return [*head, *rows, *inner]
 
 
 def _short(value: Any) -> str:
