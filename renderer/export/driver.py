@@ -1,8 +1,8 @@
 """`gcbench export`: a dataset in the layouts of other benchmarks and tools.
 
-An export is written into a hidden folder beside its place and renamed when it is whole; after a
-stop the same command continues there. Each format has a file `export_FORMAT.py` with a class as
-`Writer`; `export.json` in the result says what it was made of.
+An export is written into a hidden folder beside `out`, which is renamed when it is complete; an
+interrupted one continues there. Each format has a module with a class like `Writer`; `export.json`
+in the result records its origin.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from ... import __version__
-from ...errors import GcbenchError
+from ...errors import ConfigError, DatasetError, GcbenchError
 from ...robots.files import LOCK, lock_folder
 from ..dataset import Dataset, open_dataset, sequence_paths
 from ..runtime import Archive, dump_json, frame_bar, open_archive
@@ -76,17 +76,31 @@ class Exported:
 def export(
     dataset: str | Path, format: Format, out: Path, sequences: str = "", progress: bool = True
 ) -> Exported:
-    """Write the dataset in the folder `dataset` into the folder `out`, which must not exist.
+    """Write a dataset in the format of another benchmark or tool.
 
-    `sequences` chooses some by their numbers, as in "0-9,15". A run that was stopped is continued:
-    what it has done is not done again. Raises GcbenchError if there is no dataset or something at
-    `out`, or if the format needs a package that is not installed or cannot hold what is in the
-    dataset; nothing is left behind then.
+    An interrupted export continues when it is called again with the same arguments.
+
+    Args:
+        dataset: Folder of the dataset.
+        format: "kitti", "bop", "coco", "webdataset", "tapvid" or "rerun".
+        out: Folder of the export, which must not exist.
+        sequences: Numbers and ranges of sequences, for example "0-9,15". Default: all.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The folder, and the number of sequences and frames in it.
+
+    Raises:
+        DatasetError: there is no dataset, or the format cannot hold it.
+        ConfigError: `out` exists, or there are no such sequences.
+
+    Example:
+        gb.export_dataset("data/ur5", "kitti", Path("data/ur5-kitti"), sequences="0-9")
     """
     data = open_dataset(dataset)
     names = select_sequences(data, sequences)
     if out.exists() or out.is_symlink():
-        raise GcbenchError(f"{out} is there already; choose another --out, or delete it")
+        raise ConfigError(f"{out} is there already; choose another --out, or delete it")
     module, _, name = WRITERS[format].partition(":")
     try:
         kind = getattr(import_module(f".{module}", __package__), name)
@@ -109,7 +123,7 @@ def export(
 def select_sequences(dataset: Dataset, text: str) -> list[str]:
     """Names of the sequences that `text` means ("": all). Raises GcbenchError."""
     if not dataset.names:
-        raise GcbenchError(f"{dataset.path} has no sequences yet")
+        raise DatasetError(f"{dataset.path} has no sequences yet")
     there = {int(name): name for name in dataset.names}
     if not text:
         return list(dataset.names)
@@ -117,12 +131,12 @@ def select_sequences(dataset: Dataset, text: str) -> list[str]:
     for item in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,9})(?:\s*-\s*(\d{1,9}))?\s*", item)
         if not match:
-            raise GcbenchError(f"--sequences {text}: give numbers and ranges, as in 0-9,15")
+            raise ConfigError(f"--sequences {text}: give numbers and ranges, as in 0-9,15")
         first = int(match[1])
         last = first if match[2] is None else int(match[2])
         found = [k for k in there if first <= k <= last]
         if not found or (match[2] is None and first not in there):
-            raise GcbenchError(f"--sequences {text}: {dataset.path} has none of {item.strip()}; "
+            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {item.strip()}; "
                                f"there are {dataset.names[0]} to {dataset.names[-1]}")
         numbers.update(dict.fromkeys(sorted(found)))
     return [there[k] for k in numbers]

@@ -56,32 +56,41 @@ def subtrees(model: ArticulatedModel, joints: NDArray[np.int64]) -> NDArray[np.b
     return out
 
 
-def own_motion(
-    depth: NDArray[np.float32],
-    index: NDArray[np.int64],
-    number: NDArray[np.uint16],
-    camera: Camera,
-    screw: Array,
-    prismatic: bool,
-    step: float,
-    moved: NDArray[np.bool_],
-) -> float:
-    """Median length, px, of the flow that one joint's step alone makes on the parts it moves.
+@dataclass(frozen=True)
+class PartPixels:
+    """The pixels of a frame that show a part."""
 
-    depth [H W] m of a frame, the flat index [N] of its pixels with a part and that part's number
-    [N], the joint's screw [6] in the camera frame there, the step in rad or m, moved [P].
+    depth: NDArray[np.float32]
+    """[H W] m"""
+    index: NDArray[np.int64]
+    """[N] flat index of each pixel"""
+    number: NDArray[np.uint16]
+    """[N] its part number"""
+    camera: Camera
+
+
+def own_motion(
+    pixels: PartPixels, moved: NDArray[np.bool_], screw: Array, prismatic: bool, step: float
+) -> float:
+    """Return the median length, px, of the flow that one joint's step alone causes.
+
+    Args:
+        pixels: What the frame shows.
+        moved: [P] parts that the joint moves.
+        screw: [6] the joint's screw in the camera frame.
+        prismatic: Whether the joint shifts.
+        step: The joint's step, rad or m.
     """
-    index = index[moved[number - 1]]
+    index, camera = pixels.index[moved[pixels.number - 1]], pixels.camera
     if not index.size:
         return 0.0
-    index = index[:: max(1, len(index) // 2000)]  # 2000 tell the median well
+    index = index[:: max(1, len(index) // 2000)]  # 2000 suffice for the median
     v, u = np.divmod(index, camera.width)
-    pixels = np.stack([u, v], axis=1)
-    rays = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(camera.intrinsics).T
-    points = rays * depth.ravel()[index, None]
+    uv = np.stack([u, v], axis=1)
+    points = pinhole.unproject(camera.intrinsics, uv, pixels.depth.ravel()[index])
     motion = (prismatic_motion if prismatic else revolute_motion)(screw, step)
     there = pinhole.project(camera.intrinsics, apply(motion, points))
-    return float(np.median(np.linalg.norm(there[:, :2] - pixels, axis=1)))
+    return float(np.median(np.linalg.norm(there[:, :2] - uv, axis=1)))
 
 
 def is_prismatic(model: ArticulatedModel, joint: int) -> bool:

@@ -20,7 +20,14 @@ from ...robots.model import Animation, ArticulatedModel, joint_screws
 from ..gl import Rasterizer
 from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera
 from ..types import Camera
-from .observability import MIN_ANGLE, JointVisibility, is_prismatic, own_motion, subtrees
+from .observability import (
+    MIN_ANGLE,
+    JointVisibility,
+    PartPixels,
+    is_prismatic,
+    own_motion,
+    subtrees,
+)
 
 MAX_DRAWS = 100
 """Draws before a sequence is kept although it is not observable (and marked so)."""
@@ -131,9 +138,8 @@ class DrawSampler:
             covered[t] = pixels[t] + self._hidden(motion, t, camera, index, number)
             for j in range(joints) if t < frames - 1 else ():
                 flow[t, j] = own_motion(
-                    depth[t], index, number, camera, screws[t, j], self._prismatic[j],
-                    steps[t, j], self._moved[j],
-                )
+                    PartPixels(depth[t], index, number, camera), self._moved[j], screws[t, j],
+                    self._prismatic[j], steps[t, j])
             reason = "" if keep else self._reason(_seen(pixels[[t]], covered[[t]]))
             if reason:
                 return reason

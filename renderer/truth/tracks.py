@@ -1,4 +1,4 @@
-"""Optional truth of single points over time: a model's keypoints, and tracks on its surface."""
+"""Optional truth of points over time: a model's keypoints, and tracks on its surface."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .correspondence import is_seen, project_in_front
 from .deforming import weights
 
 KEYPOINT_SHARE = 0.02
-"""Of the model's size: how far behind the surface that is seen a keypoint still counts as seen."""
+"""Share of the model's size by which a visible keypoint may lie behind the visible surface."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,7 @@ def track_paths(
         pixel[i] = rng.choice(np.flatnonzero(flat == part[i]))
     v, u = np.divmod(pixel, images.camera.width)
     z = np.array([images.depth[t].ravel()[p] for t, p in zip(query, pixel, strict=True)])
-    k_inverse = np.linalg.inv(images.camera.intrinsics)
-    cam = np.stack([u, v, np.ones(count)], axis=1) @ k_inverse.T * z[:, None]
+    cam = pinhole.unproject(images.camera.intrinsics, np.stack([u, v], axis=1), z)
     start = apply(images.camera.world_from_cam, cam)
     world = _rigid_paths(start, part, query, world_from_part)
     if deforming is not None:
