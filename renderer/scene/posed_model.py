@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply, inverse
-from ...robots.model import ArticulatedModel, ModelState, Visual, deformed, forward_kinematics
+from ...robots.model import ArticulatedModel, ModelState, Visual, deform_visual, forward_kinematics
 from .clip_space import box_corners
 
 Item = TypeVar("Item")
@@ -74,7 +74,7 @@ class PosedModel:
     def _deformed(self, visual: Visual, t: int) -> tuple[Array, Array]:
         p = self.posture
         stretch = None if p.stretch is None else p.stretch[t]
-        return deformed(visual, p.world_from_part[t], stretch, p.morph[t])
+        return deform_visual(visual, p.world_from_part[t], stretch, p.morph[t])
 
     def _remembered(
         self, cache: OrderedDict[int, Item], t: int, make: Callable[[], Item]

@@ -25,8 +25,8 @@ from ..model import (
     Material,
     TriangleSurface,
     base_color,
-    moved,
-    surface,
+    clean_surface,
+    move_surface,
 )
 from .dishwasher import dishwasher
 from .drawers import drawer
@@ -140,7 +140,7 @@ def _part_surfaces(
     pose = transform(translation=round_lengths(-np.array(part.origin)))
     found = [_surface(group) for groups in meshes for group in reversed(groups)]
     # the reader of URDFs moves a surface by its scale, then by its origin; each step rounds
-    return tuple(moved(moved(s, np.eye(4)), pose) for s in found if s is not None)
+    return tuple(move_surface(move_surface(s, np.eye(4)), pose) for s in found if s is not None)
 
 
 def _surface(group: MeshGroup) -> TriangleSurface | None:
@@ -149,7 +149,7 @@ def _surface(group: MeshGroup) -> TriangleSurface | None:
     rows, index = np.unique(corners[:, ::-1], axis=0, return_inverse=True)
     order = rows[:, -1].argsort()
     rows, faces = rows[order, ::-1], order.argsort()[index.reshape(-1, 3)]
-    return surface(group.vertices[rows[:, 0]], faces, group.normals[rows[:, -1]],
+    return clean_surface(group.vertices[rows[:, 0]], faces, group.normals[rows[:, -1]],
                    None if group.uv is None else group.uv[rows[:, 1]], _material(group))
 
 

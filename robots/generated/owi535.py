@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..geometry import transform
-from ..meshes import bar, block, circle, hull, plate, rod, rounded
+from ..meshes import bar, block, circle, hull, plate, rod, round_corners
 from ..model import (
     ArticulatedModel,
     Joint,
@@ -28,7 +28,7 @@ from ..model import (
     Mimic,
     TriangleSurface,
     base_color,
-    moved,
+    move_surface,
 )
 
 SHOULDER, UPPER_ARM, FOREARM, HAND = 67.66, 89.68, 113.58, 75.0
@@ -140,7 +140,7 @@ def _follower(leader: Joint, name: str, multiplier: float) -> Joint:
 
 
 def _base() -> Solids:
-    foot = rounded([(80, -34), (80, 34), (46, 80.8), (-30, 80.8), (-58, 52), (-148.6, 52),
+    foot = round_corners([(80, -34), (80, 34), (46, 80.8), (-30, 80.8), (-58, 52), (-148.6, 52),
                     (-148.6, -52), (-58, -52), (-30, -80.8), (46, -80.8)],
                    (22, 22, 26, 26, 18, 10, 10, 18, 26, 26))
     solids: Solids = [
@@ -151,9 +151,9 @@ def _base() -> Solids:
         # four D cells lie in two rows, under a lid with grips
         (BLACK, block((-148.0, -47, 6), (-61.9, 47, 55.6), 2.5)),
         (BLACK, hull(np.concatenate([
-            np.insert(rounded([(-148, -44), (-108, -44), (-108, 44), (-148, 44)], 6), 2, 50.0,
+            np.insert(round_corners([(-148, -44), (-108, -44), (-108, 44), (-148, 44)], 6), 2, 50.0,
                       axis=1),
-            np.insert(rounded([(-144, -40), (-114, -40), (-114, 40), (-144, 40)], 6), 2, 61.5,
+            np.insert(round_corners([(-144, -40), (-114, -40), (-114, 40), (-144, 40)], 6), 2, 61.5,
                       axis=1)]))),
         (YELLOW, block((-103, -30, 50), (-71, 30, 56.3), 1.5)),
         (BLACK, block((-98, -22, 50), (-76, 22, 57.0), 1.0)),
@@ -171,9 +171,9 @@ def _base() -> Solids:
 
 def _turret() -> Solids:
     """The housing of base and shoulder gears, on a disc; its frame is at the shoulder."""
-    side = rounded([(-36, -33), (36, -33), (34, -10), (15, 15), (-15, 15), (-34, -10)],
+    side = round_corners([(-36, -33), (36, -33), (34, -10), (15, 15), (-15, 15), (-34, -10)],
                    (5, 5, 12, 14, 14, 12))
-    panel = rounded([(-30, -29), (30, -29), (28.5, -11), (19, -1), (-19, -1), (-28.5, -11)],
+    panel = round_corners([(-30, -29), (30, -29), (28.5, -11), (19, -1), (-19, -1), (-28.5, -11)],
                     (3, 3, 8, 4, 4, 8))
     solids: Solids = [
         (BLACK, rod((0, 0, -43.7), (0, 0, -33), 45, 42, 64)),
@@ -211,9 +211,9 @@ def _upper_arm() -> Solids:
 
 def _forearm() -> Solids:
     """The elbow's gear box between yellow panels, and two side plates that hold the wrist."""
-    core = rounded([(-30.2, -17), (58, -17), (62.6, -8), (62.6, 8), (58, 17), (-30.2, 17)],
+    core = round_corners([(-30.2, -17), (58, -17), (62.6, -8), (62.6, 8), (58, 17), (-30.2, 17)],
                    (16.9, 5, 4, 4, 5, 16.9))
-    panel = rounded([(-25.5, -13), (55, -13), (58, -6), (58, 6), (55, 13), (-25.5, 13)],
+    panel = round_corners([(-25.5, -13), (55, -13), (58, -6), (58, 6), (55, 13), (-25.5, 13)],
                     (12.5, 4, 3, 3, 4, 12.5))
     solids: Solids = [
         (BLACK, plate(core, (-18.5, 18.5), axis="y")),
@@ -223,7 +223,7 @@ def _forearm() -> Solids:
         (BLACK, block((22, -9, -16.95), (50, 9, -12), 1)),
     ]
     hole = circle((0, 0), 12.2, 32)
-    slots = [rounded([(19, -4), (45, -4), (45, 4), (19, 4)], 3.9)]
+    slots = [round_corners([(19, -4), (45, -4), (45, 4), (19, 4)], 3.9)]
     for s in (-1.0, 1.0):
         solids.append((YELLOW, plate(panel, (s * 18.0, s * 21.6), [hole, *slots], "y")))
         solids += [(STEEL, rod((x, s * 21, z), (x, s * 22.1, z), 2.2, sides=12))
@@ -239,15 +239,15 @@ def _forearm() -> Solids:
 
 def _wires(*points: tuple[float, float, float]) -> Solids:
     """Three wires side by side along a line."""
-    return [(m, moved(rod(a, b, 0.9, sides=8), transform(None, (0, 2.1 * k, 0))))
+    return [(m, move_surface(rod(a, b, 0.9, sides=8), transform(None, (0, 2.1 * k, 0))))
             for k, m in enumerate(WIRES) for a, b in pairwise(points)]
 
 
 def _hand() -> Solids:
     """The gear box of wrist and gripper, the lamp on it, and the arms that hold the cranks."""
-    core = rounded([(-12.5, -11.5), (12, -11.5), (18, -12.5), (36, -12.5), (36, 12.5), (18, 12.5),
-                    (12, 11.5), (-12.5, 11.5)], (11.4, 3, 3, 3, 3, 3, 3, 11.4))
-    wide = rounded([(15.5, -10), (34, -10), (34, 10), (15.5, 10)], 2.5)
+    core = round_corners([(-12.5, -11.5), (12, -11.5), (18, -12.5), (36, -12.5), (36, 12.5),
+                          (18, 12.5), (12, 11.5), (-12.5, 11.5)], (11.4, 3, 3, 3, 3, 3, 3, 11.4))
+    wide = round_corners([(15.5, -10), (34, -10), (34, 10), (15.5, 10)], 2.5)
     solids: Solids = [
         (BLACK, plate(core, (-14.6, 14.6), axis="y")),
         (YELLOW, plate(wide, (-16.6, 16.6), axis="y")),
@@ -262,7 +262,7 @@ def _hand() -> Solids:
         (LENS, rod((43, 0, 19.2), (45.4, 0, 19.2), 5.0, 3.4)),
     ]
     for z in (-1.0, 1.0):
-        fork = rounded([(14, -21), (24, -21), (37, -15.5), (37, 15.5), (24, 21), (14, 21)],
+        fork = round_corners([(14, -21), (24, -21), (37, -15.5), (37, 15.5), (24, 21), (14, 21)],
                        (3, 6, 3, 3, 6, 3))
         solids.append((BLACK, plate(fork, (z * 10.4, z * 12.4))))
     for s in (-1.0, 1.0):
@@ -285,13 +285,14 @@ def _finger(sign: float) -> Solids:
 
     def placed(s: TriangleSurface) -> TriangleSurface:
         """From the hand's frame, where the left finger is closed; mirrored for the right one."""
-        return moved(moved(s, transform(None, (-x, -y, 0.0))), np.eye(4), (1.0, sign, 1.0))
+        at_pivot = move_surface(s, transform(None, (-x, -y, 0.0)))
+        return move_surface(at_pivot, np.eye(4), (1.0, sign, 1.0))
 
-    body = rounded([(x - 4, y - 3), (inner[0], 2.2), (75, 2.2), (75, 5), (inner[0] + 3, 9),
+    body = round_corners([(x - 4, y - 3), (inner[0], 2.2), (75, 2.2), (75, 5), (inner[0] + 3, 9),
                     (x, y + 4), (x - 4, y + 3)], (2.5, 2, 0.9, 1.5, 3, 2.5, 2.5))
     solids: Solids = [
         (BLACK, plate(body, (-3.2, 3.2))),
-        (BLACK, plate(rounded([(inner[0], 2.2), (75, 2.2), (75, 4.2), (inner[0] + 1, 5.4)],
+        (BLACK, plate(round_corners([(inner[0], 2.2), (75, 2.2), (75, 4.2), (inner[0] + 1, 5.4)],
                               (0.4, 0.8, 0.8, 0.8)), (-13.0, 13.0))),
         (FOAM, block((inner[0] + 1, 0.0, -12), (74.4, 2.6, 12), 0.6)),
     ]

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry import Array, rotation_about, transform
-from ..meshes import box, capsule, cylinder, joined, revolved, sphere
+from ..meshes import box, capsule, cylinder, join_surfaces, revolve, sphere
 from ..model import (
     ArticulatedModel,
     Joint,
@@ -20,7 +20,7 @@ from ..model import (
     Link,
     Material,
     TriangleSurface,
-    moved,
+    move_surface,
 )
 
 _LOOSE = 0.25  # share of models that are loose bodies
@@ -83,17 +83,17 @@ def _arm(
     if rng.random() < 0.7:
         wide, long = rng.uniform(1.05, 1.6) * radius, rng.uniform(1.5, 3.2) * radius
         housing = cylinder(wide, long) if rng.random() < 0.75 else sphere(1.1 * wide)
-        shapes.append(_painted(moved(housing, _along(axis)), palette, rng))
+        shapes.append(_painted(move_surface(housing, _along(axis)), palette, rng))
         if axis[2] == 0 and rng.random() < 0.5:
             side = axis * rng.choice((-1.0, 1.0)) * (long / 2.0 + radius / 2.0)
     beam = _beam(rng, radius, length)
-    shapes.append(_painted(moved(beam, transform(translation=side)), palette, rng))
+    shapes.append(_painted(move_surface(beam, transform(translation=side)), palette, rng))
     for _ in range(int(rng.integers(0, 3))):  # rings and boxes: the little that plain arms show
         at = transform(translation=side + _up(rng.uniform(0.1, 0.9) * length))
         detail = cylinder(1.06 * radius, rng.uniform(0.1, 0.5) * radius)
         if rng.random() < 0.4:
             detail = box([radius * x for x in rng.uniform(0.5, 2.2, 3)])
-        shapes.append(_painted(moved(detail, at), palette, rng))
+        shapes.append(_painted(move_surface(detail, at), palette, rng))
     return shapes, transform(translation=side + _up(length))
 
 
@@ -108,7 +108,7 @@ def _beam(rng: np.random.Generator, radius: float, length: float) -> TriangleSur
         made = capsule(radius, length)
     else:
         return _turned_shape(rng, radius, length)
-    return moved(made, transform(translation=_up(length / 2.0)))
+    return move_surface(made, transform(translation=_up(length / 2.0)))
 
 
 def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> TriangleSurface:
@@ -119,10 +119,10 @@ def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> Tri
     r, z = radius * np.clip(r, 0.3, 1.8), length * z
     slope = np.gradient(r, z)
     steep = np.hypot(1.0, slope)
-    return joined([
-        revolved([0.0, r[0]], [0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]),
-        revolved(r, z, 1.0 / steep, -slope / steep),
-        revolved([r[-1], 0.0], [length, length], [0.0, 0.0], [1.0, 1.0]),
+    return join_surfaces([
+        revolve([0.0, r[0]], [0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]),
+        revolve(r, z, 1.0 / steep, -slope / steep),
+        revolve([r[-1], 0.0], [length, length], [0.0, 0.0], [1.0, 1.0]),
     ])
 
 
@@ -143,7 +143,7 @@ def _loose(rng: np.random.Generator) -> list[Link]:
         for _ in range(int(rng.integers(0, 3))):
             at = transform(rotation_about(_direction(rng), rng.uniform(0.0, np.pi)),
                            size * rng.uniform(-1.0, 1.0, 3))
-            shapes.append(_painted(moved(_beam(rng, 0.5 * size, size), at), palette, rng))
+            shapes.append(_painted(move_surface(_beam(rng, 0.5 * size, size), at), palette, rng))
         hinge = Joint("", JointType.REVOLUTE, _direction(rng), limits=(-1.5, 1.5))
         _append(links, len(links) - 1, transform(), hinge, shapes)
     return links

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...errors import ModelError
 from ..files import MAX_FILE_BYTES, AssetFinder, MissingAssetError, read_bounded
 from ..geometry import Array
-from .document import Document
+from .document import GltfDocument
 
 MAX_TOTAL_BYTES = 2**30
 MAX_TOTAL_NUMBERS = 2**26
@@ -41,7 +41,7 @@ class _Layout:
 class Accessors:
     """Decodes the accessors and images of one document; files lie in the folder of the model."""
 
-    def __init__(self, document: Document, path: Path) -> None:
+    def __init__(self, document: GltfDocument, path: Path) -> None:
         folder = path.resolve().parent
         self._gltf, self._binary = document.gltf, document.binary
         self._finder = AssetFinder(folder, folder)

@@ -13,7 +13,7 @@ from ...errors import ModelError
 from ..geometry import Array, inverse, rotation_from_quaternion, transform
 from ..model import ModelState
 from .accessors import Accessors
-from .document import Document
+from .document import GltfDocument
 from .nodes import Z_UP, NodeTree, Rig
 
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
@@ -43,7 +43,7 @@ class Track:
         k = np.searchsorted(self.times, t, side="right") - 1
         if self.interpolation == "STEP" or last == 0:
             found = self.values[k] if self.values.ndim == 2 else self.values[k, 1]
-            return unit(found) if self.path == "rotation" else found
+            return _unit(found) if self.path == "rotation" else found
         k = np.minimum(k, last - 1)
         span = (self.times[k + 1] - self.times[k])[:, None]
         u = (t - self.times[k])[:, None] / span
@@ -53,7 +53,7 @@ class Track:
             u2, u3 = u * u, u * u * u
             found = ((2 * u3 - 3 * u2 + 1) * a + span * (u3 - 2 * u2 + u) * out
                      + (3 * u2 - 2 * u3) * b + span * (u3 - u2) * into)
-            return unit(found) if self.path == "rotation" else found
+            return _unit(found) if self.path == "rotation" else found
         a, b = self.values[k], self.values[k + 1]
         return slerp(a, b, u) if self.path == "rotation" else a + u * (b - a)
 
@@ -124,7 +124,7 @@ def _rotation_in(linear: Array, fallback: Array) -> Array:
 
 
 def read_animations(
-    document: Document, accessors: Accessors, tree: NodeTree, parts: Rig,
+    document: GltfDocument, accessors: Accessors, tree: NodeTree, parts: Rig,
     channels: Mapping[int, slice], morph_weights: Array,
 ) -> tuple[KeyedAnimation, ...]:
     """The animations that move a part or a morph channel; raises ModelError."""
@@ -161,7 +161,7 @@ def _named(name: str | None, number: int, names: set[str]) -> str:
 
 def _tracks(
     animation: pygltflib.Animation, where: str, accessors: Accessors, tree: NodeTree,
-    document: Document,
+    document: GltfDocument,
 ) -> list[Track]:
     tracks: list[Track] = []
     seen: set[tuple[int, str]] = set()
@@ -186,7 +186,7 @@ def _tracks(
 
 def _track(
     sampler: pygltflib.AnimationSampler, node: int, path: str, where: str, accessors: Accessors,
-    document: Document,
+    document: GltfDocument,
 ) -> Track:
     if (accessors.kind(sampler.input), accessors.kind(sampler.output)) != ("SCALAR", _KINDS[path]):
         raise ModelError(f"{where} has keys of the wrong type for {path}")
@@ -208,7 +208,7 @@ def _track(
         if (np.linalg.norm(turns, axis=-1) < 1e-6).any():
             raise ModelError(f"{where} has a rotation of zero length")
         if each == 1:
-            values = unit(values)
+            values = _unit(values)
     return Track(node, path, times, values, interpolation)
 
 
@@ -246,7 +246,7 @@ def _rests(track: Track, value: Array) -> bool:
     return bool(np.abs(keys - value).max() <= _SAME * size and np.abs(slopes).max() <= _SAME * size)
 
 
-def unit(quaternions: Array) -> Array:
+def _unit(quaternions: Array) -> Array:
     """[... 4] of length 1."""
     length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     return quaternions / np.maximum(length, 1e-12)
@@ -262,4 +262,4 @@ def slerp(a: Array, b: Array, u: Array) -> Array:
     safe = np.where(near, 1.0, sine)
     from_a = np.where(near, 1.0 - u, np.sin((1.0 - u) * angle) / safe)
     from_b = np.where(near, u, np.sin(u * angle) / safe)
-    return unit(from_a * a + from_b * b)
+    return _unit(from_a * a + from_b * b)

@@ -41,7 +41,7 @@ SURFACES_ONLY = frozenset({
 """
 
 Counts = Mapping[str, int]
-Check = Callable[[Any, str, Counts], Any]
+Checker = Callable[[Any, str, Counts], Any]
 """(value, where it stands, number of objects by kind) -> the value; raises ModelError."""
 
 
@@ -53,7 +53,7 @@ class Node(pygltflib.Node):
 
 
 @dataclass(frozen=True)
-class Document:
+class GltfDocument:
     """A glTF file's objects, whose indices all exist, and the bytes that came with them."""
 
     gltf: pygltflib.GLTF2
@@ -62,7 +62,7 @@ class Document:
     notes: tuple[str, ...]
 
 
-def read_document(data: bytes) -> Document:
+def read_gltf_document(data: bytes) -> GltfDocument:
     """The document in the bytes of a .glb or .gltf file; raises ModelError."""
     text, binary = _chunks(data) if data[:4] == b"glTF" else (data, None)
     if len(text) > MAX_JSON_BYTES:
@@ -83,7 +83,7 @@ def read_document(data: bytes) -> Document:
     values = {name: check(top[name], name, counts) for name, check in _TOP.items() if name in top}
     if "scene" in top:
         values["scene"] = index("scenes")(top["scene"], "scene", counts)
-    return Document(pygltflib.GLTF2(**values), binary, tuple(notes))
+    return GltfDocument(pygltflib.GLTF2(**values), binary, tuple(notes))
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
@@ -133,7 +133,7 @@ def _check_version_and_extensions(top: dict[str, Any]) -> list[str]:
 # -- checks of values ------------------------------------------------------------------------
 
 
-def index(kind: str) -> Check:
+def index(kind: str) -> Checker:
     """A number of an object of that kind."""
     def check(value: Any, where: str, counts: Counts) -> int:
         number = integer()(value, where, counts)
@@ -143,7 +143,7 @@ def index(kind: str) -> Check:
     return check
 
 
-def integer(low: int = 0, high: int = 2**53) -> Check:
+def integer(low: int = 0, high: int = 2**53) -> Checker:
     def check(value: Any, where: str, counts: Counts) -> int:
         if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
             raise ModelError(f"{where} is {_short(value)}, which is not an integer")
@@ -159,7 +159,7 @@ def number(value: Any, where: str, counts: Counts) -> float:
     return float(value)
 
 
-def numbers(length: int) -> Check:
+def numbers(length: int) -> Checker:
     return _list(number, length, length)
 
 
@@ -175,7 +175,7 @@ def _flag(value: Any, where: str, counts: Counts) -> bool:
     return value
 
 
-def _one_of(*values: object) -> Check:
+def _one_of(*values: object) -> Checker:
     def check(value: Any, where: str, counts: Counts) -> Any:
         if isinstance(value, bool) or value not in values:
             known = ", ".join(map(str, values))
@@ -184,7 +184,7 @@ def _one_of(*values: object) -> Check:
     return check
 
 
-def _list(item: Check, least: int = 0, most: int = MAX_OBJECTS) -> Check:
+def _list(item: Checker, least: int = 0, most: int = MAX_OBJECTS) -> Checker:
     def check(value: Any, where: str, counts: Counts) -> list[Any]:
         if not isinstance(value, list):
             raise ModelError(f"{where} is {_short(value)}, which is not a list")
@@ -207,7 +207,7 @@ def _attributes(value: Any, where: str, counts: Counts) -> dict[str, int]:
             for name, v in dictionary(value, where, counts).items()}
 
 
-def _object(make: Callable[..., Any], *required: str, **fields: Check) -> Check:
+def _object(make: Callable[..., Any], *required: str, **fields: Checker) -> Checker:
     """An object of these fields; others are dropped, extensions stay as they are."""
     known = {**fields, "extensions": dictionary}
 
@@ -250,7 +250,7 @@ _PBR = _object(
     pygltflib.PbrMetallicRoughness, baseColorFactor=numbers(4), metallicFactor=number,
     roughnessFactor=number, baseColorTexture=_object(pygltflib.TextureInfo, "index", **_TEXTURE),
     metallicRoughnessTexture=_object(pygltflib.TextureInfo, "index", **_TEXTURE))
-_TOP: dict[str, Check] = {
+_TOP: dict[str, Checker] = {
     "accessors": _list(_object(
         pygltflib.Accessor, "componentType", "count", "type",
         bufferView=index("bufferViews"), byteOffset=integer(), componentType=_COMPONENT,

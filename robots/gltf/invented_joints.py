@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import Array
-from ..model import ArticulatedModel, Joint, JointType, deformed, forward_kinematics
+from ..model import ArticulatedModel, Joint, JointType, deform_visual, forward_kinematics
 
 LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
 """rad to each side: of a joint, and of one that moves little (a finger, a jaw)."""
@@ -137,7 +137,7 @@ def _boxes(model: ArticulatedModel, poses: Array) -> _Boxes:
     low = np.full((len(model.parent), 3), np.inf)
     high = -low
     for visual in model.visuals:
-        points, _ = deformed(visual, poses, None, model.morph_weights)
+        points, _ = deform_visual(visual, poses, None, model.morph_weights)
         low[visual.part] = np.minimum(low[visual.part], points.min(0))
         high[visual.part] = np.maximum(high[visual.part], points.max(0))
     for p in range(len(model.parent) - 1, 0, -1):

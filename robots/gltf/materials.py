@@ -15,7 +15,7 @@ from ..files import MissingAssetError
 from ..geometry import Array
 from ..model import Maps, Material, Tiling, decode_texture, mean_color
 from .accessors import Accessors
-from .document import Document, dictionary, index, integer, number, numbers
+from .document import GltfDocument, dictionary, index, integer, number, numbers
 
 MAX_TEXTURE_BYTES = 2**30
 """Of all decoded textures of a file."""
@@ -43,7 +43,7 @@ class Placement:
 class Materials:
     """Reads each material and image of one document once."""
 
-    def __init__(self, document: Document, accessors: Accessors, allow_missing: bool) -> None:
+    def __init__(self, document: GltfDocument, accessors: Accessors, allow_missing: bool) -> None:
         self._gltf, self._accessors, self._allow_missing = document.gltf, accessors, allow_missing
         self._materials: dict[int, Material] = {}
         self._images: dict[int, NDArray[np.uint8] | None] = {}

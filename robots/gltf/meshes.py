@@ -13,7 +13,7 @@ from ..geometry import Array, apply, face_normals
 from ..meshes import MeshLimits
 from ..model import Material, Morph, Skin, Visual, clean_triangles
 from .accessors import Accessors
-from .document import Document
+from .document import GltfDocument
 from .materials import Materials
 
 _LIMITS = MeshLimits()
@@ -52,7 +52,7 @@ class Patch:
 class Meshes:
     """Reads each primitive of one document once."""
 
-    def __init__(self, document: Document, accessors: Accessors, materials: Materials) -> None:
+    def __init__(self, document: GltfDocument, accessors: Accessors, materials: Materials) -> None:
         self._gltf, self._accessors, self._materials = document.gltf, accessors, materials
         self._patches: dict[int, list[Patch]] = {}
         self._visits = self._triangles = self._instances = self._morphs = 0
@@ -229,9 +229,9 @@ def skinned_visuals(
         raise ModelError("is skinned, but has no JOINTS_0")
     if bone.max(initial=0) >= len(bone_part):
         raise ModelError(f"joint {int(bone.max())} of a skin that has {len(bone_part)}")
-    follows = dominant(patch.faces, bone, weight, len(bone_part))
+    follows = dominant_bones(patch.faces, bone, weight, len(bone_part))
     visuals: list[Visual] = []
-    inside_out = turned(patch)
+    inside_out = turn_inside_out(patch)
     mirrored = np.linalg.det((world_from_part[bone_part] @ part_from_mesh)[:, :3, :3]) < 0.0
     for part in np.unique(bone_part[follows]):
         chosen = bone_part[follows] == part
@@ -243,7 +243,7 @@ def skinned_visuals(
 
 def bound_visual(patch: Patch, part: int, part_from_mesh: Array, channels: slice | None) -> Visual:
     """A patch that follows one part wholly: scale that changes, or morphs under a scale."""
-    patch = turned(patch) if np.linalg.det(part_from_mesh[:3, :3]) < 0.0 else patch
+    patch = turn_inside_out(patch) if np.linalg.det(part_from_mesh[:3, :3]) < 0.0 else patch
     bone = np.zeros((len(patch.vertices), 1), np.int64)
     skin = Skin(np.array([part]), part_from_mesh[None], bone, np.ones(bone.shape))
     return _visual(patch, part, patch.faces, skin, channels)
@@ -254,7 +254,7 @@ def rigid_visual(patch: Patch, part: int, channels: slice | None) -> Visual:
     return _visual(patch, part, patch.faces, None, channels)
 
 
-def moved_patch(patch: Patch, part_from_mesh: Array) -> Patch:
+def move_patch(patch: Patch, part_from_mesh: Array) -> Patch:
     """A patch without morphs in the part's frame; part_from_mesh [4 4] may scale and mirror."""
     linear = part_from_mesh[:3, :3]
     mirrored = np.linalg.det(linear) < 0.0
@@ -264,14 +264,14 @@ def moved_patch(patch: Patch, part_from_mesh: Array) -> Patch:
         normals=_filled(patch.normals @ np.linalg.inv(linear)))
 
 
-def turned(patch: Patch) -> Patch:
+def turn_inside_out(patch: Patch) -> Patch:
     """Inside out. What mirrors a surface that deforms turns it again: normals go with cofactors."""
     bend = patch.normal_displacement
     return replace(patch, faces=patch.faces[:, ::-1], normals=-patch.normals,
                    normal_displacement=None if bend is None else -bend)
 
 
-def joined(patches: list[Patch]) -> list[Patch]:
+def join_patches(patches: list[Patch]) -> list[Patch]:
     """Patches of one part without skins or morphs, those of one material as one."""
     groups: dict[object, list[Patch]] = {}
     for patch in patches:
@@ -290,7 +290,7 @@ def joined(patches: list[Patch]) -> list[Patch]:
     return out
 
 
-def dominant(
+def dominant_bones(
     faces: NDArray[np.int64], bone: NDArray[np.int64], weight: Array, bones: int
 ) -> NDArray[np.int64]:
     """[F] the bone with the largest weight, summed over a face's corners; of equals, the first."""

@@ -23,7 +23,7 @@ from ..geometry import (
     rotation_from_quaternion,
     transform,
 )
-from .document import Document, Node
+from .document import GltfDocument, Node
 
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """World (z up) from glTF's (y up)."""
@@ -77,7 +77,7 @@ class Rig:
         return {int(n): p for p, n in enumerate(self.node) if n >= 0}
 
 
-def node_tree(document: Document) -> NodeTree:
+def node_tree(document: GltfDocument) -> NodeTree:
     """Raises ModelError if the nodes make no forest, or a transform is none."""
     gltf = document.gltf
     nodes: Sequence[Node] = gltf.nodes  # pyright: ignore[reportAssignmentType]

@@ -21,26 +21,26 @@ from ...errors import ModelError
 from ..files import read_bounded
 from ..geometry import Array, inverse
 from ..meshes import quiet
-from ..model import ArticulatedModel, Link, Visual, deformed, forward_kinematics
+from ..model import ArticulatedModel, Link, Visual, deform_visual, forward_kinematics
 from .accessors import Accessors
 from .animation import KeyedAnimation, read_animations
-from .document import Document, read_document
+from .document import GltfDocument, read_gltf_document
 from .invented_joints import invent_joints
 from .materials import Materials
 from .meshes import (
     Meshes,
     Patch,
     bound_visual,
-    joined,
-    moved_patch,
+    join_patches,
+    move_patch,
     rigid_visual,
     skinned_visuals,
 )
 from .nodes import Rig, node_tree, rig
 
-SMALLEST, LARGEST = 1e-3, 1e4
+_SMALLEST, _LARGEST = 1e-3, 1e4
 """m: the size of a model outside is taken for another unit, and noted."""
-MAX_MORPH_CHANNELS = 10_000
+_MAX_MORPH_CHANNELS = 10_000
 
 
 def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel:
@@ -55,10 +55,10 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
     data = read_bounded(path)
     try:
         with quiet():
-            reader = _Reader(read_document(data), path, allow_missing)
+            reader = _Reader(read_gltf_document(data), path, allow_missing)
             model = reader.model(path.stem, 1.0)
             size = _size(model)
-            if not SMALLEST <= size <= LARGEST:
+            if not _SMALLEST <= size <= _LARGEST:
                 if size < 1e-30:
                     raise ModelError("is a single point")
                 unit = 10.0 ** -round(np.log10(size))
@@ -78,7 +78,7 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
 class _Reader:
     """What one document holds, on its way to a model."""
 
-    def __init__(self, document: Document, path: Path, allow_missing: bool) -> None:
+    def __init__(self, document: GltfDocument, path: Path, allow_missing: bool) -> None:
         self.document = document
         self.accessors = Accessors(document, path)
         self.materials = Materials(document, self.accessors, allow_missing)
@@ -136,8 +136,8 @@ class _Reader:
                 raise ModelError(f"nodes[{n}] has {len(given)} weights for {count} morph targets")
             channels[n] = slice(len(weights), len(weights) + count)
             weights.extend(given)
-            if len(weights) > MAX_MORPH_CHANNELS:
-                raise ModelError(f"has more than {MAX_MORPH_CHANNELS} morph weights")
+            if len(weights) > _MAX_MORPH_CHANNELS:
+                raise ModelError(f"has more than {_MAX_MORPH_CHANNELS} morph weights")
         return channels, np.array(weights, np.float64)
 
     def _rigid_visuals(
@@ -163,8 +163,8 @@ class _Reader:
                 elif own is not None:
                     visuals.append(rigid_visual(patch, p, own))
                 else:
-                    still.append(moved_patch(patch, shape))
-            visuals.extend(rigid_visual(patch, p, None) for patch in joined(still))
+                    still.append(move_patch(patch, shape))
+            visuals.extend(rigid_visual(patch, p, None) for patch in join_patches(still))
         return visuals
 
     def _skinned_visuals(
@@ -218,13 +218,13 @@ def _own_motion(animation: KeyedAnimation, part_of_node: dict[int, int]) -> set[
 def _size(model: ArticulatedModel) -> float:
     """The diagonal, m, of the box around the model at rest."""
     poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
-    points = [deformed(v, poses, None, model.morph_weights)[0] for v in model.visuals]
+    points = [deform_visual(v, poses, None, model.morph_weights)[0] for v in model.visuals]
     low = np.min([p.min(0) for p in points], axis=0)
     high = np.max([p.max(0) for p in points], axis=0)
     return float(np.linalg.norm(high - low))
 
 
-def _licence(document: Document) -> str:
+def _licence(document: GltfDocument) -> str:
     """What the file says of its author's rights, at most 200 characters."""
     asset: Any = document.gltf.asset
     extras = cast("dict[str, Any]", asset.extras) if isinstance(asset.extras, dict) else {}

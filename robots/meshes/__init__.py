@@ -12,15 +12,15 @@ from .solids import (
     circle,
     cylinder,
     hull,
-    joined,
+    join_surfaces,
     plate,
-    revolved,
+    revolve,
     rod,
-    rounded,
+    round_corners,
     sphere,
 )
 
 __all__ = [
     "MeshLibrary", "MeshLimits", "bar", "block", "box", "capsule", "circle", "cylinder", "hull",
-    "joined", "plate", "quiet", "revolved", "rod", "rounded", "sphere",
+    "join_surfaces", "plate", "quiet", "revolve", "rod", "round_corners", "sphere",
 ]

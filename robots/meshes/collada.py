@@ -21,7 +21,7 @@ import numpy as np
 from ...errors import ModelError
 from ..files import Asset, refuse_doctype
 from ..geometry import Array
-from ..model import Material, TriangleSurface, base_color, mean_color, moved, surface
+from ..model import Material, TriangleSurface, base_color, clean_surface, mean_color, move_surface
 from .asset_reader import AssetReader
 
 _MAX_NODES = 20_000
@@ -72,7 +72,7 @@ def read_collada(data: bytes, asset: Asset, reader: AssetReader) -> list[Triangl
             triangles += len(made.faces)
             if triangles > reader.limits.triangles:
                 raise ModelError(f"has more than {reader.limits.triangles} triangles")
-            found.append(moved(made, matrix * [[meter], [meter], [meter], [1.0]]))
+            found.append(move_surface(made, matrix * [[meter], [meter], [meter], [1.0]]))
     return found
 
 
@@ -159,7 +159,7 @@ def _surface(primitive: Any, material: Material | None) -> TriangleSurface | Non
         if len(values) and values.shape[1] >= 3 and np.isfinite(values).all():
             texels = np.clip(values[:, None, :3] * 255.0, 0.0, 255.0)
             color = mean_color(texels.astype(np.uint8))
-    return surface(vertices, faces.reshape(-1, 3), normals, uv, material, color)
+    return clean_surface(vertices, faces.reshape(-1, 3), normals, uv, material, color)
 
 
 def _material(target: Any, asset: Asset, reader: AssetReader) -> Material | None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ModelError
 from ..geometry import Array, transform
-from ..model import TriangleSurface, moved, surface
+from ..model import TriangleSurface, clean_surface, move_surface
 
 SIDES = 32
 """Facets around a full turn of the solids of generated models."""
@@ -41,7 +41,7 @@ def sphere(radius: float) -> TriangleSurface:
     """A sphere of `radius` m."""
     _positive("sphere", [radius])
     polar = np.linspace(np.pi, 0.0, _AROUND // 2 + 1)
-    return revolved(radius * np.sin(polar), radius * np.cos(polar), np.sin(polar), np.cos(polar))
+    return revolve(radius * np.sin(polar), radius * np.cos(polar), np.sin(polar), np.cos(polar))
 
 
 def cylinder(radius: float, length: float) -> TriangleSurface:
@@ -49,11 +49,11 @@ def cylinder(radius: float, length: float) -> TriangleSurface:
     _positive("cylinder", [radius, length])
     h = length / 2.0
     parts = [
-        revolved([0.0, radius], [-h, -h], [0.0, 0.0], [-1.0, -1.0]),
-        revolved([radius, radius], [-h, h], [1.0, 1.0], [0.0, 0.0]),
-        revolved([radius, 0.0], [h, h], [0.0, 0.0], [1.0, 1.0]),
+        revolve([0.0, radius], [-h, -h], [0.0, 0.0], [-1.0, -1.0]),
+        revolve([radius, radius], [-h, h], [1.0, 1.0], [0.0, 0.0]),
+        revolve([radius, 0.0], [h, h], [0.0, 0.0], [1.0, 1.0]),
     ]
-    return joined(parts)
+    return join_surfaces(parts)
 
 
 def capsule(radius: float, length: float) -> TriangleSurface:
@@ -65,11 +65,11 @@ def capsule(radius: float, length: float) -> TriangleSurface:
     lower, upper = polar[: _AROUND // 4 + 1], polar[_AROUND // 4:]
     both = np.concatenate([lower, upper] if length else [polar])
     shift = np.where(np.arange(len(both)) < len(lower), -length / 2.0, length / 2.0)
-    return revolved(radius * np.sin(both), radius * np.cos(both) + shift,
+    return revolve(radius * np.sin(both), radius * np.cos(both) + shift,
                      np.sin(both), np.cos(both))
 
 
-def revolved(
+def revolve(
     r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLike
 ) -> TriangleSurface:
     """The profile (r, z), from below upwards on the outside, turned about the z axis."""
@@ -93,7 +93,7 @@ def revolved(
         vertices.reshape(-1, 3), faces, normals.reshape(-1, 3), uv.reshape(-1, 2))
 
 
-def joined(parts: Sequence[TriangleSurface]) -> TriangleSurface:
+def join_surfaces(parts: Sequence[TriangleSurface]) -> TriangleSurface:
     counts = np.cumsum([0, *(len(p.vertices) for p in parts)])
     uvs: list[Array] = [p.uv for p in parts if p.uv is not None]
     return TriangleSurface(np.concatenate([p.vertices for p in parts]),
@@ -128,8 +128,8 @@ def block(low: ArrayLike, high: ArrayLike, radius: float = 0.0) -> TriangleSurfa
         return hull(corners)
     polar, turn = np.meshgrid(np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 17)[:-1])
     ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
-    rounded = corners[:, None] + radius * ball.reshape(-1, 3)
-    return hull(np.unique(np.round(rounded.reshape(-1, 3), 9), axis=0))
+    points = corners[:, None] + radius * ball.reshape(-1, 3)
+    return hull(np.unique(np.round(points.reshape(-1, 3), 9), axis=0))
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None,
@@ -172,13 +172,13 @@ def plate(outline: ArrayLike, span: tuple[float, float], holes: Sequence[ArrayLi
     if not _closed(faces):
         raise ModelError("the loops of a plate touch, or run the wrong way")
     vertices = np.concatenate([np.insert(points, 2, z, axis=1) for z in sorted(span)])
-    # cyclic permutations for x and z, a mirror for y: `moved` turns its triangles round
+    # cyclic permutations for x and z, a mirror for y: `move_surface` turns its triangles round
     order = {"x": [2, 0, 1], "y": [0, 2, 1], "z": [0, 1, 2]}[axis]
     solid = _solid(vertices, faces)
-    return moved(solid, transform(np.eye(3)[:, order].T)) if axis != "z" else solid
+    return move_surface(solid, transform(np.eye(3)[:, order].T)) if axis != "z" else solid
 
 
-def rounded(corners: ArrayLike, radius: ArrayLike) -> Array:
+def round_corners(corners: ArrayLike, radius: ArrayLike) -> Array:
     """A polygon [N 2], counter-clockwise, with its corners [C 2] rounded.
 
     `radius` is one for all or one a corner; a corner may turn left or right.
@@ -232,7 +232,7 @@ def _closed(faces: NDArray[np.int64]) -> bool:
 
 
 def _solid(vertices: Array, faces: NDArray[np.int64]) -> TriangleSurface:
-    found = surface(vertices, faces)
+    found = clean_surface(vertices, faces)
     if found is None:
         raise ModelError("a solid without a surface")
     return found

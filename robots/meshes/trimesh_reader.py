@@ -19,9 +19,9 @@ from ..model import (
     Material,
     TriangleSurface,
     base_color,
+    clean_surface,
     mean_color,
-    moved,
-    surface,
+    move_surface,
     texture_from_image,
 )
 from .asset_reader import AssetReader, MeshLimits, last_part
@@ -62,13 +62,13 @@ def read_with_trimesh(
         key = id(getattr(mesh.visual, "material", None))
         if key not in materials or mesh.visual.kind != "texture":
             materials[key] = _material(mesh, asset.path.name)
-        made = surface(
+        made = clean_surface(
             mesh.vertices, mesh.faces,
             # asking a mesh for normals makes them; only those of the file are wanted
             mesh.vertex_normals if "vertex_normals" in mesh._cache else None, # pyright: ignore[reportPrivateUsage]
             getattr(mesh.visual, "uv", None), materials[key], _vertex_color(mesh))
         if made is not None:
-            found.append(made if np.array_equal(matrix, np.eye(4)) else moved(made, matrix))
+            found.append(made if np.array_equal(matrix, np.eye(4)) else move_surface(made, matrix))
     return found
 
 

@@ -10,8 +10,8 @@ from .articulated_model import (
     joint_screws,
 )
 from .links import Joint, JointType, Link, Mimic, list_names
-from .skinning import deformed
-from .surface import TriangleSurface, clean_triangles, moved, surface, visuals_of_part
+from .skinning import deform_visual
+from .surface import TriangleSurface, clean_surface, clean_triangles, move_surface, visuals_of_part
 from .texture import base_color, decode_texture, mean_color, texture_from_image
 from .visuals import Maps, Material, Morph, Skin, Tiling, Visual
 
@@ -31,15 +31,15 @@ __all__ = [
     "TriangleSurface",
     "Visual",
     "base_color",
+    "clean_surface",
     "clean_triangles",
     "decode_texture",
-    "deformed",
+    "deform_visual",
     "forward_kinematics",
     "joint_screws",
     "list_names",
     "mean_color",
-    "moved",
-    "surface",
+    "move_surface",
     "texture_from_image",
     "visuals_of_part",
 ]

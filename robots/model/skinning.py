@@ -8,7 +8,7 @@ from ..geometry import Array, apply
 from .visuals import Visual
 
 
-def deformed(
+def deform_visual(
     visual: Visual, world_from_part: Array, stretch: Array | None, morph: Array
 ) -> tuple[Array, Array]:
     """World vertices [V 3] m and unit normals [V 3] of a visual, deforming or not.
@@ -25,7 +25,7 @@ def deformed(
             normals = normals + np.tensordot(weight, visual.morph.normal_displacement, 1)
     if visual.skin is None:
         pose = world_from_part[visual.part]
-        return apply(pose, points), unit(normals @ pose[:3, :3].T)
+        return apply(pose, points), _unit(normals @ pose[:3, :3].T)
     skin = visual.skin
     part = world_from_part[skin.bone_part]
     if stretch is not None:
@@ -37,9 +37,9 @@ def deformed(
     points = np.einsum("vij,vj->vi", matrix[:, :, :3], points) + matrix[:, :, 3]
     a, b, c = (matrix[:, :, i] for i in range(3))
     cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
-    return points, unit(np.einsum("vij,vj->vi", cofactor, normals))
+    return points, _unit(np.einsum("vij,vj->vi", cofactor, normals))
 
 
-def unit(vectors: Array) -> Array:
+def _unit(vectors: Array) -> Array:
     """[N 3] of length 1; zeros stay."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -32,7 +32,7 @@ class TriangleSurface:
     """Linear mean of the file's vertex colours, used only where nobody names a material."""
 
 
-def surface(
+def clean_surface(
     vertices: ArrayLike,
     faces: ArrayLike,
     normals: ArrayLike | None = None,
@@ -95,7 +95,7 @@ def clean_triangles(
             group_normals[group.ravel()[first]])
 
 
-def moved(s: TriangleSurface, a_from_b: Array, scale: ArrayLike = 1.0) -> TriangleSurface:
+def move_surface(s: TriangleSurface, a_from_b: Array, scale: ArrayLike = 1.0) -> TriangleSurface:
     """The surface scaled (per axis, mirroring allowed), then taken to frame a.
 
     `a_from_b` [4 4] may hold scale and shear too: nodes of mesh files do.

@@ -15,19 +15,19 @@ from ..geometry import Array
 if TYPE_CHECKING:
     from PIL import Image
 
-MAX_SIDE = 4096
-MAX_PIXELS = 16384 * 8192
-FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "GIF", "WEBP")
+_MAX_SIDE = 4096
+_MAX_PIXELS = 16384 * 8192
+_FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "GIF", "WEBP")
 
 
 def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
-    """Image [h w 3|4] sRGB, at most MAX_SIDE on a side, row 0 on top; raises ModelError."""
+    """Image [h w 3|4] sRGB, at most _MAX_SIDE on a side, row 0 on top; raises ModelError."""
     from PIL import Image
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the size is checked below, before any pixel is decoded
         try:
-            return texture_from_image(Image.open(io.BytesIO(data), formats=FORMATS), name)
+            return texture_from_image(Image.open(io.BytesIO(data), formats=_FORMATS), name)
         except ModelError:
             raise
         except Exception as error:
@@ -37,8 +37,8 @@ def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
 def texture_from_image(image: Image.Image | Any, name: str) -> NDArray[np.uint8]:
     """Array [h w 3|4] of a PIL image, which may still be undecoded; raises ModelError."""
     width, height = image.size
-    if width * height > MAX_PIXELS or width * height == 0:
-        raise ModelError(f"{name}: image of {width} x {height} pixels; at most {MAX_PIXELS}")
+    if width * height > _MAX_PIXELS or width * height == 0:
+        raise ModelError(f"{name}: image of {width} x {height} pixels; at most {_MAX_PIXELS}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -46,8 +46,8 @@ def texture_from_image(image: Image.Image | Any, name: str) -> NDArray[np.uint8]
                 from PIL import Image
 
                 image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
-            if max(width, height) > MAX_SIDE:
-                image.thumbnail((MAX_SIDE, MAX_SIDE))
+            if max(width, height) > _MAX_SIDE:
+                image.thumbnail((_MAX_SIDE, _MAX_SIDE))
             transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
             pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"), np.uint8)
         except Exception as error:

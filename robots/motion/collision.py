@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Array, apply
 from ..model import ArticulatedModel
-from .floor_contact import TOLERANCE, RigidGroups, ground_height, random_poses, rest_poses
+from .floor_contact import FLOOR_TOLERANCE, RigidGroups, ground_height, random_poses, rest_poses
 
 __all__ = ["GROUND", "CollisionChecker", "Contact", "ground_height"]
 
@@ -70,7 +70,7 @@ class CollisionChecker:
         """
         poses = np.asarray(world_from_part, np.float64)
         names = self.model.part_names
-        floor = -np.inf if floor_z is None else floor_z - TOLERANCE
+        floor = -np.inf if floor_z is None else floor_z - FLOOR_TOLERANCE
         below = self.groups.lowest(poses) < floor
         for t, frame in enumerate(poses):
             for i, group in enumerate(self.groups.surfaces):

@@ -11,7 +11,7 @@ from ..geometry import Array, apply, hull_vertices, inverse
 from ..model import ArticulatedModel, forward_kinematics
 from .trajectory import joint_window
 
-TOLERANCE = 1e-3
+FLOOR_TOLERANCE = 1e-3
 """m that a part may be below the ground without touching it."""
 _SAMPLES = 50
 _UPRIGHT = 0.1  # share of random configurations in which an arm is wholly above its own foot
@@ -81,7 +81,7 @@ class RigidGroups:
             return float(lowest.min())
         base = float(lowest[0, fixed].min())
         tries = self.lowest(poses[0, 0] @ self._tries)[:, ~fixed]
-        above: NDArray[np.bool_] = np.all(tries >= base - TOLERANCE, axis=1)
+        above: NDArray[np.bool_] = np.all(tries >= base - FLOOR_TOLERANCE, axis=1)
         return base if above[0] or above.mean() >= _UPRIGHT else float(lowest.min())
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import ConfigError
 from ..geometry import Array, apply
-from ..model import ArticulatedModel, JointType, deformed, forward_kinematics
+from ..model import ArticulatedModel, JointType, deform_visual, forward_kinematics
 
 _SINES = 3  # half-waves in the speed: at most 1.5 cycles in a sequence
 _UNEVENNESS = 1.5  # the speed leaves its mean by up to this share of it; above 1 it may turn back
@@ -183,7 +183,7 @@ def default_scored_joints(model: ArticulatedModel, n: int = 3) -> tuple[str, ...
     poses = forward_kinematics(model, np.clip(0.0, model.limits[:, 0], model.limits[:, 1]))
     for visual in model.visuals:
         if visual.deforms:
-            corners, _ = deformed(visual, poses, None, model.morph_weights)
+            corners, _ = deform_visual(visual, poses, None, model.morph_weights)
         else:
             low, high = visual.vertices.min(0), visual.vertices.max(0)
             corners = np.stack(np.meshgrid(*np.stack([low, high], 1)), -1).reshape(-1, 3)

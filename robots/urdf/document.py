@@ -38,14 +38,14 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 
 
 @dataclass
-class Document:
+class UrdfDocument:
     """A URDF that was found fit to be read."""
 
     robot: Robot
     notes: list[str] = field(default_factory=list)
 
 
-def read_document(data: bytes, default_name: str, allow_missing: bool = False) -> Document:
+def read_urdf_document(data: bytes, default_name: str, allow_missing: bool = False) -> UrdfDocument:
     """Check and parse a URDF; raises ModelError.
 
     yourdfpy has no capsules: they come as cylinders of visuals that are named "capsule".
@@ -57,7 +57,7 @@ def read_document(data: bytes, default_name: str, allow_missing: bool = False) -
 
     model: Any = yourdfpy.URDF.load(io.BytesIO(xml_bytes(clean)), build_scene_graph=False,
                                     load_meshes=False)
-    return Document(model.robot, notes)
+    return UrdfDocument(model.robot, notes)
 
 
 def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]) -> Element:

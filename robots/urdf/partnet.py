@@ -23,7 +23,7 @@ from ..model import ArticulatedModel
 from .reader import load_urdf
 
 URDF, NAMES = "mobility.urdf", "semantics.txt"
-FOLDER = "PARTNET_MOBILITY_DATASET"
+DATASET_VARIABLE = "PARTNET_MOBILITY_DATASET"
 TOKEN = "SAPIEN_ACCESS_TOKEN"
 """Environment variables, those of sapien."""
 LICENCE = "PartNet-Mobility: research terms, not to be redistributed"
@@ -41,7 +41,7 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
     (unless `download` is False).
     Raises GcbenchError that says what to do.
     """
-    own = os.environ.get(FOLDER)
+    own = os.environ.get(DATASET_VARIABLE)
     root = directory or Path(own or "partnet-mobility-dataset").expanduser()
     folder = root / number
     if (folder / URDF).is_file():
@@ -49,8 +49,8 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
     token = os.environ.get(TOKEN) if download else None
     missing = f"partnet:{number} is not in {root}"
     if not token:
-        raise GcbenchError(f"{missing}; set {FOLDER} to the folder that holds {number}/{URDF}, or "
-                           f"{TOKEN} to your token to download it")
+        raise GcbenchError(f"{missing}; set {DATASET_VARIABLE} to the folder that holds "
+                           f"{number}/{URDF}, or {TOKEN} to your token to download it")
     if find_spec("sapien") is None:
         raise GcbenchError(f"{missing}, and sapien, which downloads it, is not installed; run "
                            "`pip install 'gcbench[sapien]'`")
@@ -81,12 +81,12 @@ def load_object(folder: Path, allow_missing: bool = False) -> ArticulatedModel:
         raise MissingAssetError(
             f"{text}; --allow-missing goes on without (the published set lacks some)") from error
     try:
-        return renamed(model, part_names(folder))
+        return rename_parts(model, part_names(folder))
     except ModelError as error:
         raise ModelError(f"{folder / NAMES}: {error}") from error
 
 
-def renamed(model: ArticulatedModel, names: Mapping[str, str]) -> ArticulatedModel:
+def rename_parts(model: ArticulatedModel, names: Mapping[str, str]) -> ArticulatedModel:
     """The model with new part names by old ones; a joint is called like the part that it moves.
 
     Raises ModelError if two parts or joints would have one name.

@@ -27,17 +27,17 @@ from ..model import (
     forward_kinematics,
     list_names,
 )
-from .document import Document, read_document
+from .document import UrdfDocument, read_urdf_document
 from .visuals import pose_or_identity, visuals_of_document
 
 if TYPE_CHECKING:
     from yourdfpy.urdf import Joint as UrdfJoint
 
-MAX_URDF_BYTES = 32 * 2**20
-LARGEST_LIMIT = 1000.0
+_MAX_URDF_BYTES = 32 * 2**20
+_LARGEST_LIMIT = 1000.0
 """rad or m; files that mean "no limit" write larger numbers."""
-UNLIMITED = (-np.inf, np.inf)
-SMALLEST, LARGEST = 1e-4, 1e3
+_UNLIMITED = (-np.inf, np.inf)
+_SMALLEST, _LARGEST = 1e-4, 1e3
 """m: a model whose bounding box is outside was written in another unit."""
 
 
@@ -58,11 +58,11 @@ def load_urdf(
     path = Path(path)
     if not path.is_file():
         raise ModelError(f"{path}: no such file")
-    data = read_bounded(path, MAX_URDF_BYTES)
+    data = read_bounded(path, _MAX_URDF_BYTES)
     finder = asset_finder(path, packages, asset_root)
     try:
         with quiet():
-            document = read_document(data, path.stem, allow_missing)
+            document = read_urdf_document(data, path.stem, allow_missing)
             name = str(document.robot.name or path.stem)
             model = ArticulatedModel.from_links(name, _links(document))
         library = MeshLibrary(finder)
@@ -80,7 +80,7 @@ def load_urdf(
     return model
 
 
-def _links(document: Document) -> list[Link]:
+def _links(document: UrdfDocument) -> list[Link]:
     """The links of the document without their surfaces; the joints give the order."""
     joints: list[UrdfJoint] = document.robot.joints
     names = {link.name: None for link in document.robot.links}
@@ -111,25 +111,25 @@ def _joint(joint: UrdfJoint, notes: list[str]) -> Joint:
     limits = _limits(joint, notes)
     joint_type = JointType(joint.type)
     if joint_type is not JointType.PRISMATIC:
-        joint_type = JointType.CONTINUOUS if limits == UNLIMITED else JointType.REVOLUTE
+        joint_type = JointType.CONTINUOUS if limits == _UNLIMITED else JointType.REVOLUTE
     return Joint(name, joint_type, axis / length, limits=limits, mimic=_mimic(joint))
 
 
 def _limits(joint: UrdfJoint, notes: list[str]) -> tuple[float, float]:
     limit = joint.limit
     if joint.type == "continuous":
-        return UNLIMITED
+        return _UNLIMITED
     if limit is None or (limit.lower is None and limit.upper is None):
         notes.append(f"joint {joint.name!r} is {joint.type} without limits: taken as unlimited")
-        return UNLIMITED
+        return _UNLIMITED
     lower, upper = float(limit.lower or 0.0), float(limit.upper or 0.0)
     if lower > upper:
         notes.append(f"joint {joint.name!r}: lower limit {lower:g} > upper {upper:g}: swapped")
         lower, upper = upper, lower
-    if max(-lower, upper) > LARGEST_LIMIT:
+    if max(-lower, upper) > _LARGEST_LIMIT:
         notes.append(f"joint {joint.name!r}: limits {lower:g} {upper:g} taken as none")
-        lower = lower if lower >= -LARGEST_LIMIT else -np.inf
-        upper = upper if upper <= LARGEST_LIMIT else np.inf
+        lower = lower if lower >= -_LARGEST_LIMIT else -np.inf
+        upper = upper if upper <= _LARGEST_LIMIT else np.inf
     return lower, upper
 
 
@@ -150,6 +150,6 @@ def _check_size(path: Path, model: ArticulatedModel) -> None:
     low = np.min([p.min(axis=0) for p in points], axis=0)
     high = np.max([p.max(axis=0) for p in points], axis=0)
     size = float(np.linalg.norm(high - low))
-    if not SMALLEST <= size <= LARGEST:
-        raise ModelError(f"{path}: is {size:g} m large, outside {SMALLEST:g} to {LARGEST:g} m; "
+    if not _SMALLEST <= size <= _LARGEST:
+        raise ModelError(f"{path}: is {size:g} m large, outside {_SMALLEST:g} to {_LARGEST:g} m; "
                          "its meshes are in another unit: set their `scale`")

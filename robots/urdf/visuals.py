@@ -22,17 +22,17 @@ from ..model import (
     Visual,
     base_color,
     mean_color,
-    moved,
+    move_surface,
     visuals_of_part,
 )
-from .document import Document
+from .document import UrdfDocument
 
 if TYPE_CHECKING:
     from yourdfpy.urdf import Link
 
 
 def visuals_of_document(
-    document: Document, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
+    document: UrdfDocument, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
 ) -> tuple[list[Visual], list[str]]:
     """The visuals of a model's parts, and notes; raises ModelError."""
     robot, notes = document.robot, list[str]()
@@ -60,7 +60,8 @@ def visuals_of_document(
             if triangles > library.limits.triangles:
                 raise ModelError(f"has more than {library.limits.triangles} triangles")
             own = _material(visual.material, materials, library, notes, name)
-            surfaces.extend(moved(_dressed(s, own), pose_or_identity(visual.origin)) for s in found)
+            pose = pose_or_identity(visual.origin)
+            surfaces.extend(move_surface(_dressed(s, own), pose) for s in found)
         visuals.extend(visuals_of_part(part, surfaces))
     if not visuals:
         notes.append("the model has no visuals: there is nothing to see")
@@ -80,7 +81,7 @@ def _surfaces(visual: Any, library: MeshLibrary) -> list[TriangleSurface]:
     scale = np.broadcast_to(1.0 if shape.mesh.scale is None else shape.mesh.scale, 3)
     if (np.abs(scale) < 1e-12).any():
         raise ModelError(f"mesh {shape.mesh.filename!r} has a scale of zero")
-    return [moved(s, np.eye(4), scale) for s in library.surfaces(shape.mesh.filename)]
+    return [move_surface(s, np.eye(4), scale) for s in library.surfaces(shape.mesh.filename)]
 
 
 def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:

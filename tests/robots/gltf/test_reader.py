@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gcbench.robots.catalog import load_robot
-from gcbench.robots.gltf.meshes import dominant, triangles_of
+from gcbench.robots.gltf.meshes import dominant_bones, triangles_of
 from gcbench.robots.gltf.reader import load_gltf
-from gcbench.robots.model import ArticulatedModel, ModelState, deformed, forward_kinematics
+from gcbench.robots.model import ArticulatedModel, ModelState, deform_visual, forward_kinematics
 from gcbench.robots.motion.trajectory import default_scored_joints
 from scipy.spatial import cKDTree
 
@@ -23,7 +23,7 @@ def corners(model: ArticulatedModel, posture: ModelState, t: int) -> np.ndarray:
     """[F 3 3] world corners of all triangles at instant t."""
     stretch = None if posture.stretch is None else posture.stretch[t]
     return np.concatenate([
-        deformed(v, posture.world_from_part[t], stretch, posture.morph[t])[0][v.faces]
+        deform_visual(v, posture.world_from_part[t], stretch, posture.morph[t])[0][v.faces]
         for v in model.visuals])
 
 
@@ -91,7 +91,7 @@ def test_a_bar_bends_as_its_closed_form(tmp_path: Path, name: str) -> None:
     assert posture.stretch is None  # nothing is scaled
     # the mask shows the bone that a face follows most: the bar's middle is where that changes
     for visual in model.visuals:
-        rest = deformed(visual, forward_kinematics(model, np.zeros(1)), None, np.zeros(0))[0]
+        rest = deform_visual(visual, forward_kinematics(model, np.zeros(1)), None, np.zeros(0))[0]
         middle = rest[visual.faces][..., 2].mean(1)
         assert np.all(middle < 1.1) if visual.part == 1 else np.all(middle > 0.9)
 
@@ -154,7 +154,7 @@ def test_the_dominant_bone_is_that_of_the_largest_sum() -> None:
     rng = np.random.default_rng(3)
     bone, weight = rng.integers(0, 7, (30, 4)), rng.random((30, 4))
     faces = rng.integers(0, 30, (50, 3))
-    found = dominant(faces, bone, weight, 7)
+    found = dominant_bones(faces, bone, weight, 7)
     for face, chosen in zip(faces, found, strict=True):
         sums = np.zeros(7)
         for vertex in face:
@@ -351,7 +351,7 @@ def test_morph_normals_follow(tmp_path: Path) -> None:
         model = load_gltf(maker.save(tmp_path))
         (visual,) = model.visuals
         poses = forward_kinematics(model, np.zeros(1))
-        _, normals = deformed(visual, poses, None, model.morph_weights)
+        _, normals = deform_visual(visual, poses, None, model.morph_weights)
         np.testing.assert_allclose(
             normals, np.tile(np.array([-1, 0, 1]) / 2**0.5 @ Z_UP.T, (4, 1)), atol=1e-6)
 

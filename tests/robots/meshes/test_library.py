@@ -14,7 +14,13 @@ from gcbench.robots.files.paths import asset_finder
 from gcbench.robots.geometry.normals import face_normals, smooth_corners
 from gcbench.robots.meshes import MeshLibrary
 from gcbench.robots.meshes.solids import box, capsule, cylinder, sphere
-from gcbench.robots.model import Material, TriangleSurface, moved, surface, visuals_of_part
+from gcbench.robots.model import (
+    Material,
+    TriangleSurface,
+    clean_surface,
+    move_surface,
+    visuals_of_part,
+)
 from gcbench.robots.model.texture import linear_from_srgb
 from PIL import Image
 
@@ -257,7 +263,7 @@ def test_primitives_without_size_are_refused(size: float) -> None:
 
 def test_smooth_normals_of_a_sphere_point_outward_and_are_smooth() -> None:
     s = sphere(1.0)
-    made = surface(s.vertices, s.faces)
+    made = clean_surface(s.vertices, s.faces)
     assert made is not None
     assert np.einsum("vi,vi->v", made.normals, made.vertices).min() > 0.998
     assert len(made.vertices) < len(s.vertices)  # the seam is welded
@@ -287,37 +293,37 @@ def test_normals_do_not_depend_on_how_a_quad_was_cut() -> None:
 def test_valid_normals_are_kept_and_bad_ones_are_not() -> None:
     tilted = np.tile([0.0, 0.6, 0.8], (3, 1))
     triangle = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-    kept = surface(triangle, [[0, 1, 2]], normals=tilted * 7)
+    kept = clean_surface(triangle, [[0, 1, 2]], normals=tilted * 7)
     assert kept is not None
     np.testing.assert_allclose(kept.normals, tilted)
     for bad in (np.zeros((3, 3)), np.full((3, 3), np.nan), -tilted, tilted[:2]):
-        made = surface(triangle, [[0, 1, 2]], normals=bad)
+        made = clean_surface(triangle, [[0, 1, 2]], normals=bad)
         assert made is not None
         np.testing.assert_allclose(made.normals, np.tile([0.0, 0.0, 1.0], (3, 1)))
 
 
 def test_degenerate_triangles_and_lonely_vertices_go() -> None:
     v = [[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]]
-    made = surface(v, [[1, 2, 3], [1, 1, 2], [1, 2, 4]])
+    made = clean_surface(v, [[1, 2, 3], [1, 1, 2], [1, 2, 4]])
     assert made is not None and len(made.faces) == 1 and made.vertices.max() == 1
-    assert surface(v, [[1, 2, 4]]) is None
+    assert clean_surface(v, [[1, 2, 4]]) is None
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
 def test_vertices_that_are_no_numbers_are_refused(bad: float) -> None:
     with pytest.raises(ModelError):
-        surface([[0, 0, 0], [1, 0, 0], [0, bad, 0]], [[0, 1, 2]])
+        clean_surface([[0, 0, 0], [1, 0, 0], [0, bad, 0]], [[0, 1, 2]])
 
 
 def test_indices_out_of_range_are_refused() -> None:
     with pytest.raises(ModelError, match="does not exist"):
-        surface(TETRA, [[0, 1, 4]])
+        clean_surface(TETRA, [[0, 1, 4]])
 
 
 @pytest.mark.parametrize("scale", [(2, 2, 2), (1, 2, 3), (-1, 1, 1), (-1, -2, -3), (1, -1, -1)])
 def test_scaled_and_mirrored_surfaces_stay_right_side_out(scale: tuple[float, ...]) -> None:
     s = sphere(1.0)
-    out = moved(s, np.eye(4), scale)
+    out = move_surface(s, np.eye(4), scale)
     np.testing.assert_allclose(volume(out), volume(s) * abs(np.prod(scale)))
     normals = s.vertices / np.square(scale) * scale  # of an ellipsoid, in the frame of the sphere
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -327,7 +333,7 @@ def test_scaled_and_mirrored_surfaces_stay_right_side_out(scale: tuple[float, ..
 
 def test_a_scale_of_zero_is_refused() -> None:
     with pytest.raises(ModelError, match="zero"):
-        moved(sphere(1.0), np.eye(4), (1, 0, 1))
+        move_surface(sphere(1.0), np.eye(4), (1, 0, 1))
 
 
 def test_visuals_of_equal_material_are_joined() -> None:

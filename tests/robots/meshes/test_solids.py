@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from gcbench.errors import ModelError
-from gcbench.robots.meshes.solids import SIDES, bar, block, circle, hull, plate, rod, rounded
+from gcbench.robots.meshes.solids import SIDES, bar, block, circle, hull, plate, rod, round_corners
 from gcbench.robots.model import TriangleSurface
 
 
@@ -50,9 +50,9 @@ def test_a_plate_has_holes_and_stands_where_it_should(axis: str) -> None:
 
 
 def test_outlines() -> None:
-    square = rounded([(0, 0), (4, 0), (4, 4), (0, 4)], 1)
+    square = round_corners([(0, 0), (4, 0), (4, 4), (0, 4)], 1)
     assert volume(plate(square, (0, 1))) == pytest.approx(12 + np.pi, rel=0.01)
-    notch = rounded([(0, 0), (6, 0), (6, 2), (2, 2), (2, 6), (0, 6)], 0.5)
+    notch = round_corners([(0, 0), (6, 0), (6, 2), (2, 2), (2, 6), (0, 6)], 0.5)
     # five corners lose what the inner one wins
     assert volume(plate(notch, (0, 1))) == pytest.approx(20 - 4 * 0.25 * (1 - np.pi / 4), rel=0.002)
     straight = bar((0, 0), (3, 4), 1.0)

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
 from gcbench.errors import ModelError
-from gcbench.robots.geometry import inverse, revolute_motion
+from gcbench.robots.geometry import (
+    inverse,
+    revolute_motion,
+    rotation_about,
+    rotation_from_rpy,
+    transform,
+)
 from gcbench.robots.model import (
     ArticulatedModel,
     Joint,
@@ -18,6 +25,8 @@ from gcbench.robots.model import (
     joint_screws,
 )
 from gcbench.robots.urdf.reader import load_urdf
+from hypothesis import given
+from hypothesis import strategies as st
 
 CHAIN = """<robot name="chain">
   <link name="c"/><link name="a"/><link name="b"/><link name="d"/><link name="e"/>
@@ -190,3 +199,56 @@ def test_a_model_without_joints_stands_still(tmp_path: Path) -> None:
     np.testing.assert_array_equal(forward_kinematics(m, np.zeros((5, 0))),
                                   np.broadcast_to(np.eye(4), (5, 1, 4, 4)))
     assert joint_screws(m, forward_kinematics(m, [])).shape == (0, 6)
+
+
+@st.composite
+def trees(draw: st.DrawFn) -> list[Link]:
+    """Links of a random tree, parents before children, with every type of joint and mimics."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    links = [Link("0")]
+    for k in range(1, draw(st.integers(2, 8))):
+        axis = rng.normal(size=3)
+        moving = [link.joint.name for link in links if link.joint.type is not JointType.FIXED]
+        mimic = None
+        if moving and draw(st.booleans()):
+            mimic = Mimic(draw(st.sampled_from(moving)), *rng.normal(size=2).tolist())
+        joint = Joint(f"joint {k}", draw(st.sampled_from(JointType)), axis / np.linalg.norm(axis),
+                      rng.normal(size=3), mimic=mimic)
+        pose = transform(rotation_from_rpy(rng.normal(size=3)), rng.normal(size=3))
+        parent = str(draw(st.integers(0, k - 1)))
+        links.append(Link(str(k), parent, pose, joint))
+    return links
+
+
+def value_of(joint: Joint, joints: dict[str, Joint], q: dict[str, float]) -> float:
+    if joint.mimic is None:
+        return q[joint.name]
+    leader = value_of(joints[joint.mimic.joint], joints, q)
+    return joint.mimic.multiplier * leader + joint.mimic.offset
+
+
+@given(trees(), st.randoms(use_true_random=False))
+def test_a_pose_is_the_product_of_joint_motions_in_any_order_of_links(
+    links: list[Link], random: Random
+) -> None:
+    joints = {link.joint.name: link.joint for link in links}
+    q = {name: random.uniform(-2, 2) for name in joints}
+    expected = {"0": np.eye(4)}
+    for link in links[1:]:
+        motion = np.eye(4)
+        if link.joint.type is not JointType.FIXED:
+            value = value_of(link.joint, joints, q)
+            axis, point = np.asarray(link.joint.axis), np.asarray(link.joint.point)
+            if link.joint.type is JointType.PRISMATIC:
+                motion = transform(None, value * axis)
+            else:
+                motion = (transform(None, point) @ transform(rotation_about(axis, value))
+                          @ transform(None, -point))
+        assert link.parent is not None
+        expected[link.name] = expected[link.parent] @ link.parent_from_link_at_zero @ motion
+    for order in (links, random.sample(links, len(links))):
+        model = ArticulatedModel.from_links("tree", order)
+        assert (model.parent < np.arange(len(links))).all()
+        poses = forward_kinematics(model, [q[name] for name in model.joint_names])
+        for name, pose in zip(model.part_names, poses, strict=True):
+            np.testing.assert_allclose(pose, expected[name], atol=1e-9)

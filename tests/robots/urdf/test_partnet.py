@@ -181,14 +181,14 @@ def test_the_folder_is_where_sapien_looks(
     awkward: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(partnet.TOKEN, raising=False)
-    monkeypatch.delenv(partnet.FOLDER, raising=False)
+    monkeypatch.delenv(partnet.DATASET_VARIABLE, raising=False)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(GcbenchError, match=r"partnet:7310 is not in partnet-mobility-dataset; "
                                            r"set PARTNET_MOBILITY_DATASET .* SAPIEN_ACCESS_TOKEN"):
         load_robot("partnet:7310")
     shutil.copytree(awkward.parent, tmp_path / "partnet-mobility-dataset")
     assert load_robot("partnet:7310").name == "partnet:7310"
-    monkeypatch.setenv(partnet.FOLDER, str(tmp_path / "elsewhere"))
+    monkeypatch.setenv(partnet.DATASET_VARIABLE, str(tmp_path / "elsewhere"))
     with pytest.raises(GcbenchError, match=r"not in .*elsewhere"):
         load_robot("partnet:7310")
     assert load_robot("partnet:7310", {"partnet": awkward.parent}).name == "partnet:7310"
@@ -216,7 +216,7 @@ def test_what_is_not_there_is_downloaded_by_sapien_and_tells_no_token(
     monkeypatch.setitem(sys.modules, "sapien", package)
     monkeypatch.setitem(sys.modules, "sapien.asset", asset)
     monkeypatch.setenv(partnet.TOKEN, "s3cret")
-    monkeypatch.setenv(partnet.FOLDER, str(tmp_path / "new"))
+    monkeypatch.setenv(partnet.DATASET_VARIABLE, str(tmp_path / "new"))
     with pytest.raises(GcbenchError, match="is not in"):  # to verify is to read
         robot_urdf("partnet:7310", download=False)
     assert load_robot("partnet:7310").name == "partnet:7310"
@@ -233,7 +233,7 @@ def test_without_sapien_it_says_what_to_install(
 ) -> None:
     monkeypatch.setattr(partnet, "find_spec", lambda _: None)
     monkeypatch.setenv(partnet.TOKEN, "s3cret")
-    monkeypatch.setenv(partnet.FOLDER, str(tmp_path))
+    monkeypatch.setenv(partnet.DATASET_VARIABLE, str(tmp_path))
     with pytest.raises(GcbenchError, match=r"pip install 'gcbench\[sapien\]'"):
         load_robot("partnet:1")
 
