@@ -94,7 +94,7 @@ def remove_leftovers(folder: Path) -> None:
     """Delete the temporary files in `folder` of processes that no longer run."""
     for path in folder.glob(".*.tmp"):
         match = _TEMPORARY.fullmatch(path.name)
-        if match and not _is_alive(int(match["pid"])):
+        if match and not is_alive(int(match["pid"])):
             path.unlink(missing_ok=True)
 
 
@@ -103,7 +103,7 @@ def temporary_name(path: Path) -> Path:
     return path.parent / f".{path.name}.{os.getpid()}.tmp"
 
 
-def _is_alive(pid: int) -> bool:
+def is_alive(pid: int) -> bool:
     """Return whether a process runs."""
     try:
         os.kill(pid, 0)
