@@ -1,6 +1,6 @@
 """Chests of drawers: one to four rows, boards of wood or paint, and trays that slide out.
 
-The first drawer of the list is the one that is scored unless told otherwise; it is any of them.
+Drawers are listed in random order, as the first one is scored by default.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from . import textures
 from .doors import handle
 from .finish import COLORS, Finish, Finishes, Shape, draw_finishes
 from .fittings import Appliance, Part, centre_appliance
-from .shapes import Solid, disc, join, orient, shift, slab
+from .shapes import Solid, Vector, disc, join, orient, shift, slab
 from .textures import SeededRng
 
 _WOODS = ((150, 104, 66), (196, 156, 110), (96, 66, 46), (214, 186, 146), (122, 78, 52))
@@ -20,8 +20,8 @@ _GAP = 0.003
 """m between a front and its neighbours."""
 
 
-def drawer(rng: SeededRng, number: int) -> Appliance:
-    """A chest of one to four rows of drawers in one or two columns."""
+def chest_of_drawers(rng: SeededRng, number: int) -> Appliance:
+    """Draw a chest of one to four rows of drawers in one or two columns."""
     look = draw_finishes(rng, ("white", "black", "slate", "cream", "red", "teal", "navy", "sage",
                               "graphite", "yellow"), (5, 2, 2, 3, 1, 2, 2, 2, 2, 1))
     body, front = _coats(rng, look)
@@ -34,24 +34,24 @@ def drawer(rng: SeededRng, number: int) -> Appliance:
     t = rng.length(0.014, 0.022)
     shapes = _body(rng, (body, front), (w, d, board, foot), top, columns)
     cell_w = (inside_w - board * (columns - 1)) / columns
-    y, cells = foot + board, list[tuple[float, float, float, bool]]()
+    y, cells = foot + board, list[_Cell]()
     for row, height in enumerate(heights):
-        cells += [(-inside_w / 2 + cell_w / 2 + k * (cell_w + board), y + height / 2, height,
-                   row + 1 == rows) for k in range(columns)]
+        cells += [_Cell(-inside_w / 2 + cell_w / 2 + k * (cell_w + board), y + height / 2, height,
+                        row + 1 == rows) for k in range(columns)]
         y += height
         if row + 1 < rows:  # a rail between two rows
             rail = slab(inside_w, board, (-d / 2 + 0.02, d / 2 - t - 0.002))
             shapes.append(Shape("rail", shift(rail, 0.0, y + board / 2), body))
             y += board
     style = _style(rng, look, front, (cell_w, board, d), t)
-    links = [Part("body", tuple(shapes))]
+    parts = [Part("body", tuple(shapes))]
     for k in rng.generator.permutation(len(cells)).tolist():
-        links += _drawer(rng, style, len(links), *cells[k])
-    return centre_appliance("StorageFurniture", number, links)
+        parts += _drawer(rng, style, len(parts), cells[k])
+    return centre_appliance("StorageFurniture", number, parts)
 
 
 def _coats(rng: SeededRng, look: Finishes) -> tuple[Finish, Finish]:
-    """Of the body and of the fronts: veneer, or the paints of the finish."""
+    """The finishes of the body and of the fronts: veneer, or paint."""
     if not rng.chance(55):
         return look.body, look.front
 
@@ -72,7 +72,7 @@ def _body(
     rng: SeededRng, coats: tuple[Finish, Finish], size: tuple[float, float, float, float],
     top: float, columns: int,
 ) -> list[Shape]:
-    """Boards around the drawers, and what the chest stands on; y is 0 at the ground."""
+    """Boards around the drawers, and a plinth or legs; y is 0 at the ground."""
     w, d, board, foot = size
     high, middle, z = top - foot, (top + foot) / 2, (-d / 2, d / 2)
     boards = [shift(slab(board, high - board, z), s * (w - board) / 2, middle - board / 2)
@@ -98,23 +98,35 @@ def _body(
 
 
 @dataclass(frozen=True)
+class _Cell:
+    """The opening of a drawer; lengths in m."""
+
+    x: float
+    """Of the centre."""
+    y: float
+    height: float
+    top: bool
+    """Whether it is in the top row, below the plate."""
+
+
+@dataclass(frozen=True)
 class _Style:
     """What the drawers of a chest have in common."""
 
     cell_w: float
     board: float
     depth: float
-    """m, of the chest."""
+    """m, depth of the chest."""
     t: float
-    """m, of a front."""
+    """m, thickness of a front."""
     inset: bool
-    """The fronts are within the body, not before it."""
+    """Whether the fronts are within the body, not before it."""
     front: Finish
     tray: Finish
     edge: float
     panelled: bool
     grips: tuple[Shape, ...]
-    """About the middle of a front, on a plane that faces the front."""
+    """Handles or knobs about the middle of a front."""
 
 
 def _style(
@@ -124,28 +136,25 @@ def _style(
     tray = rng.near(rng.choice(((206, 190, 164), (226, 226, 222), (150, 130, 104))), 10)
     grip = rng.choice(("handle", "knob", "groove"), (5, 3, 2))
     pair = rng.chance(30) and cell_w > 0.4
-    spots = (-0.25 * cell_w, 0.25 * cell_w) if pair else (0.0,)
+    places = (-0.25 * cell_w, 0.25 * cell_w) if pair else (0.0,)
     one: tuple[Shape, ...] = ()
     if grip == "handle":
-        length = cell_w * rng.choice((0.25, 0.4, 0.6)) / len(spots)
-        one, _ = handle(rng, look, max(0.08, length), False)
+        length = cell_w * rng.choice((0.25, 0.4, 0.6)) / len(places)
+        one = (handle(rng, look, max(0.08, length)),)
     elif grip == "knob":
         r, out = rng.length(0.010, 0.018), rng.length(0.018, 0.03)
         solid = join([disc(r * 0.5, (0.0, out)), disc(r, (out - 0.008, out), 0.003)])
         one = (Shape("handle", solid, look.handle),)
-    grips = tuple(replace(s, solid=shift(s.solid, x)) for s in one for x in spots)
+    grips = tuple(replace(s, solid=shift(s.solid, x)) for s in one for x in places)
     return _Style(cell_w, board, depth, t, rng.chance(35), front, Finish("tray", tray),
                   rng.length(0.001, 0.005), rng.chance(25), grips)
 
 
-def _drawer(
-    rng: SeededRng, style: _Style, number: int, x: float, y: float, h: float, top: bool
-) -> list[Part]:
-    """A drawer, link `number`, in an opening of height h about (x, y), and what is fixed to it;
-    over the `top` row lies the plate."""
-    w, t = style.cell_w, style.t
+def _drawer(rng: SeededRng, style: _Style, number: int, cell: _Cell) -> list[Part]:
+    """A drawer, which is part `number`, and its grips."""
+    w, t, x, y, h = style.cell_w, style.t, cell.x, cell.y, cell.height
     lap = -_GAP if style.inset else (style.board - _GAP) / 2  # over the boards around it
-    low, high = y - h / 2 - lap, y + h / 2 + min(lap, -_GAP if top else lap)
+    low, high = y - h / 2 - lap, y + h / 2 + min(lap, -_GAP if cell.top else lap)
     fw, fh, middle = w + 2 * lap, high - low, (low + high) / 2
     back = style.depth / 2 - t - 0.0005 if style.inset else style.depth / 2 + 0.001
     plate = slab(fw, fh, (back, back + t), 0.002, style.edge)
@@ -167,8 +176,8 @@ def _drawer(
     return [link, Part("handle", placed, number, origin=link.origin)]
 
 
-def _tray(size: tuple[float, float, float], place: tuple[float, float, float]) -> list[Solid]:
-    """A box without a lid; `place` is the middle of its floor's front edge."""
+def _tray(size: Vector, place: Vector) -> list[Solid]:
+    """A box without a lid; `place` is the middle of the front edge of its floor."""
     (w, h, d), (x, y, z), wall = size, place, 0.010
     span = (z - d, z - 0.0005)
     middle = y + 0.004 + h / 2
@@ -177,10 +186,8 @@ def _tray(size: tuple[float, float, float], place: tuple[float, float, float]) -
             shift(slab(w - 2 * wall, h, (z - d, z - d + wall)), x, middle)]
 
 
-def _contents(
-    rng: SeededRng, size: tuple[float, float, float], place: tuple[float, float, float]
-) -> list[Shape]:
-    """Folded things that lie in a tray, in rows from its front."""
+def _contents(rng: SeededRng, size: Vector, place: Vector) -> list[Shape]:
+    """Folded textiles in a tray, in rows from its front."""
     (w, h, d), (x, y, z) = size, place
     out, used = list[Shape](), 0.0
     for k in range(rng.integer(0, 3)):

@@ -1,4 +1,4 @@
-"""Colours and coats that go together on one appliance."""
+"""Finishes of surfaces, the finishes that go together on an appliance, and printed details."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from . import textures
-from .shapes import Solid, image_quad, shift
+from .shapes import Solid, Vector, image_quad, shift
 from .textures import Color, PaletteImage, SeededRng
 
 
 @dataclass(frozen=True)
 class Finish:
-    """What a surface looks like."""
+    """The finish of a surface."""
 
     name: str
     color: Color
     opacity: float = 1.0
     image: PaletteImage | None = None
     tile: float = 0.3
-    """m: side of the picture where the solid has no texture coordinates of its own."""
+    """m, side of the image on a solid without texture coordinates."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A piece of a link, in the object's frame with every joint at zero."""
+    """A piece of a part, in the object's frame with every joint at zero."""
 
     name: str
     solid: Solid
@@ -33,14 +33,14 @@ class Shape:
 
 @dataclass(frozen=True)
 class Finishes:
-    """The looks of one appliance."""
+    """The finishes of one appliance."""
 
     textured: bool
     body: Finish
     front: Finish
-    """Of the door."""
+    """The door."""
     panel: Finish
-    """Of the controls."""
+    """The panel of the controls."""
     trim: Finish
     inside: Finish
     handle: Finish
@@ -48,9 +48,9 @@ class Finishes:
     glass: Finish
     rubber: Finish
     ink: Color
-    """Of letters on the panel."""
+    """Letters on the panel."""
     lit: Color
-    """Of displays."""
+    """Letters on displays."""
     brand: str
 
 
@@ -66,7 +66,7 @@ _ENDS = ("VA", "IO", "EX", "ON", "A", "TECH", "MAX", "IS", "UM", "LINE", "EN", "
 
 
 def draw_finishes(rng: SeededRng, fronts: Sequence[str], weights: Sequence[int]) -> Finishes:
-    """Colours that go together."""
+    """Draw finishes that go together; the colour of the front is one of `fronts`."""
     textured = rng.chance(50)
     front = rng.choice(fronts, weights)
     body = front if rng.chance(45) else rng.choice(("white", "black", "steel", "graphite"))
@@ -104,20 +104,21 @@ def _coat(rng: SeededRng, role: str, color: str, textured: bool) -> Finish:
 
 
 DECAL_LIFT = 0.0006
-"""m that a decal lies before its surface."""
+"""m between a decal and its surface."""
 
 
-def decal(name: str, image: textures.Picture, width: float, place: tuple[float, float, float],
+def decal(name: str, image: PaletteImage, width: float, place: Vector,
           height: float | None = None) -> Shape:
-    """A picture on a plane that faces the front, about a place; its own shape unless a height."""
+    """Return an image on a plane that faces the front; without a height it is not stretched."""
     rows, columns = image.pixels.shape
     solid = image_quad(width, width * rows / columns if height is None else height, DECAL_LIFT)
     return Shape(name, shift(solid, *place), Finish(name, (255, 255, 255), image=image))
 
 
-def label(rng: SeededRng, look: Finishes, width: float, height: float, on: Finish,
-          place: tuple[float, float, float]) -> Shape:
-    """The maker's name in a colour that shows on its ground; the sizes are the most it takes."""
+def label(rng: SeededRng, look: Finishes, size: tuple[float, float], on: Finish,
+          place: Vector) -> Shape:
+    """Draw the maker's name in a colour that contrasts with `on`, within a size in m."""
+    width, height = size
     light = sum(on.color) > 380
     ink = rng.choice(((40, 40, 44), (120, 30, 34), (30, 50, 110)), (4, 1, 1)) if light else \
         rng.choice(((235, 235, 232), (200, 202, 205), (214, 176, 96)), (3, 2, 1))
@@ -129,7 +130,7 @@ def label(rng: SeededRng, look: Finishes, width: float, height: float, on: Finis
 def door_label(
     rng: SeededRng, look: Finishes, width: float, shapes: Sequence[Shape]
 ) -> list[Shape]:
-    """The maker's name below the window of a door of these shapes, if there is room for it."""
+    """Draw the maker's name below the window of a door of these shapes, if it fits."""
     panel = next(s for s in shapes if s.name == "door_panel")
     low, high = panel.solid.vertices.min(0), panel.solid.vertices.max(0)
     middle = (low + high) / 2
@@ -142,23 +143,20 @@ def door_label(
             ceiling = min(ceiling, bottom)
     space = ceiling - floor
     place = (float(middle[0]), float(floor + space / 2), float(high[2]) + 0.0002)
-    sign = label(rng, look, width, 0.75 * space, panel.finish, place)
+    sign = label(rng, look, (width, 0.75 * space), panel.finish, place)
     return [sign] if space > 0.014 else []
 
 
-def clock_display(
-    rng: SeededRng, look: Finishes, width: float, place: tuple[float, float, float]
-) -> Shape:
-    """A display with the time of day."""
+def clock_display(rng: SeededRng, look: Finishes, width: float, place: Vector) -> Shape:
+    """Draw a display with the time of day."""
     text = f"{rng.integer(0, 23):02d}:{rng.integer(0, 59):02d}"
     return decal("display", textures.text_image(text, look.lit, (12, 14, 16), 4, 2), width, place)
 
 
 def keypad(
-    rng: SeededRng, look: Finishes, size: tuple[float, float], place: tuple[float, float, float],
-    rows: int,
+    rng: SeededRng, look: Finishes, size: tuple[float, float], place: Vector, rows: int
 ) -> Shape:
-    """A field of printed or pressed buttons."""
+    """Draw a field of printed buttons."""
     digits = [["1", "2", "3"], ["4", "5", "6"], ["7", "8", "9"], ["0"]]
     names = ["POP", "COOK", "DEF", "TIME", "AUTO", "FISH", "SOUP", "RICE", "WARM", "GRILL", "HI",
              "LO", "ECO", "TEA", "MENU", "KEEP"]

@@ -1,4 +1,4 @@
-"""What else appliances have in common: cabinets, knobs, feet, vents."""
+"""Parts of appliances, and what several kinds have: cabinets, knobs, feet, vents, racks."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ..geometry import Array
 from ..model import JointType
 from .finish import DECAL_LIFT, Finish, Finishes, Shape
 from .shapes import (
+    Hole,
     Solid,
     Vector,
     cavity,
@@ -62,21 +63,39 @@ DOOR_GAP = 0.002
 """m of the seam around a door."""
 
 
-def hollow_box(
-    look: Finishes, size: tuple[float, float], z: tuple[float, float],
-    hole: tuple[float, float, float, float], middle: float, behind: float, edge: float,
-    corner: float,
-) -> list[Shape]:
-    """A box with a cavity that reaches to `behind` m from its back; y of its middle is given."""
-    outside = shell(*size, z, hole, max(edge, 0.004), edge, corner)
-    inside = shift(cavity(hole[2:], (z[0] + behind, z[1]), corner), hole[0], hole[1])
-    return [Shape("cabinet", shift(outside, y=middle), look.body),
-            Shape("cavity", shift(inside, y=middle), look.inside)]
+@dataclass(frozen=True)
+class Cabinet:
+    """A box with a cavity that is open in front: the body of an appliance; lengths in m."""
+
+    width: float
+    height: float
+    middle: float
+    """y of the centre."""
+    z: tuple[float, float]
+    """Of the back and of the front."""
+    hole: Hole
+    """The opening in the front; its y is relative to `middle`."""
+    back: float
+    """From the back of the box to the back of the cavity."""
+    edge: float
+    """Radius of the outer edges."""
+
+    @property
+    def depth(self) -> float:
+        return self.z[1] - self.z[0]
 
 
-def knob(rng: SeededRng, look: Finishes, radius: float, place: tuple[float, float, float],
-         style: int) -> Part:
-    """A knob that turns about z; all of one appliance have one style."""
+def hollow_box(look: Finishes, box: Cabinet) -> list[Shape]:
+    """Return the shapes of a cabinet: its outside and its cavity."""
+    hole, z = box.hole, box.z
+    outside = shell(box.width, box.height, z, hole, max(box.edge, 0.004), box.edge)
+    inside = cavity((hole.width, hole.height), (z[0] + box.back, z[1]), hole.radius)
+    return [Shape("cabinet", shift(outside, y=box.middle), look.body),
+            Shape("cavity", shift(shift(inside, hole.x, hole.y), y=box.middle), look.inside)]
+
+
+def knob(rng: SeededRng, look: Finishes, radius: float, place: Vector, style: int) -> Part:
+    """Draw a knob that turns about z; the knobs of one appliance share a style of 0 to 3."""
     high = radius * (0.7 + 0.1 * (style % 4))
     x, y, z = place
     solids = [disc(radius * 1.12, (0.0, 0.004), 0.001), disc(radius, (0.004, high), 0.0025,
@@ -93,17 +112,16 @@ def knob(rng: SeededRng, look: Finishes, radius: float, place: tuple[float, floa
                 (0.0, rng.choice((3.142, 4.712, 5.236))))
 
 
-def feet(rng: SeededRng, look: Finishes, spots: tuple[float, float], high: float) -> list[Shape]:
-    """Four feet under (x, z) in every combination of signs, from the ground up."""
+def feet(rng: SeededRng, look: Finishes, corner: tuple[float, float], high: float) -> list[Shape]:
+    """Draw four feet on the ground at (x, z) = (+-corner[0], +-corner[1])."""
     r = rng.length(0.008, 0.016)
     foot = orient(disc(r, (0.0, high + 0.002)), "up")
-    return [Shape("feet", join([shift(foot, sx * spots[0], 0.0, sz * spots[1])
+    return [Shape("feet", join([shift(foot, sx * corner[0], 0.0, sz * corner[1])
                                   for sx in (-1, 1) for sz in (-1, 1)]), look.rubber)]
 
 
-def vents(center: tuple[float, float, float], size: tuple[float, float], where: str,
-          slots: int) -> Shape:
-    """Dark slots in a row, on the side that looks `where`; size is along the row and across."""
+def vents(center: Vector, size: tuple[float, float], where: str, slots: int) -> Shape:
+    """Return a row of dark slots on the side `where`; size is along the row and across."""
     step = size[0] / slots
     one = image_quad(step * 0.5, size[1], DECAL_LIFT)
     row = join([shift(one, (k - (slots - 1) / 2) * step) for k in range(slots)])
@@ -131,7 +149,7 @@ def centre_appliance(category: str, number: int, parts: Sequence[Part]) -> Appli
 
 
 def wire_rack(rng: SeededRng, width: float, depth: float) -> Solid:
-    """An oven's shelf about the origin, in the plane y = 0."""
+    """Draw the shelf of an oven about the origin, in the plane y = 0."""
     x, z, r = width / 2, depth / 2, 0.003
     bars = [wire([-x, 0, s * z], [x, 0, s * z], r) for s in (-1, 1)]
     bars += [wire([s * x, 0, -z], [s * x, 0, z], r) for s in (-1, 1)]
@@ -143,7 +161,7 @@ def wire_rack(rng: SeededRng, width: float, depth: float) -> Solid:
 
 
 def basket(rng: SeededRng, width: float, depth: float, high: float) -> Solid:
-    """A dishwasher's rack about the origin, its bottom in the plane y = 0."""
+    """Draw the rack of a dishwasher about the origin, its bottom in the plane y = 0."""
     x, z, r = width / 2, depth / 2, 0.0018
     bars: list[Solid] = []
     for y, thick in ((0.0, r), (high, 0.003)):
@@ -166,7 +184,7 @@ def basket(rng: SeededRng, width: float, depth: float, high: float) -> Solid:
 
 
 def dishes(rng: SeededRng, width: float, depth: float) -> list[tuple[Solid, Color]]:
-    """Plates that stand in a basket about the origin."""
+    """Draw plates that stand in a basket about the origin."""
     out: list[tuple[Solid, Color]] = []
     for k in range(rng.integer(2, 7)):
         r = rng.length(0.08, 0.115)
@@ -183,11 +201,10 @@ def dishes(rng: SeededRng, width: float, depth: float) -> list[tuple[Solid, Colo
     return out
 
 
-def heating(
-    rng: SeededRng, hole: tuple[float, float, float, float], middle: float, depth: float
-) -> list[Shape]:
-    """Heating loops near floor and ceiling of a cavity, and rails for shelves at its sides."""
-    x, y, w, h = hole
+def heating(rng: SeededRng, box: Cabinet) -> list[Shape]:
+    """Draw heating loops near the ceiling or floor of a cavity, and rails for shelves."""
+    x, y, w, h = box.hole.x, box.hole.y, box.hole.width, box.hole.height
+    middle, depth = box.middle, box.depth
     a, b = w / 2 - 0.04, depth / 2 - 0.07
     corners = ((-1, -1), (1, -1), (1, 1), (0.3, 1), (0.3, -0.5), (-0.3, -0.5), (-0.3, 1), (-1, 1),
                (-1, -1))

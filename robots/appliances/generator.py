@@ -29,7 +29,7 @@ from ..model import (
     move_surface,
 )
 from .dishwasher import dishwasher
-from .drawers import drawer
+from .drawers import chest_of_drawers
 from .fittings import Appliance, Part
 from .microwave import microwave
 from .oven import oven
@@ -50,7 +50,7 @@ APPLIANCE_SOURCE = f"gcbench appliance generator, version {VERSION}"
 APPLIANCE_LICENCE = "MIT"
 
 DESIGNS: Mapping[str, Callable[[SeededRng, int], Appliance]] = MappingProxyType({
-    "microwave": microwave, "dishwasher": dishwasher, "oven": oven, "drawer": drawer})
+    "microwave": microwave, "dishwasher": dishwasher, "oven": oven, "drawer": chest_of_drawers})
 """What draws an instance of each category from a generator that its number seeds."""
 
 _QUARTER = math.cos(1.570796326794897)  # of the angle that PartNet-Mobility writes for 90 deg

@@ -1,5 +1,9 @@
-"""Solids that appliances are made of. Axes: x to the right of who stands before the appliance,
-y up, z towards them.
+"""Solids for appliances: lofts through outlines, with exact normals.
+
+Seen from the front of an appliance, x points right, y up and z towards the viewer. Lengths are in
+m. The numbers are the same on every machine: sines are rounded before use, and all further
+arithmetic is addition, multiplication, division and square roots, which IEEE 754 defines to the
+last bit.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ _ARC = 5
 
 @dataclass(frozen=True)
 class Solid:
-    """Triangles; not necessarily closed."""
+    """A triangle mesh, closed or open."""
 
     vertices: Array
     """[V 3] m"""
@@ -29,7 +33,7 @@ class Solid:
     faces: NDArray[np.int64]
     """[F 3]"""
     uv: Array | None = None
-    """[V 2]; None: projected from the faces' own planes, a tile a metre"""
+    """[V 2] texture coordinates; None: each face is projected along an axis."""
 
 
 @dataclass(frozen=True)
@@ -43,18 +47,18 @@ class Ring:
 
 
 def cosine(degrees: ArrayLike) -> Array:
-    """Of angles in degrees, equal on every machine."""
+    """Return cosines of angles in degrees, equal on every machine."""
     radians: Array = np.asarray(degrees, np.float64) * (np.pi / 180.0)
     return np.asarray(np.cos(radians).round(9), np.float64)
 
 
 def sine(degrees: ArrayLike) -> Array:
-    """Of angles in degrees, equal on every machine."""
+    """Return sines of angles in degrees, equal on every machine."""
     return cosine(90.0 - np.asarray(degrees, np.float64))
 
 
 def rounded_rectangle(width: float, height: float, radius: float) -> tuple[Array, Array]:
-    """Outline [N 2] about the origin, counter-clockwise, and its normals [N 2]."""
+    """Return an outline [N 2] about the origin, counter-clockwise, and its normals [N 2]."""
     r = max(min(radius, width / 2.0, height / 2.0), 0.0)
     angles = (90.0 * np.arange(4)[:, None] + np.linspace(0.0, 90.0, _ARC + 1)).ravel()
     normal = np.stack([cosine(angles), sine(angles)], axis=1)
@@ -63,7 +67,7 @@ def rounded_rectangle(width: float, height: float, radius: float) -> tuple[Array
 
 
 def circle_outline(radius: float, sides: int = 24) -> tuple[Array, Array]:
-    """Outline [N 2] about the origin, counter-clockwise, and its normals [N 2]."""
+    """Return an outline [N 2] about the origin, counter-clockwise, and its normals [N 2]."""
     angles = 360.0 * np.arange(sides) / sides
     normal = np.stack([cosine(angles), sine(angles)], axis=1)
     return radius * normal, normal
@@ -71,8 +75,11 @@ def circle_outline(radius: float, sides: int = 24) -> tuple[Array, Array]:
 
 def loft(rings: Sequence[Ring], first_cap: bool = False, last_cap: bool = False,
          closed: bool = False) -> Solid:
-    """The skin through rings of equally many points, each counter-clockwise seen from where the
-    rings go; caps close the ends (outlines convex), `closed` joins the last ring to the first."""
+    """Return the surface through rings of N points each.
+
+    Each ring is counter-clockwise as seen from the rings after it. Caps close the ends, whose
+    outlines must be convex; `closed` joins the last ring to the first.
+    """
     n = len(rings[0].points)
     vertices = [ring.points for ring in rings]
     normals = [ring.normals for ring in rings]
@@ -110,8 +117,10 @@ _EDGE = 3
 
 def slab(width: float, height: float, z: tuple[float, float], radius: float = 0.0,
          edge: float = 0.0, back_edge: float = 0.0) -> Solid:
-    """A plate in the x-y plane from z[0] to z[1], corners rounded by `radius`, the edges around
-    its front (and back) by `edge` (and `back_edge`)."""
+    """Return a plate in the x-y plane from z[0] to z[1].
+
+    `radius` rounds its corners, `edge` and `back_edge` the edges around its front and its back.
+    """
     def outline(inset: float) -> tuple[Array, Array]:
         return rounded_rectangle(width - 2 * inset, height - 2 * inset, max(radius - inset, 0.0))
 
@@ -130,17 +139,31 @@ def slab(width: float, height: float, z: tuple[float, float], radius: float = 0.
     return loft(rings, first_cap=True, last_cap=True)
 
 
-def frame(width: float, height: float, hole: tuple[float, float, float, float],
-          z: tuple[float, float], radius: float = 0.0, edge: float = 0.0,
-          hole_radius: float = 0.0) -> Solid:
-    """A plate like `slab` with a hole (x, y of its centre, width, height)."""
-    x, y, w, h = hole
+@dataclass(frozen=True)
+class Hole:
+    """A rounded rectangular hole in a plate or in the front of a box; lengths in m."""
 
+    x: float
+    """Of the centre."""
+    y: float
+    width: float
+    height: float
+    radius: float = 0.0
+    """Of the corners."""
+
+    def outline(self) -> tuple[Array, Array]:
+        """Points [N 2] of the rim, counter-clockwise, and their normals [N 2] into the hole."""
+        points, normal = rounded_rectangle(self.width, self.height, self.radius)
+        return points + np.array([self.x, self.y]), -normal
+
+
+def frame(width: float, height: float, hole: Hole, z: tuple[float, float], radius: float = 0.0,
+          edge: float = 0.0) -> Solid:
+    """Return a plate like `slab` with a hole."""
     def outer(inset: float) -> tuple[Array, Array]:
         return rounded_rectangle(width - 2 * inset, height - 2 * inset, max(radius - inset, 0.0))
 
-    points, normal = rounded_rectangle(w, h, hole_radius)
-    inner = points + np.array([x, y]), -normal
+    inner = hole.outline()
     steps = np.linspace(0.0, 90.0, _EDGE + 1)
     rings = [ring(outer(0.0), z[0], 0.0, -1.0), ring(outer(0.0), z[0])]
     if edge > 0:
@@ -153,24 +176,20 @@ def frame(width: float, height: float, hole: tuple[float, float, float, float],
     return loft(rings, closed=True)
 
 
-def shell(width: float, height: float, z: tuple[float, float],
-          hole: tuple[float, float, float, float], radius: float, edge: float,
-          hole_radius: float = 0.0) -> Solid:
-    """The outside of a box and its front up to a hole (as in `frame`); `cavity` goes in there."""
-    x, y, w, h = hole
-    points, normal = rounded_rectangle(w, h, hole_radius)
+def shell(width: float, height: float, z: tuple[float, float], hole: Hole, radius: float,
+          edge: float) -> Solid:
+    """Return the outside of a box and its front around a hole, where a `cavity` belongs."""
     steps = np.linspace(0.0, 90.0, _EDGE + 1)
     back = [ring(rounded_rectangle(width - 2 * edge * (1 - c), height - 2 * edge * (1 - c),
                                    max(radius - edge * (1 - c), 0.0)), z[0] + edge * (1 - s), c, -s)
             for c, s in zip(sine(steps), cosine(steps), strict=True)]
     front = [Ring(b.points * [1.0, 1.0, 0.0] + [0.0, 0.0, z[1] + z[0] - b.points[0, 2]],
                   b.normals * [1.0, 1.0, -1.0]) for b in reversed(back)]
-    hole_ring = ring((points + np.array([x, y]), -normal), z[1], 0.0, 1.0)
-    return loft([*back, *front, hole_ring], first_cap=True)
+    return loft([*back, *front, ring(hole.outline(), z[1], 0.0, 1.0)], first_cap=True)
 
 
 def cavity(opening: tuple[float, float], z: tuple[float, float], radius: float) -> Solid:
-    """The inside of a box that is open at z[1]: walls and back, facing inward; about the origin."""
+    """Return the inside of a box about the origin: walls and back at z[0], facing inward."""
     points, normal = rounded_rectangle(*opening, radius)
     outline = points, -normal
     walls = loft([ring(outline, z[1]), ring(outline, z[0])])
@@ -179,7 +198,7 @@ def cavity(opening: tuple[float, float], z: tuple[float, float], radius: float) 
 
 def disc(radius: float, z: tuple[float, float], edge: float = 0.0, sides: int = 24,
          top: float | None = None) -> Solid:
-    """A cylinder along z, tapered to the radius `top`, its front edge rounded by `edge`."""
+    """Return a cylinder along z, tapered to the radius `top`, its front edge rounded by `edge`."""
     last = radius if top is None else top
     rings = [ring(circle_outline(radius, sides), z[0]),
              ring(circle_outline(last, sides), z[1] - edge)]
@@ -192,9 +211,9 @@ def disc(radius: float, z: tuple[float, float], edge: float = 0.0, sides: int = 
 
 def tube(path: ArrayLike, radius: float, normal: ArrayLike, sides: int = 10,
          flat: float = 1.0) -> Solid:
-    """A bar along the points `path` [K 3], which lie in a plane with this unit normal [3].
+    """Return a bar along the points `path` [K 3] of a plane with the unit normal `normal` [3].
 
-    It is `radius` thick in the plane and `flat` times as thick across it.
+    Its radius is `radius` in the plane and `flat` times that across the plane.
     """
     p, across = np.asarray(path, np.float64), np.asarray(normal, np.float64)
     step = np.diff(p, axis=0)
@@ -216,7 +235,7 @@ def tube(path: ArrayLike, radius: float, normal: ArrayLike, sides: int = 10,
 
 
 def wire(a: ArrayLike, b: ArrayLike, radius: float, sides: int = 6) -> Solid:
-    """A straight bar from a to b, each [3]."""
+    """Return a straight bar from a to b, each [3]."""
     line = np.asarray([a, b], np.float64)
     along = np.abs(line[1] - line[0])
     other = np.eye(3)[int(np.argmin(along))]
@@ -225,7 +244,7 @@ def wire(a: ArrayLike, b: ArrayLike, radius: float, sides: int = 6) -> Solid:
 
 
 def image_quad(width: float, height: float, z: float) -> Solid:
-    """A rectangle that faces +z and shows a whole texture."""
+    """Return a rectangle that faces +z and shows a whole texture once."""
     corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float64)
     vertices = np.column_stack([corner * [width / 2.0, height / 2.0], np.full(4, z)])
     return Solid(vertices, np.tile([0.0, 0.0, 1.0], (4, 1)), np.array([[0, 1, 2], [0, 2, 3]]),
@@ -242,19 +261,19 @@ _TURNS = {
 
 
 def orient(solid: Solid, where: str) -> Solid:
-    """The solid turned so that its +z looks right, left, up, down or back."""
+    """Return the solid turned so that its +z points right, left, up, down or back."""
     turn = _TURNS[where]
     # one term of each sum is not zero, so that the order of summation does not matter
     return Solid(solid.vertices @ turn.T, solid.normals @ turn.T, solid.faces, solid.uv)
 
 
 def shift(solid: Solid, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
-    """The solid shifted."""
+    """Return the solid moved by x, y, z."""
     return Solid(solid.vertices + np.array([x, y, z]), solid.normals, solid.faces, solid.uv)
 
 
 def join(solids: Sequence[Solid]) -> Solid:
-    """All of them as one; UVs are kept if all have them."""
+    """Return the solids as one; texture coordinates are kept if all have them."""
     starts = np.cumsum([0, *(len(s.vertices) for s in solids)])
     uvs = [s.uv for s in solids if s.uv is not None]
     return Solid(

@@ -1,4 +1,4 @@
-"""Pictures on appliances, as palette images: integers only, equal bytes on every machine."""
+"""Colours, seeded draws and palette images: integer arithmetic, equal on every machine."""
 
 from __future__ import annotations
 
@@ -13,34 +13,36 @@ from numpy.typing import NDArray
 
 from .shapes import cosine, sine
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 Color = tuple[int, int, int]
 """sRGB, 0..255"""
 
+
 class SeededRng:
-    """Draws on grids of integers: the same on every machine."""
+    """Draws from integers of a seeded generator, the same on every machine."""
 
     def __init__(self, generator: np.random.Generator) -> None:
         self.generator = generator
 
     def integer(self, low: int, high: int) -> int:
-        """Both ends included."""
+        """Draw an integer; both ends are included."""
         return int(self.generator.integers(low, high + 1))
 
     def length(self, low: float, high: float) -> float:
-        """m, on a grid of a millimetre."""
+        """Draw a length in m, on a grid of 1 mm."""
         return self.integer(round(low * 1000), round(high * 1000)) / 1000
 
     def angle(self, low: float, high: float) -> float:
-        """rad, on a grid of a thousandth."""
+        """Draw an angle, on a grid of 0.001 rad."""
         return self.length(low, high)
 
     def chance(self, percent: int) -> bool:
+        """Draw True with a probability in percent."""
         return self.integer(0, 99) < percent
 
-    def choice(self, options: Sequence[T], weights: Sequence[int] | None = None) -> T:
-        """One of the options; integer weights."""
+    def choice(self, options: Sequence[_T], weights: Sequence[int] | None = None) -> _T:
+        """Draw one of the options; the weights are integers."""
         chances = weights or [1] * len(options)
         drawn = self.integer(0, sum(chances) - 1)
         for option, weight in zip(options, chances, strict=True):
@@ -50,7 +52,7 @@ class SeededRng:
         raise AssertionError("the weights are positive")
 
     def near(self, color: Color, spread: int) -> Color:
-        """A colour that is up to `spread` lighter or darker, its channels almost alike."""
+        """Draw a colour up to `spread` lighter or darker; its channels shift almost alike."""
         shift, tint = self.integer(-spread, spread), spread // 5
         r, g, b = (min(255, max(0, c + shift + self.integer(-tint, tint))) for c in color)
         return r, g, b
@@ -67,7 +69,7 @@ _GLYPHS = {
     "9": "064949291E", ":": "0036360000", " ": "0000000000", "+": "08083E0808",
     "-": "0808080808",
 }
-"""5 x 7 dots: a byte a column, its lowest bit on top."""
+"""5 x 7 dots: one byte per column, the lowest bit on top."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class PaletteImage:
 
 
 def encode_png(picture: PaletteImage) -> bytes:
-    """A PNG whose bytes depend on the pixels alone: stored, for compressors differ."""
+    """Encode a PNG whose bytes depend on the pixels alone: stored, as compressors differ."""
     height, width = picture.pixels.shape
     lines = np.zeros((height, width + 1), np.uint8)  # filter 0 before each row
     lines[:, 1:] = picture.pixels
@@ -100,14 +102,14 @@ def encode_png(picture: PaletteImage) -> bytes:
 def text_image(
     text: str, ink: Color, paper: Color, scale: int = 4, margin: int = 1
 ) -> PaletteImage:
-    """A line of capitals and digits; margins in dots of `scale` px."""
+    """Return a line of capitals and digits; a dot and the unit of margins are `scale` px."""
     return PaletteImage(_written(text, margin).repeat(scale, 0).repeat(scale, 1), (paper, ink))
 
 
 def keypad_image(
     labels: Sequence[Sequence[str]], ink: Color, paper: Color, button: Color, round_: bool
 ) -> PaletteImage:
-    """A grid of buttons with words on them; each row has its own number of buttons."""
+    """Return rows of buttons with words on them; rows may differ in their number of buttons."""
     cell, width = 24, 144
     out = np.zeros((cell * len(labels) + 4, width), np.uint8)
     for row, texts in enumerate(labels):
@@ -131,7 +133,7 @@ def keypad_image(
 def brushed_metal(
     rng: np.random.Generator, tone: Color, contrast: int, along_u: bool = True
 ) -> PaletteImage:
-    """Fine streaks of brushed metal, 128 x 128."""
+    """Return fine streaks, 128 x 128 px."""
     streak = rng.integers(-contrast, contrast + 1, (128, 1)) + rng.integers(-2, 3, (128, 128))
     for shift in (1, 2, 3, 5):  # grains are longer than a pixel
         streak[:, shift:] = (streak[:, shift:] * 3 + streak[:, :-shift]) // 4
@@ -139,7 +141,7 @@ def brushed_metal(
 
 
 def speckled_enamel(rng: np.random.Generator, tone: Color, contrast: int) -> PaletteImage:
-    """Enamel with fine dots, 128 x 128."""
+    """Return fine dots, 128 x 128 px."""
     noise = rng.integers(-2, 3, (128, 128))
     dots = rng.integers(0, 128, (420, 2))
     noise[dots[:, 0], dots[:, 1]] += np.where(np.arange(420) % 2 > 0, 4 * contrast, -4 * contrast)
@@ -147,7 +149,7 @@ def speckled_enamel(rng: np.random.Generator, tone: Color, contrast: int) -> Pal
 
 
 def wood_grain(rng: np.random.Generator, tone: Color, contrast: int) -> PaletteImage:
-    """Vertical grain of veneer, 128 x 128, tileable from top to bottom."""
+    """Return vertical grain of veneer, 128 x 128 px, tileable from top to bottom."""
     out = np.zeros((128, 128), np.int64)
     u, v = np.arange(128), np.arange(128)[:, None]
     for period, weight in ((43, 4), (17, 3), (7, 2)):
@@ -161,14 +163,14 @@ def wood_grain(rng: np.random.Generator, tone: Color, contrast: int) -> PaletteI
 
 
 def dot_pattern(ink: Color, paper: Color) -> PaletteImage:
-    """The screen in a microwave's window, a tile of 16 holes."""
+    """Return a tile of 16 holes of the screen in the window of a microwave."""
     v, u = np.indices((64, 64))
     near = (v % 16 - 8) ** 2 + (u % 16 - 8) ** 2 <= 18
     return PaletteImage(near.astype(np.uint8), (paper, ink))
 
 
 def gauge_image(ink: Color, paper: Color, marks: int) -> PaletteImage:
-    """Marks around a knob, over three quarters of a turn, 96 x 96."""
+    """Return marks around a knob over three quarters of a turn, 96 x 96 px."""
     out = np.zeros((96, 96), np.uint8)
     for k in range(marks):
         angle = 225.0 - 270.0 * k / (marks - 1)
@@ -179,7 +181,7 @@ def gauge_image(ink: Color, paper: Color, marks: int) -> PaletteImage:
 
 
 def shades(tone: Color) -> tuple[Color, ...]:
-    """64 colours from darker to lighter than the tone, which is number 32."""
+    """Return 64 colours from dark to light; number 32 is the tone."""
     def level(value: int, k: int) -> int:
         return min(255, value * (96 + k) // 128)
 

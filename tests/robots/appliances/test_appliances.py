@@ -24,7 +24,15 @@ from gcbench.robots.appliances.generator import (
     appliance_model,
     write_appliance,
 )
-from gcbench.robots.appliances.shapes import cavity, disc, frame, rounded_rectangle, slab, tube
+from gcbench.robots.appliances.shapes import (
+    Hole,
+    cavity,
+    disc,
+    frame,
+    rounded_rectangle,
+    slab,
+    tube,
+)
 from gcbench.robots.appliances.textures import (
     PaletteImage,
     SeededRng,
@@ -332,7 +340,7 @@ def test_pictures_are_pngs_of_their_pixels() -> None:
 
 @pytest.mark.parametrize("solid", [
     slab(0.4, 0.3, (0.0, 0.05), 0.02, 0.01, 0.01), slab(0.4, 0.3, (0.0, 0.05)),
-    frame(0.4, 0.3, (0.02, 0.01, 0.2, 0.1), (0.0, 0.05), 0.02, 0.01, 0.03),
+    frame(0.4, 0.3, Hole(0.02, 0.01, 0.2, 0.1, 0.03), (0.0, 0.05), 0.02, 0.01),
     disc(0.1, (0.0, 0.05), 0.01), tube([[0, 0, 0], [1, 0, 0], [1, 0, 1]], 0.01, [0, 1, 0]),
 ], ids=["slab", "box", "frame", "disc", "tube"])
 def test_solids_are_closed_and_their_normals_face_outward(solid: Any) -> None:
@@ -357,7 +365,7 @@ def test_volumes_are_those_of_the_formulas() -> None:
         return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
     assert volume(slab(0.4, 0.3, (0.1, 0.2))) == pytest.approx(0.4 * 0.3 * 0.1)
-    hole = frame(0.4, 0.3, (0.05, 0.0, 0.2, 0.1), (0.0, 0.1))
+    hole = frame(0.4, 0.3, Hole(0.05, 0.0, 0.2, 0.1), (0.0, 0.1))
     assert volume(hole) == pytest.approx((0.4 * 0.3 - 0.2 * 0.1) * 0.1)
     outline, _ = rounded_rectangle(0.4, 0.3, 0.1)
     x, y = outline.T
