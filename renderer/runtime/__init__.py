@@ -6,6 +6,7 @@ from .interrupt import uninterrupted
 from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
 from .npz import ArraySpec, dump_npy, parse_npy, parse_npz
 from .progress import Bar, frame_bar
+from .streams import named_rng
 from .workers import WorkerPool, WorkerSettings, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
@@ -20,6 +21,7 @@ __all__ = [
     "dump_json",
     "dump_npy",
     "frame_bar",
+    "named_rng",
     "open_archive",
     "parse_json",
     "parse_npy",

@@ -6,7 +6,6 @@ one only.
 from __future__ import annotations
 
 import colorsys
-import zlib
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel, Material
 from ...robots.motion import JointTrajectory
+from ..runtime import named_rng
 from ..types import Camera, intrinsics_from_fov, look_at
 from .config import (
     BackgroundConfig,
@@ -42,9 +42,7 @@ class Streams:
     def rng(self, factor: str, attempt: int = 0) -> np.random.Generator:
         """A fresh generator; `attempt` counts the draws that observability refused."""
         index = self.index if factor in self.config.vary else 0
-        stream = 0 if self.config.stream == "test" else 1
-        key = zlib.crc32(factor.encode())
-        return np.random.default_rng([self.config.seed, stream, index, key, attempt])
+        return named_rng(self.config.seed, self.config.stream, index, factor, attempt)
 
 
 def _direction(azimuth: float, elevation: float) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply
 from ...robots.model import ArticulatedModel
+from ..runtime import named_rng
 from ..scene import RenderConfig, RoomSurface, rest_in_part
 from ..types import Camera, Frame
 from .correspondence import Moved, SurfacePoints, pose_table, surface_points, visibility
@@ -44,7 +44,7 @@ class SequenceTruth:
     ) -> None:
         """`room_normal` [H W 3] is what the layer `normal` shows where the model is not."""
         self.config, self.model, self.draw = config, model, draw
-        self.layers, self._index, self._depth_unit = config.layers, index, depth_unit
+        self.layers, self._index, self.depth_unit = config.layers, index, depth_unit
         self._room_normal = room_normal
         frames = config.frames
         self.cam_from_world = np.tile(draw.camera.cam_from_world, (frames, 1, 1))
@@ -72,7 +72,7 @@ class SequenceTruth:
             moved = self._moved(points, deforming, t, t + 1)
             forward = points.flow_image(moved)
             seen = visibility(
-                points, moved, draw.depth[t + 1], draw.part[t + 1], self._depth_unit)
+                points, moved, draw.depth[t + 1], draw.part[t + 1], self.depth_unit)
         coordinates = None
         if "coordinates" in self.layers:
             coordinates = coordinate_image(points, table[t], deforming, self._at_rest, part.shape)
@@ -83,7 +83,7 @@ class SequenceTruth:
         """Arrays of the state that belong to the layers."""
         out: dict[str, Any] = {}
         draw, posed, config = self.draw, self.draw.motion.posed, self.config
-        images = TruthImages(draw.camera, draw.depth, draw.part, self._depth_unit)
+        images = TruthImages(draw.camera, draw.depth, draw.part, self.depth_unit)
         if self.coordinate_box is not None:
             out["coordinate_box"] = self.coordinate_box
         if "keypoints" in self.layers:
@@ -91,9 +91,7 @@ class SequenceTruth:
                 self.model, posed.world_from_part, images, self.keypoint_tolerance)
             out |= {f"keypoint_{name}": value for name, value in vars(found).items()}
         if "tracks" in self.layers:
-            stream = 0 if config.stream == "test" else 1
-            rng = np.random.default_rng(
-                [config.seed, stream, self._index, zlib.crc32(b"tracks")])
+            rng = named_rng(config.seed, config.stream, self._index, "tracks")
             found, query = track_paths(
                 rng, config.track_points, posed.world_from_part, images,
                 (posed, draw.face) if draw.face else None)
