@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -61,7 +60,7 @@ class TorchDataset(TorchBase):
             "sequence": number,
             "frame": frame,
             **{name: _images(sequence, name, frame, stop) for name in self.images},
-            **_state(sequence, frame, stop),
+            **{k: torch.tensor(v) for k, v in sequence.state.at(slice(frame, stop)).items()},
         }
 
 
@@ -73,13 +72,3 @@ def _images(sequence: Sequence, name: str, start: int, stop: int) -> torch.Tenso
     if stack.ndim == 4:
         stack = np.ascontiguousarray(np.moveaxis(stack, -1, 1))
     return torch.from_numpy(stack)
-
-
-def _state(sequence: Sequence, start: int, stop: int) -> dict[str, torch.Tensor]:
-    whole = ("intrinsics", "joint_parent_part", "joint_child_part", "coordinate_box",
-             "keypoint_part", "track_part", "track_query")
-    arrays = {field.name: getattr(sequence.state, field.name) for field in fields(sequence.state)}
-    return {
-        name: torch.tensor(array if name in whole else array[start:stop])
-        for name, array in arrays.items() if array is not None
-    }

@@ -24,8 +24,6 @@ from .journal import SequenceRecord
 
 SHARD = 1000
 """Frames."""
-_WHOLE = ("intrinsics", "joint_parent_part", "joint_child_part", "coordinate_box", "keypoint_part",
-          "track_part", "track_query")  # of State: what is not of one instant
 
 
 class WebDataset:
@@ -100,8 +98,7 @@ def frame_facts(sequence: Sequence, t: int) -> dict[str, object]:
         "joint_names": meta.joint_names, "joint_types": meta.joint_types,
         "scored_joints": meta.scored_joints, "part_names": meta.part_names,
         "keypoint_names": meta.keypoint_names,
-        **{name: array if name in _WHOLE else known(array[t])
-           for name, array in vars(sequence.state).items() if array is not None},
+        **{name: known(array) for name, array in sequence.state.at(t).items()},
     }  # fmt: skip
 
 

@@ -105,6 +105,21 @@ class State:
     track_visible: NDArray[np.bool_] | None = None
     """[T N]"""
 
+    def at(self, frames: int | slice) -> dict[str, NDArray[Any]]:
+        """Return the arrays at some frames by name; those without a time axis stay whole.
+
+        Arrays of layers that the dataset lacks are left out.
+        """
+        arrays = {name: value for name, value in vars(self).items() if value is not None}
+        return {k: v if k in _WITHOUT_TIME else v[frames] for k, v in arrays.items()}
+
+
+_WITHOUT_TIME = {
+    "intrinsics", "joint_parent_part", "joint_child_part", "coordinate_box", "keypoint_part",
+    "track_part", "track_query",
+}
+"""Arrays of `State` that hold for the whole sequence."""
+
 
 @dataclass(frozen=True)
 class Meta:
