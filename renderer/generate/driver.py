@@ -32,6 +32,7 @@ from ..dataset import (
 )
 from ..runtime import dump_json, frame_bar
 from ..scene import RenderConfig, config_tree, differences, parse_config, resolved
+from ..types import Sequence
 from .worker_pool import WorkerDied, render_in_workers
 from .worker_process import FrameDone, ModelLoaded, RenderTask
 
@@ -82,6 +83,37 @@ def plan_workers(cpu_count: int, requested: int | None) -> tuple[int, int]:
     if workers < 1:
         raise GcbenchError(f"{workers} workers cannot render; ask for 1 or more")
     return workers, max(1, cpu_count // workers)
+
+
+def render_sequence(config: RenderConfig, index: int = 0) -> Sequence:
+    """Render one sequence in memory.
+
+    It equals the stored one, except that files round depth, flow and the other images.
+
+    Args:
+        config: What to render.
+        index: Number of the sequence. A sequence depends on the config and its number only.
+
+    Returns:
+        The sequence, its images as arrays.
+
+    Raises:
+        ConfigError: if a value of the config is invalid.
+        ModelError: if the robot cannot be loaded.
+        RenderError: if this machine cannot render.
+
+    Example:
+        >>> sequence = render_sequence(RenderConfig("ur5", frames=3), 7)  # doctest: +SKIP
+        >>> sequence.depth.shape  # doctest: +SKIP
+        (3, 480, 640)
+    """
+    from .sequence_renderer import SequenceRenderer
+
+    renderer = SequenceRenderer(config)
+    try:
+        return renderer.render(index).in_memory()
+    finally:
+        renderer.close()
 
 
 def generate(

@@ -1,4 +1,4 @@
-"""One sequence after another: draw it, colour it. A sequence depends on (config, i) only."""
+"""Render one sequence after another. A sequence depends on (config, index) only."""
 
 from __future__ import annotations
 
@@ -9,40 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel, joint_screws
 from ..dataset import UNITS
 from ..gl import Rasterizer
 from ..scene import RenderConfig, Scene, Streams, dataset_asset, draw_scene, model_source, resolved
 from ..truth import Draw, DrawSampler, SequenceTruth, needs_faces, room_normal
 from ..types import Frame, Meta, State
+from .rendered_sequence import RenderedSequence
 
 DEPTH_UNIT = 0.0001
 
 
-class RenderedSequence:
-    """A sequence that renders while its frames are iterated; `meta` and `state` afterwards."""
-
-    frames: Iterator[Frame]
-    depth_unit: float
-    """m per unit of the depth images"""
-    refused: Mapping[str, int]
-    """Draws that were not observable, by reason."""
-    coordinate_box: Array | None
-    """[P 2 3] m, of the layer `coordinates`"""
-    meta: Meta
-    state: State
-
-
 class SequenceRenderer:
-    """Loads models, opens OpenGL, renders any sequence of a config. One per process.
-
-    Raises GcbenchError for a robot, a joint name or a configuration that does not work.
-    """
+    """Load models, open OpenGL, and render any sequence of a config. One per process."""
 
     def __init__(self, config: RenderConfig) -> None:
         self.config = config = resolved(config)
-        self._cast = model_source(config, 0)
+        self._source = model_source(config, 0)
         self._rasterizer = Rasterizer(
             config.width, config.height, round(config.samples**0.5),
             faces=needs_faces(self.model, config.layers))
@@ -50,26 +33,26 @@ class SequenceRenderer:
 
     @property
     def model(self) -> ArticulatedModel:
-        """What the last sequence shows."""
-        return self._cast.model
+        """The model of the last sequence."""
+        return self._source.model
 
     @property
     def scored(self) -> tuple[str, ...]:
-        """Its joints that are scored."""
-        return self._cast.scored
+        """Names of its scored joints, from the base outward."""
+        return self._source.scored
 
     @property
     def asset(self) -> dict[str, Any]:
         """Where the model or the models came from, for `dataset.json`."""
-        return dataset_asset(self.config, self._cast)
+        return dataset_asset(self.config, self._source)
 
     def close(self) -> None:
         """Give the GL context back."""
         self._rasterizer.close()
 
     def render(self, index: int) -> RenderedSequence:
-        """Sequence `index`; its refused draws are counted by reason."""
-        self._take(index)
+        """Draw sequence `index`; its images render while they are iterated."""
+        self._load_model(index)
         streams = Streams(self.config, index)
         draw, refused = self._sampler.draw(streams)
         motion = draw.motion
@@ -84,24 +67,29 @@ class SequenceRenderer:
             draw = self._in_room(draw, room.depth)
             if "normal" in self.config.layers and room.face is not None:
                 behind = room_normal(scene.room, room.face, draw.camera)
-        out = RenderedSequence()
-        out.refused = refused
-        out.depth_unit = depth_unit(max(float(d.max()) for d in draw.depth))
-        truth = SequenceTruth(self.config, index, self.model, draw, out.depth_unit, behind)
-        out.coordinate_box = truth.coordinate_box
-        out.frames = self._frames(index, truth, scene, record, out)
-        return out
+        unit = depth_unit(max(float(d.max()) for d in draw.depth))
+        truth = SequenceTruth(self.config, index, self.model, draw, unit, behind)
+        frames = self.frames(truth, scene)
 
-    def _take(self, index: int) -> None:
-        """Make ready the model of sequence `index`; the device holds one at a time."""
-        cast = model_source(self.config, index, self._cast)
-        if cast is not self._cast:
-            self._cast = cast
+        def finish() -> tuple[Meta, State]:
+            if next(frames, None) is not None:
+                raise RuntimeError("a sequence is finished after its last frame")
+            state = self._state(truth)
+            return self._meta(index, record, truth, refused, state), state
+
+        return RenderedSequence(frames, unit, refused, truth.coordinate_box, finish)
+
+    def _load_model(self, index: int) -> None:
+        """Load the model of sequence `index`; the device holds one at a time."""
+        source = model_source(self.config, index, self._source)
+        if source is not self._source:
+            self._source = source
             self._sampler = self._new_sampler()
 
     def _new_sampler(self) -> DrawSampler:
-        cast = self._cast
-        return DrawSampler(cast.model, cast.scored, self.config, self._rasterizer, cast.animation)
+        source = self._source
+        return DrawSampler(
+            source.model, source.scored, self.config, self._rasterizer, source.animation)
 
     def _in_room(self, draw: Draw, room: NDArray[np.float32]) -> Draw:
         """The draw before (or, where it sinks into the floor, behind) a room [H W] m."""
@@ -114,17 +102,13 @@ class SequenceRenderer:
 
     # -- frames -------------------------------------------------------------------------------
 
-    def _frames(
-        self, index: int, truth: SequenceTruth, scene: Scene, record: dict[str, Any],
-        out: RenderedSequence,
-    ) -> Iterator[Frame]:
+    def frames(self, truth: SequenceTruth, scene: Scene) -> Iterator[Frame]:
+        """Draw the images of a scene with their truth."""
         posed = truth.draw.motion.posed
         for t in range(self.config.frames):
             drawn = self._rasterizer.draw_color(scene, posed, t)
             yield truth.frame(
                 t, lambda t=t, drawn=drawn: _through_lens(drawn.rgb, scene, t))
-        out.state = self._state(truth)
-        out.meta = self._meta(index, record, truth, out)
 
     def _state(self, truth: SequenceTruth) -> State:
         model, motion, camera = self.model, truth.draw.motion, truth.draw.camera
@@ -142,13 +126,14 @@ class SequenceRenderer:
         )
 
     def _meta(
-        self, index: int, record: dict[str, Any], truth: SequenceTruth, out: RenderedSequence
+        self, index: int, record: dict[str, Any], truth: SequenceTruth,
+        refused: Mapping[str, int], state: State,
     ) -> Meta:
         draw, has_keypoints = truth.draw, "keypoints" in self.config.layers
         config, model, context = self.config, self.model, self._rasterizer.context
         return Meta(
             name=f"{model.name}/{config.seed}/{index:06d}",
-            asset=self._cast.asset,
+            asset=self._source.asset,
             joint_names=model.joint_names,
             joint_types=model.joint_types,
             joint_limits=tuple(
@@ -168,10 +153,10 @@ class SequenceRenderer:
                 # The rule is about joints: it says nothing of a motion that has none.
                 "observable": None if "animation" in record else not draw.reason,
                 "reason": draw.reason,
-                "refused": dict(out.refused),
+                "refused": dict(refused),
                 "joints": {name: asdict(seen) for name, seen in draw.joints.items()},
             },
-            depth_unit=out.depth_unit,
+            depth_unit=truth.depth_unit,
             units=UNITS,
             deforming_parts=tuple(
                 model.part_names[p] for p in sorted({v.part for v in model.visuals if v.deforms})
@@ -179,7 +164,7 @@ class SequenceRenderer:
             layers=config.layers,
             keypoint_names=model.keypoint_names if has_keypoints else (),
             keypoint_tolerance=truth.keypoint_tolerance,
-            tracks=0 if out.state.track_query is None else len(out.state.track_query),
+            tracks=0 if state.track_query is None else len(state.track_query),
         )
 
 

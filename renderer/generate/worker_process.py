@@ -3,47 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from ...errors import GcbenchError, RenderError
 from ..runtime import receive_tasks
 from ..scene import RenderConfig
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from ..types import Frame, Meta, State
-
-
-class Rendered(Protocol):
-    """A sequence that renders while its frames are iterated."""
-
-    frames: Iterator[Frame]
-    depth_unit: float
-    """m per unit of the depth images"""
-    refused: Mapping[str, int]
-    """Draws that were refused, by reason."""
-    coordinate_box: NDArray[np.float64] | None
-    """[P 2 3] m, if the frames have coordinates"""
-    meta: Meta
-    """After the last frame."""
-    state: State
-    """After the last frame."""
-
-
-class Renderer(Protocol):
-    """What `source` makes from a config: renders any sequence of it; one per process."""
-
-    @property
-    def asset(self) -> Mapping[str, Any]: ...
-    def render(self, index: int, /) -> Rendered: ...
-    def close(self) -> None: ...
+from .rendered_sequence import Renderer
 
 
 @dataclass(frozen=True)
@@ -124,6 +94,7 @@ def _render(renderer: Renderer, index: int, dataset: Path, connection: Connectio
         for frame in rendered.frames:
             writer.add(frame)
             connection.send(FrameDone())
+        meta, state = rendered.finish()
         # With the sequence, so that the dataset's sum follows from what is on disk.
-        seen = {**rendered.meta.observability, "refused": dict(rendered.refused)}
-        writer.finish(replace(rendered.meta, observability=seen), rendered.state)
+        seen = {**meta.observability, "refused": dict(rendered.refused)}
+        writer.finish(replace(meta, observability=seen), state)

@@ -70,7 +70,7 @@ class Shipped:
         rendered = self.renderer.render(0)
         for _ in rendered.frames:
             pass
-        used = rendered.meta.renderer
+        used = rendered.finish()[0].renderer
         return f"{used['renderer']}; OpenGL {used['version']}"
 
 
@@ -87,7 +87,7 @@ class Encoded(Shipped):
             for frame in rendered.frames:
                 writer.add(frame)
                 yield frame
-            writer.finish(rendered.meta, rendered.state)
+            writer.finish(*rendered.finish())
 
 
 class Pure:

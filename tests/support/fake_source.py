@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from gcbench import GcbenchError
+from gcbench.renderer.generate.rendered_sequence import RenderedSequence
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.types.sequence import Frame, Meta, State
 
@@ -80,35 +81,30 @@ def make_meta(frames: int, height: int, width: int, **changes: Any) -> Meta:
     return Meta(**(values | changes))
 
 
-class FakeSequence:
-    """What `worker.Rendered` asks for."""
+def render(config: RenderConfig, index: int) -> RenderedSequence:
+    """A sequence of random images."""
+    size = (config.frames, config.height, config.width)
+    rng = np.random.default_rng([config.seed, index])
 
-    depth_unit = 0.0001
-    coordinate_box = None
-    meta: Meta
-    state: State
-
-    def __init__(self, config: RenderConfig, index: int) -> None:
-        self.refused = {"collision": index % 3}
-        self.frames = self._render(config, index)
-
-    def _render(self, config: RenderConfig, index: int) -> Iterator[Frame]:
-        size = (config.frames, config.height, config.width)
-        rng = np.random.default_rng([config.seed, index])
+    def frames() -> Iterator[Frame]:
         for t, frame in enumerate(make_frames(rng, *size)):
             if t == 1:
                 _accident(config.robot, index)
             time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
             yield frame
-        self.state = make_state(rng, config.frames)
+
+    def finish() -> tuple[Meta, State]:
         seen = {"observable": index % 4 != 2}
-        self.meta = make_meta(
+        meta = make_meta(
             *size, name=f"{index:06d}", index=index, seed=config.seed, observability=seen
         )
+        return meta, make_state(rng, config.frames)
+
+    return RenderedSequence(frames(), 0.0001, {"collision": index % 3}, None, finish)
 
 
 class FakeRenderer:
-    """What `worker.Renderer` asks for."""
+    """A renderer without OpenGL."""
 
     def __init__(self, config: RenderConfig) -> None:
         if config.robot == "nowhere":
@@ -116,8 +112,8 @@ class FakeRenderer:
         self.config = config
         self.asset = {"name": config.robot, "licence": "MIT", "sha256": "00"}
 
-    def render(self, index: int) -> FakeSequence:
-        return FakeSequence(self.config, index)
+    def render(self, index: int) -> RenderedSequence:
+        return render(self.config, index)
 
     def close(self) -> None:
         pass

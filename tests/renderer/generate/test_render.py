@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.renderer.generate.rendered_sequence import RenderedSequence
 from gcbench.renderer.generate.sequence_renderer import (
-    RenderedSequence,
     SequenceRenderer,
     depth_unit,
 )
@@ -61,7 +61,7 @@ def renderer(config: RenderConfig) -> Iterator[SequenceRenderer]:
 
 def whole(rendered: RenderedSequence) -> tuple[list[Frame], Meta, State]:
     frames = list(rendered.frames)
-    return frames, rendered.meta, rendered.state
+    return frames, *rendered.finish()
 
 
 def assert_equal(one: list[Frame], two: list[Frame], names: tuple[str, ...] = ()) -> None:

@@ -48,12 +48,7 @@ def renderer(model: ArticulatedModel, monkeypatch: pytest.MonkeyPatch, **changes
 
 
 def whole(opened: SequenceRenderer, index: int = 0) -> Sequence:
-    rendered = opened.render(index)
-    frames = list(rendered.frames)
-    return Sequence(
-        rendered.meta, rendered.state, *(
-            [getattr(f, name) for f in frames if getattr(f, name) is not None]
-            for name in ("rgb", "depth", "part", "flow", "flow_backward", "visibility")))
+    return opened.render(index).in_memory()
 
 
 def angles(s: Sequence) -> np.ndarray:
@@ -312,10 +307,11 @@ def test_a_dataset_without_joints_is_shown_and_refused_by_the_benchmark(
         with SequenceWriter(tmp_path, 0, rendered.depth_unit) as writer:
             for frame in rendered.frames:
                 writer.add(frame)
-            writer.finish(rendered.meta, rendered.state)
+            meta, state = rendered.finish()
+            writer.finish(meta, state)
     write_provenance(tmp_path, describe(config))
     (stored,) = open_dataset(tmp_path)
-    assert stored.meta == rendered.meta
+    assert stored.meta == meta
     report = verify_dataset(tmp_path, progress=False)
     assert report.ok, report.table()
     written = show(tmp_path, tmp_path / "p.html", tmp_path / "s.png", tmp_path / "f.gif")

@@ -44,7 +44,7 @@ def stored(opened: SequenceRenderer, folder: Path, index: int = 0) -> Sequence:
     with SequenceWriter(folder, index, rendered.depth_unit, box) as writer:
         for frame in rendered.frames:
             writer.add(frame)
-        return open_sequence(writer.finish(rendered.meta, rendered.state))
+        return open_sequence(writer.finish(*rendered.finish()))
 
 
 def in_memory(s: Sequence) -> Sequence:
