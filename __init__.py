@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .renderer.dataset import Dataset, open_dataset
     from .renderer.doctor import examine as doctor
     from .renderer.export import export as export_dataset
-    from .renderer.generate import generate as render_dataset
+    from .renderer.generate import render_dataset, render_sequence
     from .renderer.scene import RenderConfig
     from .renderer.show import show
     from .renderer.types import Camera, Estimate, Frame, Method, Observation, Sequence
@@ -55,7 +55,7 @@ __all__ = [
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "Method", "MethodError",
     "ModelError", "Observation", "RenderConfig", "RenderError", "Results", "Sequence", "doctor",
     "evaluate", "export_dataset", "fetch_robot", "list_robots", "load_robot", "open_dataset",
-    "render_dataset", "report", "score", "show", "verify_dataset",
+    "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
 ]
 
 _HOMES = {
@@ -65,7 +65,7 @@ _HOMES = {
     "renderer.types": "Camera Estimate Frame Method Observation Sequence",
     "renderer.scene": "RenderConfig",
     "renderer.dataset": "Dataset open_dataset",
-    "renderer.generate": "render_dataset=generate",
+    "renderer.generate": "render_dataset render_sequence",
     "renderer.verify": "verify_dataset",
     "renderer.show": "show",
     "renderer.export": "export_dataset=export",

@@ -60,9 +60,9 @@ def from_suite(
         missing = entry.n - len([name for name in sequence_paths(path) if int(name) < entry.n])
         if missing:
             say(f"{suite.name}/{entry.name}: {missing} of {entry.n} sequences to render")
-        from ...renderer.generate import generate
+        from ...renderer.generate import render_dataset
 
-        generate(entry.config, entry.n, path, workers, progress=progress and missing > 0)
+        render_dataset(entry.config, entry.n, path, workers, progress=progress and missing > 0)
         out.append(select(f"{suite.name}/{entry.name}", path, entry.n, keep_unobservable))
     return out
 

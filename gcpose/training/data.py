@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...renderer.generate import generate
+from ...renderer.generate import render_dataset
 from ...renderer.scene import (
     CameraConfig,
     ImageConfig,
@@ -106,6 +106,7 @@ def render_datasets(out: Path, config: TrainConfig) -> list[Path]:
     planned = plan_datasets(config.models, config.seed, config.robots, config.recipe)
     for dataset in tqdm(planned, "render", config.models, unit="model", dynamic_ncols=True):
         folder = out / dataset.name
-        generate(dataset.config, dataset.sequences, folder, config.workers or None, progress=False)
+        workers = config.workers or None
+        render_dataset(dataset.config, dataset.sequences, folder, workers, progress=False)
         folders.append(folder)
     return folders

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .driver import generate, render_sequence
+from .driver import render_dataset, render_sequence
 
-__all__ = ["generate", "render_sequence"]
+__all__ = ["render_dataset", "render_sequence"]

@@ -116,21 +116,38 @@ def render_sequence(config: RenderConfig, index: int = 0) -> Sequence:
         renderer.close()
 
 
-def generate(
+def render_dataset(
     config: RenderConfig,
     n: int,
-    out: Path,
+    out: str | Path,
     workers: int | None = None,
     progress: bool = True,
     source: str = SOURCE,
 ) -> Summary:
-    """Render sequences 0 .. n-1 of `config` into the dataset `out`, those that are not there yet.
+    """Render sequences 0 .. n-1 of a config into a dataset, those that it lacks.
 
-    `source` is "module:attribute" of what renders (`worker.Renderer`). Progress and notices go to
-    stderr. Raises GcbenchError if the folder holds another dataset or is in use, or if the model
-    or a sequence cannot be rendered; what is done by then stays, and so it does after Ctrl-C
-    (KeyboardInterrupt).
+    What is done stays when the function raises, also for Ctrl-C (KeyboardInterrupt); the same call
+    continues.
+
+    Args:
+        config: What to render.
+        n: Number of sequences in the dataset.
+        out: Folder of the dataset.
+        workers: Processes that render; default: one for each core.
+        progress: Whether to show a bar on stderr.
+        source: "module:attribute" of what renders (`Renderer`).
+
+    Returns:
+        What the run did, and what the dataset holds now.
+
+    Raises:
+        ConfigError: if the folder holds another dataset, or a value is invalid.
+        RenderError: if the model or a sequence cannot be rendered.
+
+    Example:
+        >>> render_dataset(RenderConfig("ur5", seed=7), n=20, out="data/ur5")  # doctest: +SKIP
     """
+    out = Path(out)
     started = time.monotonic()
     if source == SOURCE:  # another source has robots of its own
         config = resolved(config)

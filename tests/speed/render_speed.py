@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gcbench.renderer.generate.driver import generate, plan_workers
+from gcbench.renderer.generate.driver import plan_workers, render_dataset
 from gcbench.renderer.scene.config import RenderConfig
 
 TITLES = {
@@ -193,7 +193,7 @@ def _quantiles(values: np.ndarray) -> str:
 
 
 def workers(config: RenderConfig, n: int, rounds: int) -> dict[str, float]:
-    """Median frames/s of `generate` by number of workers; "1 on one core" is bound to that core."""
+    """Median frames/s of `render_dataset` by number of workers; the first is bound to one core."""
     cores = sorted(os.sched_getaffinity(0))
     setups = [("1 on one core", 1, cores[:1])]
     setups += [(str(count), count, cores) for count in range(1, len(cores) + 2)]
@@ -217,7 +217,7 @@ def _generate(
     """Frames/s while all workers run: from the times at which the files were finished."""
     n = max(n, 2 * count + 2)
     os.sched_setaffinity(0, cores)
-    generate(config, n, Path(folder), workers=count, progress=False)
+    render_dataset(config, n, Path(folder), workers=count, progress=False)
     times = sorted(p.stat().st_mtime for p in (Path(folder) / "sequences").glob("*.zip"))
     pipe.send(config.frames * (n - 2 * count) / (times[-1 - count] - times[count - 1]))
 

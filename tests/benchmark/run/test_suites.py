@@ -105,7 +105,7 @@ def test_what_is_missing_is_rendered_first(
         if not out.exists():
             bench_data.make_dataset(out, n + 1, unobservable=(0,))
 
-    monkeypatch.setattr(generate, "generate", render)
+    monkeypatch.setattr(generate, "render_dataset", render)
     said: list[str] = []
     suite = parse_suite(MINE, "mine")
     for _ in range(2):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.renderer.dataset.reader import Dataset
-from gcbench.renderer.generate.driver import generate
+from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.scene.config import CameraConfig, RandomizationConfig, RenderConfig
 from gcbench.renderer.scene.config_files import config_tree, differences, parse_config, read_config
 
@@ -36,7 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("data")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(Path(__file__).parents[2] / "support"))
-        generate(CONFIG, N, out, 1, progress=False, source="fake_source:FakeRenderer")
+        render_dataset(CONFIG, N, out, 1, progress=False, source="fake_source:FakeRenderer")
     return out
 
 

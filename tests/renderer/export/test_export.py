@@ -24,7 +24,7 @@ from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.export import kitti as export_kitti
 from gcbench.renderer.export.driver import WRITERS, export, select_sequences
 from gcbench.renderer.export.webdataset import known
-from gcbench.renderer.generate.driver import generate
+from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.runtime.zip_archive import Archive, open_archive
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.types.sequence import Sequence
@@ -396,7 +396,7 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     folder = tmp_path_factory.mktemp("data") / "toy"
     config = RenderConfig(robot="owi535", frames=2, width=160, height=120, seed=3,
                           layers=("keypoints", "tracks", "normal", "coordinates"), track_points=20)
-    generate(config, 2, folder, workers=1, progress=False)
+    render_dataset(config, 2, folder, workers=1, progress=False)
     return open_dataset(folder)
 
 
@@ -480,7 +480,7 @@ def test_bop(toy: Dataset, tmp_path: Path) -> None:
 @pytest.mark.gl
 def test_bop_counts_the_parts_of_each_instance(tmp_path: Path) -> None:
     config = RenderConfig(robot="microwave", frames=2, width=160, height=120)
-    generate(config, 2, tmp_path / "data", workers=1, progress=False)
+    render_dataset(config, 2, tmp_path / "data", workers=1, progress=False)
     out = export(tmp_path / "data", "bop", tmp_path / "b", progress=False).folder
     infos = json.loads((out / "models" / "models_info.json").read_text())
     used: list[set[int]] = []

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.renderer.dataset.storage import open_sequence
-from gcbench.renderer.generate.driver import Summary, generate, plan_workers
+from gcbench.renderer.generate.driver import Summary, plan_workers, render_dataset
 from gcbench.renderer.generate.worker_pool import render_in_workers
 from gcbench.renderer.generate.worker_process import ModelLoaded, RenderTask, SequenceDone
 from gcbench.renderer.scene.config import RenderConfig
@@ -39,7 +39,7 @@ def _source(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run(out: Path, n: int = N, workers: int = 1, robot: str = "arm") -> Summary:
     config = dataclasses.replace(CONFIG, robot=robot)
-    return generate(config, n, out, workers, progress=False, source=SOURCE)
+    return render_dataset(config, n, out, workers, progress=False, source=SOURCE)
 
 
 def content(out: Path) -> dict[str, str]:
@@ -67,9 +67,9 @@ try:
     import sys
     from pathlib import Path
     from gcbench.renderer.scene.config import RenderConfig
-    from gcbench.renderer.generate.driver import generate
+    from gcbench.renderer.generate.driver import render_dataset
     config = RenderConfig(robot="arm", frames=4, width=32, height=24)
-    generate(config, {N}, Path(sys.argv[1]), 2, source="{SOURCE}")
+    render_dataset(config, {N}, Path(sys.argv[1]), 2, source="{SOURCE}")
 except KeyboardInterrupt:
     sys.exit(130)
 """
@@ -246,7 +246,7 @@ def test_another_config_is_refused_with_the_difference(tmp_path: Path) -> None:
     before = content(tmp_path)
     other = dataclasses.replace(CONFIG, seed=7, frames=5)
     with pytest.raises(GcbenchError, match=r"seed: 0 -> 7; frames: 4 -> 5\); choose another --out"):
-        generate(other, 2, tmp_path, 1, progress=False, source=SOURCE)
+        render_dataset(other, 2, tmp_path, 1, progress=False, source=SOURCE)
     assert content(tmp_path) == before
 
 
@@ -347,4 +347,4 @@ def test_a_dataset_from_before_an_option_goes_on(tmp_path: Path) -> None:
     assert run(tmp_path, 2).sequences == 2
     layered = dataclasses.replace(CONFIG, layers=("normal",))
     with pytest.raises(GcbenchError, match="layers"):
-        generate(layered, 3, tmp_path, 1, progress=False, source=SOURCE)
+        render_dataset(layered, 3, tmp_path, 1, progress=False, source=SOURCE)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.benchmark.run.datasets import select
-from gcbench.renderer.generate.driver import generate
+from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.scene.config import (
     FRONT,
     STUDIO,
@@ -47,7 +47,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def dataset(tmp_path_factory: pytest.TempPathFactory, cache: None) -> Path:
     """Four small sequences, by one process."""
     out = tmp_path_factory.mktemp("data") / "microwave"
-    generate(SMALL, 4, out, workers=1, progress=False)
+    render_dataset(SMALL, 4, out, workers=1, progress=False)
     return out
 
 
@@ -124,8 +124,8 @@ def test_racks_are_drawn_in_where_the_door_would_hit_them() -> None:
 
 @pytest.mark.gl
 def test_workers_and_restarts_make_the_same_bytes(dataset: Path, tmp_path: Path) -> None:
-    generate(SMALL, 1, tmp_path / "b", workers=1, progress=False)
-    generate(SMALL, 4, tmp_path / "b", workers=2, progress=False)
+    render_dataset(SMALL, 1, tmp_path / "b", workers=1, progress=False)
+    render_dataset(SMALL, 4, tmp_path / "b", workers=2, progress=False)
     for index in range(4):
         name = Path("sequences") / f"{index:06d}.zip"
         assert (dataset / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
@@ -153,8 +153,9 @@ def test_each_sequence_says_what_it_shows(dataset: Path) -> None:
 
 @pytest.mark.gl
 def test_one_instance_is_clustered_by_sequence(tmp_path: Path) -> None:
-    generate(replace(SMALL, robot="oven:17"), 2, tmp_path / "a", 1, progress=False)
-    generate(replace(SMALL, robot="oven", vary=("motion",)), 2, tmp_path / "b", 1, progress=False)
+    render_dataset(replace(SMALL, robot="oven:17"), 2, tmp_path / "a", 1, progress=False)
+    category = replace(SMALL, robot="oven", vary=("motion",))
+    render_dataset(category, 2, tmp_path / "b", 1, progress=False)
     for name in ("a", "b"):
         chosen = select(name, tmp_path / name, None, False)
         assert [chosen.cluster(s) for s in chosen.sequences] == ["000000", "000001"]

@@ -49,13 +49,13 @@ def reddish(image: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    from gcbench.renderer.generate.driver import generate
+    from gcbench.renderer.generate.driver import render_dataset
 
     folder = tmp_path_factory.mktemp("overlay")
     (folder / "flag.urdf").write_text(URDF)
     config = RenderConfig(robot=str(folder / "flag.urdf"), seed=3, frames=4, width=160, height=120,
                           randomization=STUDIO, keep_unobservable=True)
-    generate(config, 2, folder / "data", workers=1, progress=False)
+    render_dataset(config, 2, folder / "data", workers=1, progress=False)
     return open_dataset(folder / "data")
 
 

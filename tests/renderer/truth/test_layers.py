@@ -14,7 +14,7 @@ from gcbench import GcbenchError
 from gcbench.renderer.dataset import codec
 from gcbench.renderer.dataset.reader import open_dataset
 from gcbench.renderer.dataset.storage import SequenceWriter, open_sequence
-from gcbench.renderer.generate.driver import generate
+from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene.config import LAYERS, RenderConfig, resolved
 from gcbench.renderer.show import annotations
@@ -247,7 +247,7 @@ def test_layers_change_nothing_else(crane: Sequence, tmp_path: Path) -> None:
 def test_two_workers_write_what_one_writes(tmp_path: Path) -> None:
     config = replace(SMALL, robot=write(tmp_path, CRANE), frames=2, width=96, height=72, **ALL)
     for workers in (1, 2):
-        generate(config, 2, tmp_path / str(workers), workers, progress=False)
+        render_dataset(config, 2, tmp_path / str(workers), workers, progress=False)
     for index in range(2):
         one, two = ((tmp_path / w / "sequences" / f"{index:06d}.zip").read_bytes() for w in "12")
         assert one == two
@@ -381,7 +381,7 @@ def test_verify_finds_wrong_coordinates_of_a_skin_on_disk(tmp_path: Path) -> Non
     bend_gltf(maker)
     config = RenderConfig(robot=str(maker.save(tmp_path)), frames=3, width=160, height=120, seed=2,
                           layers=("coordinates",), keep_unobservable=True)
-    generate(config, 1, tmp_path / "d", workers=1, progress=False)
+    render_dataset(config, 1, tmp_path / "d", workers=1, progress=False)
     name = "coordinates: of a triangle that is seen there"
     report = verify_dataset(tmp_path / "d", progress=False)
     assert report.ok, report.table()

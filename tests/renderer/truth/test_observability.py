@@ -101,7 +101,7 @@ def test_what_does_not_show_has_no_motion() -> None:
 @pytest.mark.gl
 def test_what_a_render_says_is_what_rays_see(tmp_path: Path) -> None:
     pytest.importorskip("embreex", reason="the second opinion casts rays with Embree")
-    from gcbench.renderer.generate.driver import generate
+    from gcbench.renderer.generate.driver import render_dataset
 
     from ...support.independent import load_robot, visibility
 
@@ -109,7 +109,7 @@ def test_what_a_render_says_is_what_rays_see(tmp_path: Path) -> None:
     urdf.write_text(URDF)
     config = RenderConfig(robot=str(urdf), seed=1, frames=4, width=160, height=120,
                           randomization=STUDIO, keep_unobservable=True)
-    generate(config, 4, tmp_path / "data", workers=1, progress=False)
+    render_dataset(config, 4, tmp_path / "data", workers=1, progress=False)
     robot, shares = load_robot(urdf), list[float]()
     for sequence in open_dataset(tmp_path / "data"):
         said = sequence.meta.observability["joints"]

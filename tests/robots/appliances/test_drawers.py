@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from gcbench.__main__ import main
-from gcbench.renderer.generate.driver import generate
+from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.scene.config import RandomizationConfig, RenderConfig
 from gcbench.renderer.verify.driver import verify_dataset
 
@@ -41,7 +41,7 @@ def errors(data: Path, knowledge: str, out: Path) -> list[tuple[str, str, float]
 @pytest.fixture(scope="module", params=[2, pytest.param(20, marks=pytest.mark.slow)])
 def drawers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("data") / "drawers"
-    generate(replace(SMALL, robot="drawer"), request.param, folder, workers=1, progress=False)
+    render_dataset(replace(SMALL, robot="drawer"), request.param, folder, workers=1, progress=False)
     return folder
 
 
@@ -63,7 +63,7 @@ def test_gcpose_finds_a_slide_on_a_hinge(knowledge: str, tmp_path: Path) -> None
     ranges = RandomizationConfig()
     ranges = replace(ranges, background=replace(ranges.background, room=0.0))
     config = replace(SMALL, robot=str(model), scored_joints=("turn", "drop"), randomization=ranges)
-    generate(config, 2, data, workers=1, progress=False)
+    render_dataset(config, 2, data, workers=1, progress=False)
     assert verify_dataset(data, progress=False).ok
     found = errors(data, knowledge, tmp_path / "results")
     assert [unit for unit, *_ in found] == ["rad", "m"] * 2 or [
