@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from .bundle import BundleWeights
-from .evidence import measure_flow
 from .labels import SampledPixels
 from .pipeline import estimate_rgb
-from .points import InverseDepthPoints
+from .points import InverseDepthPoints, measure_flow
 from .settings import RgbSettings
 from .strategies import base_candidates
 from .tracker import VideoHypothesis, VideoTracker

@@ -77,5 +77,5 @@ def redistribute(state: Articulation, joint: int, share: float) -> Articulation:
 
 
 def _sign(state: Articulation, joint: int) -> float:
-    """1 if a joint's axis and the next one's point the same way, -1 if opposite ways."""
+    """1 if a joint's axis and the next one's have the same direction, -1 if opposite ones."""
     return float(np.sign(state.twist[joint, :3] @ state.twist[joint + 1, :3]))

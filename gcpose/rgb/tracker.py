@@ -11,7 +11,6 @@ from ..chain import Articulation, HingePrior, JointPriors, locate_hinges, offset
 from ..images import VideoEvidence, geodesic_rank
 from .bundle import BundleSetup, BundleWeights, adjust_points
 from .costs import MovedRays, flow_costs, patch_costs
-from .evidence import measure_flow, measure_patches, patch_misfit
 from .labels import (
     SampledPixels,
     assign_labels,
@@ -19,7 +18,13 @@ from .labels import (
     label_inversions,
     sample_pixels,
 )
-from .points import InverseDepthPoints, project_rays
+from .points import (
+    InverseDepthPoints,
+    measure_flow,
+    measure_patches,
+    patch_misfit,
+    project_rays,
+)
 from .settings import RgbSettings
 
 

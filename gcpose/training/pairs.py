@@ -19,7 +19,7 @@ from .config import AugmentationConfig, LossConfig, TrainConfig
 STATIC_MOTION = 0.05
 """Mean motion below which a part counts as background, px."""
 MAX_PARTS = 64
-"""Parts of an image that the loss tells apart."""
+"""Parts of an image that the loss distinguishes."""
 _Index = slice | NDArray[np.int64]
 
 
@@ -43,7 +43,7 @@ class FramePair(NamedTuple):
             self.a[rows][:, columns], self.b[rows][:, columns],
             self.flow[rows][:, columns] * np.array(factor, np.float32),
             self.part[rows][:, columns], self.seen[rows][:, columns],
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
