@@ -29,6 +29,8 @@ from gcbench.gcpose.rgb.labels import SampledPixels
 from gcbench.renderer.types.observation import Observation
 from gcbench.robots.geometry import Array, rotation_about
 from gcbench.robots.motion import ChainAxes, chain_rotations
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 INTRINSICS = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
@@ -94,6 +96,29 @@ def test_the_sampson_distance_is_that_to_the_nearest_match_which_fits() -> None:
                             wrong - np.pad(nearest[:, :2], ((0, 0), (0, 1))))
     assert np.abs(fits).max() < 0.02 * np.sqrt((nearest**2).sum(axis=1)).max()
     assert np.allclose(sampson_distance(essential, ray, wrong) ** 2, (nearest**2).sum(axis=1))
+
+
+@given(seed=st.integers(0, 2**32 - 1), scale=st.floats(0.1, 10))
+def test_the_sampson_distance_has_no_scale_and_no_direction(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    essential = rng.standard_normal((3, 3))
+    ray, there = (np.column_stack([rng.standard_normal((5, 2)), np.ones(5)]) for _ in range(2))
+    distance = sampson_distance(essential, ray, there)
+    line, back = ray @ essential.T, there @ essential
+    square = (line[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1)
+    assert np.allclose(distance * np.sqrt(square), np.einsum("ni,ni->n", there, line))
+    assert np.allclose(sampson_distance(scale * essential, ray, there), distance)
+    assert np.allclose(sampson_distance(essential.T, there, ray), distance)
+    each = np.repeat(essential[None], 5, axis=0)
+    assert np.allclose(sampson_distance(each, ray, there), distance)
+
+
+def test_a_tensor_has_the_same_sampson_distance() -> None:
+    torch = pytest.importorskip("torch", reason="tuning needs PyTorch")
+    rng = np.random.default_rng(1)
+    arrays = rng.standard_normal((3, 3)), rng.random((7, 3)), rng.random((7, 3))
+    tensors = [torch.from_numpy(a) for a in arrays]
+    assert np.allclose(sampson_distance(*tensors).numpy(), sampson_distance(*arrays))
 
 
 def test_parts_are_told_apart_and_ordered_from_the_base() -> None:
@@ -178,6 +203,11 @@ def test_what_the_rows_cannot_do_is_said() -> None:
     source = "gcbench.gcpose.paper.pipeline:Epipolar"
     with pytest.raises(GcbenchError, match="no network to tune"):
         load(with_options(source, {"flow": "dis"}))
+
+
+def test_settings_change_a_row_s_name() -> None:
+    source = with_options("gcbench.gcpose.paper.pipeline:FlowOnly", {"set": "paper.max_points=90"})
+    assert load(source).name == "gcpose-flow paper.max_points=90"
 
 
 def test_the_rows_stand_beside_the_paper_s() -> None:

@@ -15,7 +15,7 @@ from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence, moving_foreground, video_evidence
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.rgb.labels import sample_pixels
-from gcbench.gcpose.rgb.pipeline import base_from_world
+from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, scale_axes
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.search import score_hypothesis
 from gcbench.gcpose.rgb.settings import RgbSettings
@@ -193,6 +193,28 @@ def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> No
     unlike = replace(first, cost=3.5, points=replace(rays, label=labels))
     assert select_distinct([other, unlike, first], 9, SETTINGS) == [first, unlike, other]
     assert select_distinct([other, unlike, first], 9, SETTINGS, labels=1.0) == [first, other]
+
+
+def test_known_axes_give_the_unit_of_length() -> None:
+    """Axes that are all farther away by a factor: the same turns, and slides by that factor."""
+    observation = door(0.5)
+    assert observation.axis_direction is not None
+    turn = np.concatenate([observation.axis_direction,
+                           np.cross([[-0.15, 0.0, 1.2]], observation.axis_direction)], axis=1)
+    known = Known(np.array([False, True]), np.arange(-1, 1), np.eye(3)[:2],
+                  np.concatenate([turn, [[0, 0, 0, 1.0, 0, 0]]]))
+    evidence = evidence_of(observation)
+    near, far = (object_distance(scale_axes(known, by), evidence) for by in (1.0, 4.0))
+    assert np.isclose(far, 4.0 * near)
+    farther = scale_axes(known, 4.0)
+    assert np.array_equal(farther.line[1], known.line[1])  # a slide's direction has no unit
+    assert np.allclose(scale_axes(farther, 1 / far).line, scale_axes(known, 1 / near).line)
+    angle, distant = (
+        GCPose("dis").estimate(replace(observation, axis_line=scale_axes(
+            replace(known, line=turn, prismatic=known.prismatic[:1]), by).line)).displacement
+        for by in (1.0, 4.0))
+    assert np.degrees(np.abs(angle[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
+    assert np.allclose(angle, distant, atol=np.radians(0.1))
 
 
 def test_nothing_moves_and_nothing_breaks() -> None:
