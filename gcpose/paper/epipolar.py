@@ -195,19 +195,9 @@ def joint_orders(joints: int, most: int) -> list[NDArray[np.int64]]:
     return out
 
 
-@dataclass(frozen=True)
-class Axes:
-    """Known axes of a chain that turns."""
-
-    direction: Array
-    """[J 3] at frame 0"""
-    parent: NDArray[np.int64]
-    """[J]"""
-
-
 def accumulate_angles(
-    pairs: Sequence[MatchedParts | None], steps: Sequence[Sequence[Array | None]], axes: Axes,
-    orders: Sequence[NDArray[np.int64]], settings: PaperSettings,
+    pairs: Sequence[MatchedParts | None], steps: Sequence[Sequence[Array | None]],
+    axes: ChainAxes, orders: Sequence[NDArray[np.int64]], settings: PaperSettings,
 ) -> tuple[Array, list[NDArray[np.int64]]]:
     """Sum up angles from the parts' rotations in the camera frame between frames.
 
@@ -217,7 +207,7 @@ def accumulate_angles(
     Args:
         pairs: Matched parts of T-1 pairs of frames.
         steps: Rotations of their parts.
-        axes: The axes.
+        axes: The axes; no joint slides.
         orders: Joints [J] that the parts may belong to (see `joint_orders`).
         settings: Settings.
 
@@ -245,14 +235,12 @@ def accumulate_angles(
 
 
 def _fit_step(
-    rotation: Array, weight: Array, axes: Axes, before: Array, settings: PaperSettings
+    rotation: Array, weight: Array, axes: ChainAxes, before: Array, settings: PaperSettings
 ) -> tuple[Array, float]:
     """Angles [J] after a step of rotations [J 3 3] with weights [J], and their cost."""
-    slides = np.zeros(len(before), bool)
     trust = weight[:, None, None] * np.eye(3)
-    chain = ChainAxes(axes.direction, slides, axes.parent)
-    now = fit_chain_angles(chain, rotation, trust, before, before)
-    at_first, at_last = (chain_rotations(chain, a) for a in (before, now))
+    now = fit_chain_angles(axes, rotation, trust, before, before)
+    at_first, at_last = (chain_rotations(axes, a) for a in (before, now))
     rest = rotation @ (at_last @ at_first.swapaxes(1, 2)).swapaxes(1, 2)
     off = np.linalg.norm(se3.so3_log(rest), axis=-1)
     scale = settings.max_deviation

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...errors import ConfigError, MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
+from ...robots.motion import ChainAxes
 from ..chain import Articulation, JointPriors, axis_twists, joint_priors, locate_hinges
 from ..images import (
     Depth,
@@ -40,7 +41,6 @@ from ..rgb import (
     measure_flow,
 )
 from .epipolar import (
-    Axes,
     MatchedParts,
     PartMatcher,
     accumulate_angles,
@@ -263,7 +263,8 @@ def _accumulate(
     joints = video.tracker.joints
     given = video.observation.part is not None  # parts of an oracle are in order
     orders = [np.arange(joints)] if given else joint_orders(joints, paper.max_left_out)
-    return accumulate_angles(pairs, steps, Axes(known.direction, known.parent), orders, paper)
+    axes = ChainAxes(known.direction, known.prismatic, known.parent)
+    return accumulate_angles(pairs, steps, axes, orders, paper)
 
 
 def _angles_by_flow(video: _Video) -> Array:

@@ -37,7 +37,7 @@ def places_at_depths(rays: Array, depths: tuple[float, ...]) -> Array:
 
 def accumulate_flow(
     evidence: VideoEvidence, points: SampledPixels, to: int, settings: RgbSettings
-) -> FlowJudge:
+) -> FlowStepCosts:
     """Follow points of frame 0 along the flow to frame `to`, and sum its covariances."""
     height, width = evidence.moving.shape[1:]
     at = points.pixel.astype(np.float64)
@@ -59,12 +59,12 @@ def accumulate_flow(
     column = np.concatenate(
         [points.ray[:, :2], at, information.reshape(-1, 4)[:, [0, 1, 3]]], axis=1)
     camera = (float(k[0, 0]), float(k[0, 2]), float(k[1, 2]))
-    return FlowJudge(evidence.moving[to], camera, column, settings)
+    return FlowStepCosts(evidence.moving[to], camera, column, settings)
 
 
 @dataclass(frozen=True)
-class FlowJudge:
-    """Scores where points of frame 0 are in another frame (a `chain.Judge`)."""
+class FlowStepCosts:
+    """Scores where points of frame 0 are in another frame (a `chain.StepCosts`)."""
 
     moving: NDArray[np.bool_]
     """[h w] foreground of the other frame"""
@@ -81,7 +81,7 @@ class FlowJudge:
         return out
 
     def means(self, motion: Array, turn: Array, before: Image) -> Image:
-        """Return the mean cost [M P] of chains with one more part (see `chain.Judge`)."""
+        """Return the mean cost [M P] of chains with one more part (see `chain.StepCosts`)."""
         out = np.empty((len(motion), len(turn)), np.float32)
         _fill_means(self.moving, self.camera, motion, turn, before, self.column, self._numbers(),
                     out)

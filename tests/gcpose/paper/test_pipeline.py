@@ -13,7 +13,6 @@ from gcbench.benchmark.results.rows import Row
 from gcbench.gcpose.chain.kinematics import part_motions
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.paper.epipolar import (
-    Axes,
     MatchedParts,
     PartMatcher,
     accumulate_angles,
@@ -132,7 +131,7 @@ def test_parts_are_told_apart_and_ordered_from_the_base() -> None:
 
 @pytest.mark.parametrize("with_depth", [False, True])
 def test_exact_matches_give_exact_angles(with_depth: bool) -> None:
-    steps, pairs, axes = [], [], Axes(DIRECTION, CHAIN)
+    steps, pairs, axes = [], [], ChainAxes(DIRECTION, np.zeros(2, bool), CHAIN)
     for k in range(len(TIME) - 1):
         found, flow, depth, part = match_exactly(k)
         pair = MATCHER.match(replace(found, part=part), np.zeros(3), flow)
@@ -158,7 +157,7 @@ def test_the_chain_tells_whose_a_turn_is() -> None:
     some = MatchedParts(np.zeros((9, 2), int), np.ones((9, 3)), np.ones((9, 3)),
                         np.repeat([1, 2, 3], 3),
                 np.zeros((3, 3, 3)))
-    pairs, axes = [some] * len(steps), Axes(chain.direction, chain.parent)
+    pairs, axes = [some] * len(steps), chain
     known, free = [np.arange(3)], joint_orders(3, 2)
     assert np.allclose(accumulate_angles(pairs, steps, axes, known, SETTINGS)[0], time)
     unseen = [[None, *s[1:]] for s in steps]

@@ -201,7 +201,7 @@ def test_known_axes_give_the_unit_of_length() -> None:
     assert observation.axis_direction is not None
     turn = np.concatenate([observation.axis_direction,
                            np.cross([[-0.15, 0.0, 1.2]], observation.axis_direction)], axis=1)
-    known = Known(np.array([False, True]), np.arange(-1, 1), np.eye(3)[:2],
+    known = JointPriors(np.array([False, True]), np.arange(-1, 1), np.eye(3)[:2],
                   np.concatenate([turn, [[0, 0, 0, 1.0, 0, 0]]]))
     evidence = evidence_of(observation)
     near, far = (object_distance(scale_axes(known, by), evidence) for by in (1.0, 4.0))

@@ -15,7 +15,7 @@ from gcbench.gcpose.images.patches import PatchSearch, PredictedPatches, find_pa
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import appearance
 from gcbench.gcpose.rgb.bundle import BundleFit, BundleSetup, BundleWeights, adjust_points
-from gcbench.gcpose.rgb.flow_sweep import FlowJudge, places_at_depths
+from gcbench.gcpose.rgb.flow_sweep import FlowStepCosts, places_at_depths
 from gcbench.gcpose.rgb.points import (
     InverseDepthPoints,
     inverse_depth_slopes,
@@ -60,18 +60,18 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     there = rays.place[mine, 3]
     sure = np.tile([4.0, 0.0, 4.0], (len(there), 1))
     column = np.column_stack([rays.ray[mine, :2], there, sure])
-    judge = FlowJudge(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column, SETTINGS)
+    flow = FlowStepCosts(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column, SETTINGS)
     motion = state.motions(4)[3]
     label = rays.label[mine]
-    cost = judge.costs(motion)
+    cost = flow.costs(motion)
     assert cost[label, np.arange(len(label))].max() < 0.5 < cost[0].mean()
     known = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
     grid = StepGrid(at[:1], at, np.radians(13.0), 0.1, 1000)
-    beam = beam_search(known, judge, grid, ChainSettings())
+    beam = beam_search(known, flow, grid, ChainSettings())
     off = np.abs(beam.angle[:30] - state.angle[3]).max(axis=1)
     assert off.min() < np.radians(3.0)
     assert (np.diff(beam.cost.mean(axis=1)) >= 0).all()
-    narrow = replace(judge, moving=np.zeros((240, 320), bool))
+    narrow = replace(flow, moving=np.zeros((240, 320), bool))
     assert (narrow.costs(motion) > 9.0).all()  # only background is seen there
 
 
@@ -88,9 +88,9 @@ def test_a_sweep_keeps_chains_of_unlike_steps() -> None:
 def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
     state, at = chain()
     known = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
-    judge = FlowJudge(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
+    flow = FlowStepCosts(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
                       np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]), SETTINGS)
-    twist = beam_search(known, judge, StepGrid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
+    twist = beam_search(known, flow, StepGrid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
     away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
                      for p in at])
     assert away[0, :, 0].max() < 1e-9
