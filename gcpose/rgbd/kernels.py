@@ -137,7 +137,7 @@ def flat_pixel(u: Number, v: Number, camera: FlatCamera) -> tuple[np.uint32, boo
 
 
 @compiled
-def look_up(
+def look_up_points(
     sight: Lookup, m: FlatMotion, camera: FlatCamera, point: Image, depth: Image, normal: Image
 ) -> None:
     """Look up moved points [3.. N] in a depth image and its normals, both flat."""
@@ -233,7 +233,7 @@ def add_surface(
             continue
         for j in range(1, motion.shape[1]):
             m, here = flat_motion(motion[t, j]), column[:, start[j] : start[j + 1]]
-            look_up(sight, m, camera, here, depth[t].ravel(), normal[t].ravel())
+            look_up_points(sight, m, camera, here, depth[t].ravel(), normal[t].ravel())
             qx, qy, qz, sigma = here[3], here[4], here[5], here[6]
             for i in range(len(qx)):
                 x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]
@@ -259,7 +259,7 @@ def fill_plane_rows(
         for j in range(1, motion.shape[1]):
             mine = slice(start[j], start[j + 1])
             m, here = flat_motion(motion[t, j]), column[:, mine]
-            look_up(sight, m, camera, here, depth[t].ravel(), normal[t].ravel())
+            look_up_points(sight, m, camera, here, depth[t].ravel(), normal[t].ravel())
             qx, qy, qz, sigma = here[3], here[4], here[5], here[6]
             a, r, w = row[t, :, mine], residual[t, mine], weight[t, mine]
             for i in range(len(qx)):
@@ -294,7 +294,7 @@ def add_flow(
         moves = flow[t].ravel()
         for j in range(1, motion.shape[1]):
             after, here = flat_motion(motion[t + 1, j]), column[:, start[j] : start[j + 1]]
-            look_up(sight, flat_motion(motion[t, j]), camera, here, depth[t].ravel(),
+            look_up_points(sight, flat_motion(motion[t, j]), camera, here, depth[t].ravel(),
                  normal[t].ravel())
             px, py, pz = here[0], here[1], here[2]
             for i in range(len(px)):
@@ -328,7 +328,7 @@ def add_label_costs(
             continue
         for j in range(motion.shape[1]):
             m, total = flat_motion(motion[t, j]), out[j]
-            look_up(sight, m, camera, column, depth[t].ravel(), normal[t].ravel())
+            look_up_points(sight, m, camera, column, depth[t].ravel(), normal[t].ravel())
             hidden = costs.hidden if first + j else costs.hidden_static
             for i in range(len(scale)):
                 x, y, z, d = sight.x[i], sight.y[i], sight.z[i], sight.depth[i]

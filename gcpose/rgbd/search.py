@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ..chain import Articulation, Hypothesis, select_by_labels
+from ..chain import Articulation, Hypothesis, displace_axis, select_by_labels
 from ..images import Flow
 from ..numerics import thread_map
 from .chain_from_motion import chains_from_motion
-from .refine import refine_sharply, refine_until_stable, refine_without_flow
+from .depth_sweep import sweep_depth
 from .settings import RgbdSettings
-from .strategies import run_strategy
+from .starts import start_from_flow
+from .strategies import Stage, Strategy
 from .tracker import Tracker
 
 
@@ -47,6 +50,105 @@ def search_hypotheses(tracker: Tracker, flow: Flow) -> Hypothesis:
         if is_explained(tracker, best_of(tried, settings), most):
             break
     return refine_without_flow(tracker, best_of(tried, settings))
+
+
+def run_strategy(strategy: Strategy, tracker: Tracker, flow: Flow) -> list[Hypothesis]:
+    """Make the starts of a strategy, and take the best through its stages."""
+    end, difference = tracker.surfaces.frames - 1, tracker.settings.chain.distinct_labels
+    makers: list[Callable[[], list[Hypothesis]]] = [
+        partial(sweep_depth, tracker, min(span, end), strategy.sweep_kept)
+        for span in strategy.sweep_spans]
+    if strategy.flow_spans:
+        makers.append(partial(start_from_flow, tracker, flow, strategy))
+    found = [h for some in thread_map(lambda make: make(), makers) for h in some]
+    if strategy.extend_to:
+        found = [extrapolate_to(h, min(strategy.extend_to, end)) for h in found]
+    for stage in strategy.stages:
+        if stage.kept:
+            found = select_by_labels(found, stage.kept, difference)
+        found = thread_map(partial(run_stage, tracker, stage), found)
+    return found
+
+
+def run_stage(tracker: Tracker, stage: Stage, hypothesis: Hypothesis) -> Hypothesis:
+    """Take a hypothesis through a stage."""
+    if stage.until:
+        until = min(stage.until, tracker.surfaces.frames - 1)
+        return tracker.track(hypothesis, until, stage.scales, stage.fixed_axes)
+    if stage.accelerated:
+        return refine_until_stable(tracker, hypothesis, stage.rounds, stage.scales)
+    return tracker.run_em(hypothesis, stage.rounds, stage.scales, stage.fixed_axes)
+
+
+def extrapolate_to(hypothesis: Hypothesis, until: int) -> Hypothesis:
+    """Extrapolate the displacements linearly to frame `until`, or cut them there."""
+    angle = hypothesis.state.angle[: until + 1]
+    while len(angle) <= until:
+        angle = np.concatenate([angle, 2 * angle[-1:] - angle[-2:-1]])
+    return replace(hypothesis, state=replace(hypothesis.state, angle=angle))
+
+
+def refine_until_stable(
+    tracker: Tracker, hypothesis: Hypothesis, rounds: int, scales: tuple[float, ...] = (),
+    width: float = 1.0,
+) -> Hypothesis:
+    """Run EM until the displacements stop changing.
+
+    Labels and axes may creep along together. While they do, each round is also tried as an
+    extrapolation.
+
+    Args:
+        tracker: The video.
+        hypothesis: Where to begin.
+        rounds: Rounds at most.
+        scales: Robust scales of a round, footprints; default: as in the settings.
+        width: Least standard deviation of a candidate's place, footprints.
+    """
+    tuned = tracker.settings.refine
+    scales = scales or tuned.scales
+    factor = tuned.noisy_factor if tracker.surfaces.noise else 1.0
+    for _ in range(rounds):
+        after = tracker.run_em(hypothesis, 1, scales, width=width)
+        change = float(np.abs(after.state.angle - hypothesis.state.angle).max())
+        if change > tuned.creep * factor:
+            further = extrapolate(hypothesis, after, tuned.leap)
+            further = tracker.run_em(further, 1, scales, width=width)
+            after = min(after, further, key=lambda h: h.cost)
+        hypothesis = after
+        if change < tuned.stop * factor:
+            break
+    return hypothesis
+
+
+def extrapolate(before: Hypothesis, after: Hypothesis, times: float) -> Hypothesis:
+    """Return the hypothesis `times` as far from the first one as the second."""
+    one, two = before.state, after.state
+    angle = one.angle + times * (two.angle - one.angle)
+    twist = np.stack([
+        displace_axis(t + times * (u - t), np.zeros(6), bool(p))
+        for t, u, p in zip(one.twist, two.twist, one.prismatic, strict=True)
+    ])
+    return replace(after, state=replace(two, angle=angle, twist=twist))
+
+
+def refine_sharply(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Refine with small robust scales where depth is exact.
+
+    That reaches the end of flat valleys, and separates parts that move almost alike.
+    """
+    if tracker.surfaces.noise:
+        return best
+    tuned = tracker.settings.refine
+    return refine_until_stable(tracker, best, tuned.sharp_rounds, tuned.sharp_scales,
+                               tuned.sharp_width)
+
+
+def refine_without_flow(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+    """Refine by depth alone where depth has noise: without texture, flow is too short."""
+    if tracker.surfaces.flow is None:
+        return best
+    tuned = tracker.settings.refine
+    return refine_until_stable(tracker.without_flow(), best, tuned.rounds, tuned.noisy_scales)
 
 
 def relabel(tracker: Tracker, hypothesis: Hypothesis) -> Hypothesis:

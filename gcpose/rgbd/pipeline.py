@@ -1,0 +1,118 @@
+"""GC-Pose on RGB-D video: the stages of the paper (Fig. 2) with depth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...renderer.types import Estimate, Observation
+from ...robots.geometry import Array
+from ..chain import Articulation, JointPriors, screws_of
+from ..images import (
+    Flow,
+    ImageSettings,
+    Surfaces,
+    surfaces_from_depth,
+    surfaces_from_noisy_depth,
+)
+from ..numerics import thread_map
+from .bundle import Views, adjust, standard_deviations
+from .labels import moving_mask
+from .search import is_unreliable, search_hypotheses
+from .settings import RgbdSettings
+from .tracker import Tracker
+
+
+def estimate_rgbd(
+    observation: Observation, priors: JointPriors, flow: Flow, settings: RgbdSettings,
+    images: ImageSettings,
+) -> Estimate | None:
+    """Estimate the motion of one sequence with depth (Sec. 3.2 to 3.4).
+
+    Args:
+        observation: Images, depth and camera.
+        priors: What is known of the joints.
+        flow: Optical flow, for starts and for noisy depth.
+        settings: The tuned numbers of the estimator.
+        images: The tuned numbers of what is measured in images.
+
+    Returns:
+        The estimate; None where nothing is seen to move.
+    """
+    rgb = observation.rgb
+    if rgb is None or observation.depth is None or len(observation.depth) < 2:
+        return None
+    surfaces = measure_surfaces(observation, rgb, flow, images)
+    mask = moving_mask(surfaces, rgb, settings.labels)
+    if np.count_nonzero(mask[0]) < settings.min_moving_pixels:
+        return None
+    tracker = Tracker(surfaces, rgb, mask, priors, settings)
+    best = search_hypotheses(tracker, flow)
+    views = Views(replace(surfaces, flow=None), best.clouds, tracker.hinge_prior(best))
+    scales = settings.final_scales_noisy if surfaces.noise else settings.final_scales
+    state, sums = adjust(views, best.state, priors.axis_dof, scales, settings)
+    sigma = standard_deviations(sums, *state.angle.shape)
+    if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
+        return None
+    return Estimate(
+        displacement=state.angle,
+        screw=screws_of(state.twist, state.prismatic),
+        part=label_frames(tracker, state),
+        sigma=calibrate_sigma(sigma, tracker, is_unreliable(tracker, best), settings),
+    )
+
+
+def measure_surfaces(
+    observation: Observation, rgb: NDArray[np.uint8], flow: Flow, images: ImageSettings
+) -> Surfaces:
+    """Return the surfaces of the depth images, smoothed where depth has noise."""
+    depth, noise = observation.depth, observation.depth_noise
+    assert depth is not None
+    if noise > 0:
+        return surfaces_from_noisy_depth(
+            depth, rgb, observation.intrinsics, noise, flow, images)
+    return surfaces_from_depth(depth, observation.intrinsics, images)
+
+
+def calibrate_sigma(
+    sigma: Array, tracker: Tracker, unreliable: bool, settings: RgbdSettings
+) -> Array:
+    """Return standard deviations [T J] that two thirds of the errors lie within.
+
+    Errors that points share (labels, smoothing, curvature within a pixel) exceed what the
+    residuals show: factor and floor are from training sequences.
+    """
+    s = settings
+    factors = {0: s.sigma_factor_known_lines, 2: s.sigma_factor_known_directions,
+               4: s.sigma_factor_free}
+    factor, floor = factors[tracker.priors.axis_dof], 0.0
+    if tracker.surfaces.noise:
+        factor, floor = s.sigma_factor_noisy, s.sigma_floor_noisy
+    if unreliable:
+        floor = s.sigma_unreliable
+    out = np.minimum(np.hypot(factor * sigma, floor), s.sigma_static)
+    out[0] = 0.0
+    return out
+
+
+def label_frames(tracker: Tracker, state: Articulation) -> NDArray[np.uint8]:
+    """Return labels [T H W] of all frames; pixels without a candidate are static."""
+    surfaces = tracker.surfaces
+    height, width = surfaces.depth[0].shape
+    out = np.zeros((surfaces.frames, height, width), np.uint8)
+    motion = state.motions(len(state.angle))
+
+    def fill(frame: int) -> None:
+        grid = tracker.grid(frame)
+        if not len(grid.point):
+            return
+        cloud, _ = tracker.label(motion, frame)
+        step = grid.stride
+        small = np.zeros((height // step + 1, width // step + 1), np.uint8)
+        small[grid.pixel[:, 1] // step, grid.pixel[:, 0] // step] = cloud.label
+        out[frame] = small.repeat(step, axis=0).repeat(step, axis=1)[:height, :width]
+
+    thread_map(fill, range(surfaces.frames))
+    return out
