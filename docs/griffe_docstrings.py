@@ -25,8 +25,10 @@ class Docstrings(griffe.Extension):
         fields = {n: m for n, m in fields.items() if "property" not in m.labels}
         lines = []
         for name, member in fields.items():
-            text = " ".join(member.docstring.value.split()) if member.docstring else ""
-            lines.append(f"    {name} ({member.annotation}): {text or 'See the type.'}")
+            text = name.replace("_", " ").capitalize() + "."
+            if member.docstring:
+                text = " ".join(member.docstring.value.split())
+            lines.append(f"    {name} ({member.annotation}): {text}")
         if lines:
             cls.docstring.value += "\n\nAttributes:\n" + "\n".join(lines)
             for member in fields.values():

@@ -45,10 +45,10 @@ def on_page_content(page_html: str = "", **values: Any) -> str:
 
 
 def command_names() -> list[str]:
-    """The commands of `gcbench`, and `robots fetch`, in the order of `gcbench --help`."""
-    from gcbench.__main__ import HELP
+    """The commands of `gcbench`, and `robots fetch` after `robots`."""
+    from gcbench.__main__ import COMMANDS
 
-    names = re.findall(r"(?m)^  ([a-z]+)  +\S", HELP.partition("examples:")[0])
+    names = list(COMMANDS)
     at = names.index("robots") + 1
     return [*names[:at], "robots fetch", *names[at:]]
 
