@@ -1,4 +1,4 @@
-"""What renders on this machine, how fast, and what is missing: `gcbench doctor`."""
+"""Examine this machine: what renders, how fast, and what is missing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXTRAS = {"torch": "learn", "safetensors": "learn", "sapien": "sapien", "pycocot
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The report of a machine."""
+    """The result of an examination."""
 
     text: str
     ok: bool
@@ -35,7 +35,7 @@ class Diagnosis:
 
 
 def examine() -> Diagnosis:
-    """Try every EGL device, draw on the one that is used, look for packages and meshes."""
+    """Try every EGL device, draw on the first that works, and list packages and meshes."""
     lines = [f"gcbench {__version__}, Python {platform.python_version()}, "
              f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"]
     lines += ["", "rendering"]

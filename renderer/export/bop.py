@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel
 from ..dataset import Dataset, codec
@@ -53,7 +53,7 @@ class _Model:
 
 
 class Bop:
-    """See export.Writer. `add` raises GcbenchError if the model is not at hand, or deforms."""
+    """See export.Writer. `add` raises DatasetError if the model is another one or deforms."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder, self._config = folder, dataset.config
@@ -73,7 +73,7 @@ class Bop:
         meta, s = sequence.meta, sequence.state
         now = self._now = self._model_of(meta)
         if meta.part_names != now.model.part_names:
-            raise GcbenchError(f"{archive.path}: its parts are not those of the model at hand")
+            raise DatasetError(f"{archive.path}: its parts are not those of the model at hand")
         folder = self._folder / self._split / archive.path.stem
         for kind in ("rgb", "depth", "mask", "mask_visib"):
             (folder / kind).mkdir(parents=True, exist_ok=True)
@@ -142,13 +142,13 @@ class Bop:
         return out
 
     def _model_of(self, meta: Meta) -> _Model:
-        """The model of a sequence, which is written when it is seen first."""
+        """The model of a sequence; it is written on its first use."""
         robot = robot_of(self._config, meta)
         if self._now is not None and self._now.robot == robot:
             return self._now
         model = model_of(self._config, meta)
         if any(v.deforms for v in model.visuals):
-            raise GcbenchError(f"{robot} deforms, and BOP has rigid objects only")
+            raise DatasetError(f"{robot} deforms, and BOP has rigid objects only")
         first = self._firsts.get(robot, self._next)
         now = _Model(robot, model, sorted({v.part for v in model.visuals}), first)
         for p in now.parts if robot not in self._firsts else []:
@@ -160,7 +160,7 @@ class Bop:
 def _write_masks(
     folder: Path, sequence: Sequence, t: int, parts: list[int], silhouettes: list[NDArray[np.bool_]]
 ) -> list[dict[str, Any]]:
-    """Write the masks of the objects in frame t; return what scene_gt_info says of them."""
+    """Write the masks of the objects in frame t; return their entries of scene_gt_info."""
     part, depth = sequence.part[t], sequence.depth[t]
     height, width = part.shape
     infos: list[dict[str, Any]] = []
@@ -184,7 +184,7 @@ def _write_masks(
 
 
 def _objects(now: _Model) -> dict[str, Any]:
-    """What models_info.json says of the model's parts."""
+    """The entries of models_info.json for the model's parts."""
     return {str(now.first + p): {
         "name": now.model.part_names[p], "model": now.model.name,
         **size_of(np.concatenate([v.vertices for v in now.model.visuals if v.part == p]))}

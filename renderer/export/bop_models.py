@@ -1,4 +1,4 @@
-"""What BOP wants of the shape of each object: a mesh, its diameter and its box."""
+"""The shape of each object for BOP: a mesh, its diameter and its box."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write_ply(path: Path, visuals: list[Visual]) -> None:
 
 
 def size_of(vertices: Array) -> dict[str, float]:
-    """What models_info.json says of a mesh: diameter, and the box along its axes, mm."""
+    """Return the entry of models_info.json for a mesh: diameter and axis-aligned box, mm."""
     from scipy.spatial import ConvexHull, QhullError
     from scipy.spatial.distance import pdist
 

@@ -105,7 +105,7 @@ def export(
     try:
         kind = getattr(import_module(f".{module}", __package__), name)
     except ModuleNotFoundError as error:
-        raise GcbenchError(
+        raise ConfigError(
             f"--format {format} needs {error.name}: pip install 'gcbench[export]'") from error
     part = out.with_name(f".{out.name}.part")
     try:
@@ -148,7 +148,7 @@ def _write_all(
 ) -> int:
     """Fill `part`; the number of frames in it. It is removed if that fails for good, or if nothing
     is done when the run is stopped."""
-    account = _account(format, data, names)
+    account = _origin(format, data, names)
     plan = {**account, "sequences": "", "name": data.path.absolute().name}
     with Journal(part, plan, names) as journal:
         try:
@@ -180,8 +180,8 @@ def _write(
         writer.finish()
 
 
-def _account(format: str, dataset: Dataset, names: list[str]) -> dict[str, object]:
-    """What `export.json` says: the licences of the models come along."""
+def _origin(format: str, dataset: Dataset, names: list[str]) -> dict[str, object]:
+    """The content of `export.json`, with the licences of the models."""
     return {
         "format": format,
         "generator": {"name": "gcbench", "version": __version__},

@@ -1,5 +1,5 @@
-"""What an unfinished export has done: one line of JSON each sequence, after a first one that says
-which export it is. A line that a kill has cut counts for nothing.
+"""The journal of an unfinished export: one line of JSON per sequence, after a first one that
+identifies the export. An incomplete last line is ignored.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..runtime import dump_json
 
 _FILE = "journal.jsonl"
 SequenceRecord = Mapping[str, Any]
-"""What a format must know of a sequence that it has written: JSON."""
+"""What a format needs to know about a sequence that it has written, as JSON."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Journal:
         self._append(_line(plan))
 
     def add(self, name: str, frames: int, record: SequenceRecord) -> SequenceRecord:
-        """Note that a sequence is written; the record as a later run will read it."""
+        """Append a sequence that is written; return its record as a later run will read it."""
         line = _line(asdict(Entry(name, frames, record)))
         self._append(line)
         self.entries.append(Entry(**json.loads(line)))

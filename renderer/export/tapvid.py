@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...robots.geometry import Array
 from ..dataset import Dataset
 from ..runtime import Archive
@@ -42,7 +42,7 @@ class TapVid:
         if s.track_image is not None and s.track_visible is not None:
             image, visible = s.track_image, s.track_visible
         elif meta.deforming_parts:
-            raise GcbenchError(f"{archive.path}: parts deform; render with `--layers tracks`")
+            raise DatasetError(f"{archive.path}: parts deform; render with `--layers tracks`")
         else:
             image, visible = _follow_parts(sequence)
         points = (np.nan_to_num(image) + 0.5) / [meta.width, meta.height]

@@ -75,7 +75,7 @@ class WebDataset:
             self._tar = None
 
     def _shard(self, frames: int, size: int) -> tarfile.TarFile:
-        """The shard of the frame that comes after so many; what it has beyond `size` is cut off."""
+        """The shard of the frame with that number; it is truncated to `size` bytes."""
         path = self._folder / f"{self._name}-{frames // SHARD:06d}.tar"
         file = path.open("r+b" if size else "wb")
         file.truncate(size)
@@ -90,7 +90,7 @@ def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
 
 
 def frame_facts(sequence: Sequence, t: int) -> dict[str, object]:
-    """What is exact of frame t, with the names that one needs to read it."""
+    """The exact values of frame t, with the names that are needed to read them."""
     meta = sequence.meta
     return {
         "frame": t, "frames": meta.frames, "asset": dict(meta.asset), "width": meta.width,

@@ -98,7 +98,7 @@ class SequenceRenderer:
                 for h, p in zip(hidden, draw.part, strict=True)]
         depth = [np.where(p == 0, room, d) for p, d in zip(part, draw.depth, strict=True)]
         draw = replace(draw, depth=depth, part=part)
-        return self._sampler.judged_again(draw, part) if any(h.any() for h in hidden) else draw
+        return self._sampler.update_evidence(draw, part) if any(h.any() for h in hidden) else draw
 
     # -- frames -------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """Colour images of everything in a frame that is not a photograph.
 
 Each function takes data and returns 8-bit RGB. Colours mean the same in every picture: a part has
-the colour of its joint's axis and curve, and NO_VALUE always says "there is no value here".
+the colour of its joint's axis and curve, and NO_VALUE always means that there is no value.
 """
 
 from __future__ import annotations

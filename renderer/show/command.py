@@ -19,10 +19,10 @@ def show(
     mp4: str | Path | None = None,
     index: int = 0,
 ) -> list[Path]:
-    """Write what is asked for, and return the paths of what was written.
+    """Write the requested files, and return their paths.
 
     `path` is a sequence (ZIP or folder) or a dataset, of which the sequence named by `index` is
-    shown; the contact sheet of a dataset shows its first sequences. With nothing asked for the
+    shown; the contact sheet of a dataset shows its first sequences. By default the
     page goes to `<sequence>.html` in the current folder. Raises GcbenchError if `path` is neither,
     if the dataset has no such sequence, or if a file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""What is known about a sequence, in words: the tables of the page."""
+"""The tables of the page: joints, camera, lights and metadata of a sequence as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _HEADINGS = {
     "share": "least unoccluded share",
     "motion": "own flow, px per step",
 }
-"""Of what `meta.observability` says of a joint; `displacement` is the column `total`."""
+"""Headings of the values in `meta.observability`; `displacement` is the column `total`."""
 _LONGEST = 600
 """Characters of one value; the raw metadata below the tables are longer."""
 
@@ -81,7 +81,7 @@ def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
 
 
 def camera_rows(meta: Meta, state: State) -> _Rows:
-    """Where the camera is, in the first frame."""
+    """Return the camera's rows; its position is that of the first frame."""
     k, world_from_cam = state.intrinsics, inverse(state.cam_from_world)
     eye = world_from_cam[0, :3, 3]
     fov = [math.degrees(2 * math.atan(n / (2 * f)))
@@ -138,7 +138,7 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> _Rows:
 
 
 def format_value(value: Any) -> str:
-    """One value as a reader wants it: few digits, yes and no."""
+    """Format one value for reading: few digits, yes and no."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, (bool, np.bool_)):

@@ -1,4 +1,4 @@
-"""The estimated pose over the true one, in red, as in Fig. 3 of the paper.
+"""Draw the estimated pose over the true one, in red, as in Fig. 3 of the paper.
 
 The masks of a sequence show where the model is; where an estimate says that it is has to be drawn:
 the model's surface at the estimated joint positions, by the pass that draws the truth.
@@ -12,7 +12,7 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...robots.geometry import Array, pinhole
 from ...robots.model import ArticulatedModel, forward_kinematics
 from ..gl import Rasterizer
@@ -62,10 +62,10 @@ class Painter:
         t = t % len(sequence)
         meta, state = sequence.meta, sequence.state
         if meta.part_names != self.model.part_names or meta.joint_names != self.model.joint_names:
-            raise GcbenchError(f"{meta.name} does not show the model {self.model.name}")
+            raise DatasetError(f"{meta.name} does not show the model {self.model.name}")
         true = forward_kinematics(self.model, state.joint_positions[t])
         if np.abs(true - state.world_from_part[t]).max() > _TOLERANCE:
-            raise GcbenchError(f"{meta.name} was rendered from another model than the one at hand")
+            raise DatasetError(f"{meta.name} was rendered from another model than the one at hand")
         positions = estimated_positions(sequence, displacement, t)
         poses = forward_kinematics(self.model, positions)
         world_from_cam = np.linalg.inv(state.cam_from_world[t])

@@ -1,4 +1,4 @@
-"""One self-contained page in which to look at a sequence and its truth."""
+"""One self-contained page that shows a sequence and its truth."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ TEMPLATE = Path(__file__).parent / "show.html"
 PAGE_FRAMES, PAGE_SIDE, PAGE_PIXELS = 120, 640, 20_000_000
 """Bounds of a page: frames, px of a picture's longer side, px of all frames together."""
 VALUES_SIDE = 320
-"""px: longer side of the grid on which a page knows the values under the pointer."""
+"""px, longer side of the grid of values that the page shows under the pointer."""
 FLOW_UNIT = 1 / 64
 """px, as on disk"""
 PANES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility", "normal", "coordinates",
          "points")
-"""The last three where the sequence has such layers."""
+"""The last three exist only if the sequence has these layers."""
 
 
 def write_page(sequence: Sequence, out: Path) -> Path:
@@ -55,7 +55,7 @@ def write_page(sequence: Sequence, out: Path) -> Path:
 
 
 def page_data(sequence: Sequence) -> dict[str, Any]:
-    """Everything that the page's script reads, as JSON values."""
+    """Return everything that the page's script reads, as JSON values."""
     meta, state = sequence.meta, sequence.state
     frames = [int(t) for t in select_frames(len(sequence))]
     width, height = picture_size(meta.width, meta.height, len(frames))
@@ -107,14 +107,14 @@ def page_data(sequence: Sequence) -> dict[str, Any]:
 
 
 def layer_names(sequence: Sequence) -> list[str]:
-    """Which of the panes "normal", "coordinates" and "points" there are."""
+    """Return which of the panes "normal", "coordinates" and "points" the sequence has."""
     there = {"normal": sequence.normal is not None,
              "coordinates": sequence.coordinates is not None, "points": has_points(sequence.state)}
     return [name for name, is_there in there.items() if is_there]
 
 
 def color_layers(sequence: Sequence, t: int, size: tuple[int, int]) -> dict[str, RgbImage]:
-    """The pictures of frame t for `layer_names`, of (width, height) px."""
+    """Draw the pictures of frame t for `layer_names`, of (width, height) px."""
     frame, box = sequence.frame(t), sequence.state.coordinate_box
     out: dict[str, RgbImage] = {}
     if frame.normal is not None:
@@ -128,21 +128,21 @@ def color_layers(sequence: Sequence, t: int, size: tuple[int, int]) -> dict[str,
 
 
 def select_frames(frames: int, most: int = PAGE_FRAMES) -> NDArray[np.int64]:
-    """At most `most` frame numbers out of `frames`, evenly spread, the first and last included."""
+    """Select at most `most` of `frames` frame numbers, evenly spread, with the first and last."""
     return np.unique(np.rint(np.linspace(0, frames - 1, min(frames, most))).astype(np.int64))
 
 
 def picture_size(
     width: int, height: int, frames: int, side: int = PAGE_SIDE
 ) -> tuple[int, int]:
-    """(width, height) px of a page's pictures: never larger than the sequence's own."""
+    """Return (width, height) px of a page's pictures, at most those of the sequence."""
     zoom = min(1.0, side / max(width, height),
                math.sqrt(PAGE_PIXELS / (max(frames, 1) * width * height)))  # fmt: skip
     return max(1, round(width * zoom)), max(1, round(height * zoom))
 
 
 def value_ranges(sequence: Sequence, frames: Iterable[int]) -> tuple[float, float, float]:
-    """(near m, far m, largest flow px) over these frames, so that colours do not flicker."""
+    """Return (near m, far m, largest flow px) over frames, so that colours do not flicker."""
     near, far, largest = math.inf, 0.0, 0.0
     for t in frames:
         frame = sequence.frame(t)
@@ -160,9 +160,9 @@ def value_ranges(sequence: Sequence, frames: Iterable[int]) -> tuple[float, floa
 
 
 def resample(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
-    """The values [height width ...] at the pixels of `image` in the middle of each cell.
+    """Return the values [height width ...] of the pixels in the middle of each cell.
 
-    Never an average: between two parts there is no third, and between two depths no surface.
+    Parts and depths must not be averaged: a mean of two of them shows nothing real.
     """
     rows, columns = (((np.arange(n) + 0.5) * whole / n).astype(np.intp)
                      for n, whole in zip((height, width), image.shape[:2], strict=True))
@@ -170,7 +170,7 @@ def resample(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
 
 
 def resize_rgb(rgb: RgbImage, width: int, height: int) -> RgbImage:
-    """A photograph [height width 3], averaged over each cell."""
+    """Resize a photograph to [height width 3], averaged over each cell."""
     import cv2
 
     if rgb.shape[:2] == (height, width):
@@ -200,7 +200,7 @@ def _pictures(
 
 def _values(frame: Frame, width: int, height: int, depth_unit: float) -> RgbImage:
     """[13 height, width] grey: visibility and the bytes (high first) of depth, part and both
-    flows, one plane below the other. A picture is what a browser inflates fastest."""
+    flows, one plane below the other. Browsers decode pictures fastest."""
     depth, part, visibility, *flows = (
         None if image is None else resample(image, width, height)
         for image in (frame.depth, frame.part, frame.visibility, frame.flow, frame.flow_backward)
@@ -218,7 +218,7 @@ def _values(frame: Frame, width: int, height: int, depth_unit: float) -> RgbImag
 
 
 def data_uri(picture: RgbImage, quality: int | None = None) -> str:
-    """A picture, RGB [H W 3] or grey [H W], as a `data:` address; lossless without a quality."""
+    """Encode a picture, RGB [H W 3] or grey [H W], as a `data:` URI; lossless by default."""
     import cv2
 
     if picture.ndim == 2:

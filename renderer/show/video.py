@@ -1,4 +1,4 @@
-"""Pictures to paste into a paper, an issue or a chat: contact sheet, GIF and MP4."""
+"""Pictures and films of sequences: contact sheet, GIF and MP4."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, DatasetError, RenderError
 from ..types import Sequence
 from .annotations import draw_axes
 from .colors import NO_VALUE, RgbImage, color_depth, color_flow, color_parts
@@ -33,16 +33,16 @@ _GAP, _STRIP = 10, 20
 _PAPER, _LINE, _INK = 255, 205, 40
 """Grey levels."""
 _SHORTEST = 2.0
-"""s that a film lasts at least: shorter ones are slowed down, and say so."""
+"""s, minimum duration of a film; shorter ones are slowed down, and their captions say so."""
 _CODECS = ("vp09", "avc1", "mp4v")
-"""The first two play in browsers. OpenCV's own wheels can write the first, not the second."""
+"""The first two play in browsers. OpenCV's wheels can write the first but not the second."""
 
 
 def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
     """Write one PNG: of one sequence RGB with axes, depth, parts and flow over time (a row each);
     of several the first frame of each, up to _SHEET_SEQUENCES. Returns `out`.
 
-    Raises GcbenchError if there is no sequence, or the file cannot be written.
+    Raises a GcbenchError if there is no sequence, or the file cannot be written.
     """
     if isinstance(sequences, Sequence):
         rows = _over_time(sequences)
@@ -53,7 +53,7 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
         columns = min(len(tiles), 4 if len(tiles) <= 12 else 5 if few else 10)
         rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
     if not rows:
-        raise GcbenchError("nothing to show: the dataset holds no sequence yet")
+        raise DatasetError("nothing to show: the dataset holds no sequence yet")
     return write_file(out, _png(_grid(rows)))
 
 
@@ -76,7 +76,7 @@ def film_frames(sequence: Sequence) -> Iterator[RgbImage]:
 
 
 def write_gif(sequence: Sequence, out: Path) -> Path:
-    """Write the film as an animated GIF. Returns `out`; GcbenchError if it cannot be written."""
+    """Write the film as an animated GIF. Return `out`; RenderError if it fails."""
     import io
 
     from PIL import Image as Pillow
@@ -92,15 +92,15 @@ def write_gif(sequence: Sequence, out: Path) -> Path:
 def write_mp4(sequence: Sequence, out: Path) -> Path:
     """Write the film as MP4 in the first of _CODECS that this OpenCV can write. Returns `out`.
 
-    Warns if browsers will not play the result. Raises GcbenchError if there is no encoder, the
+    Warns if browsers will not play the result. Raises a GcbenchError if there is no encoder, the
     name does not end in .mp4 or the file cannot be written.
     """
     import cv2
 
     if out.suffix.lower() != ".mp4":
-        raise GcbenchError(f"{out} is no MP4 file: give a name that ends in .mp4")
+        raise ConfigError(f"{out} is no MP4 file: give a name that ends in .mp4")
     if not out.parent.is_dir():
-        raise GcbenchError(f"cannot write {out}: there is no folder {out.parent}")
+        raise RenderError(f"cannot write {out}: there is no folder {out.parent}")
     pictures = film_frames(sequence)
     first = next(pictures)
     rate, size = 1 / _seconds_per_picture(sequence), first.shape[1::-1]
@@ -111,7 +111,7 @@ def write_mp4(sequence: Sequence, out: Path) -> Path:
             if writer.isOpened():
                 break
         else:
-            raise GcbenchError(f"this OpenCV ({cv2.__version__}) cannot write MP4: use a GIF")
+            raise RenderError(f"this OpenCV ({cv2.__version__}) cannot write MP4: use a GIF")
         for picture in itertools.chain([first], pictures):
             writer.write(np.ascontiguousarray(picture[..., ::-1]))
         writer.release()

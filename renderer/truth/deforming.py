@@ -1,4 +1,4 @@
-"""Optical flow of surfaces that deform: each corner of a triangle goes its own way.
+"""Optical flow of surfaces that deform: each corner of a triangle moves by itself.
 
 The triangle that a pixel shows is known, and where its three corners are at either instant. The
 pixel's ray gives the weights of the corners; what they move by, so weighted, moves the point.
@@ -61,7 +61,7 @@ def weights(rays: Array, corners: Array) -> Array:
 
     All in one frame whose origin the rays come from. A rasterizer moves corners by a fraction of a
     pixel: a point beside the triangle becomes one on its edge, and one on a triangle that is seen
-    edge-on is as good as any other.
+    edge-on gets equal weights.
     """
     a, b, c = (corners[:, i] for i in range(3))
     volume = np.stack([np.einsum("ni,ni->n", rays, np.cross(p, q))

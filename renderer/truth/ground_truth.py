@@ -1,4 +1,4 @@
-"""The truth of a kept draw, frame by frame: flow both ways, visibility, and layers on demand."""
+"""The truth of an accepted draw, frame by frame: flow, visibility, and layers on demand."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def room_normal(
 
 
 class SequenceTruth:
-    """What is known of a draw's frames; `part_pixels` is whole after all frames were asked for."""
+    """The truth of a draw's frames; `part_pixels` is complete after all frames were requested."""
 
     def __init__(
         self, config: RenderConfig, index: int, model: ArticulatedModel, draw: Draw,
@@ -57,7 +57,7 @@ class SequenceTruth:
         self.keypoint_tolerance = KEYPOINT_SHARE * float(np.linalg.norm(np.ptp(outline, axis=0)))
 
     def frame(self, t: int, rgb: Callable[[], NDArray[np.uint8]]) -> Frame:
-        """Frame t; `rgb` is asked for its image at last, as it may be drawn meanwhile."""
+        """Frame t; `rgb` is called last, because the device may draw its image meanwhile."""
         draw, table = self.draw, self._table
         depth, part = draw.depth[t], draw.part[t]
         world_moves = bool((table[:, 0] != table[0, 0]).any())

@@ -1,8 +1,8 @@
-"""Drawing motion and camera until the motion can be seen, and the model's truth on the way.
+"""Rejection sampling: draw motion and camera until the motion is observable.
 
-Only depth and part numbers are rendered to judge a draw, and the sequence then uses them: a kept
-draw costs one pass more than its truth, a refused one stops at the first frame that breaks the
-rule.
+To decide on a draw, only depth and part numbers are rendered. The sequence uses them later, so an
+accepted draw costs one pass more than its truth; a rejected one stops at the first frame that
+breaks the rule.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import ConfigError
 from ...robots.geometry import Array
 from ...robots.model import Animation, ArticulatedModel, joint_screws
 from ..gl import Rasterizer
@@ -30,13 +30,13 @@ from .observability import (
 )
 
 MAX_DRAWS = 100
-"""Draws before a sequence is kept although it is not observable (and marked so)."""
+"""Draws per sequence; after these the best one is kept and marked as not observable."""
 _LEAST_BAD = ("", "displacement", "still", "occluded", "hidden", "collision")
 
 
 @dataclass(frozen=True)
 class Draw:
-    """A judged motion and camera, with truth and evidence of every frame. S scored joints."""
+    """A motion and camera, with truth and evidence of every frame. S scored joints."""
 
     motion: Motion
     camera: Camera
@@ -45,18 +45,18 @@ class Draw:
     part: list[NDArray[np.uint16]]
     """T x [H W]"""
     face: list[NDArray[np.int32]]
-    """T x [H W] triangle through all visuals, -1 where the model is not; empty where none asks"""
+    """T x [H W] triangle through all visuals, -1 where the model is not; empty unless requested"""
     covered: NDArray[np.int64]
     """[T S] pixels of each joint's moving subtree with nothing before it"""
     flow: Array
     """[T-1 S] px, each joint's own contribution to image motion at a step"""
     joints: dict[str, JointVisibility]
     reason: str
-    """Why it is not observable, "" if it is."""
+    """why it is not observable; "" if it is"""
 
 
 class DrawSampler:
-    """Draws sequences of one model and config, and judges them."""
+    """Draws sequences of one model and config until they are observable."""
 
     def __init__(
         self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
@@ -90,14 +90,14 @@ class DrawSampler:
         del refused[best]
         return kept, dict(Counter(refused))
 
-    def judged_again(self, draw: Draw, part: list[NDArray[np.uint16]]) -> Draw:
-        """The draw with the evidence of other part images T x [H W]: the room may hide pixels."""
+    def update_evidence(self, draw: Draw, part: list[NDArray[np.uint16]]) -> Draw:
+        """Update a draw for part images T x [H W] in which the room hides pixels."""
         pixels = np.stack([self._count(p[p > 0]) for p in part])
         joints, reason = self._verdict(draw.motion, pixels, draw.covered, draw.flow)
         return replace(draw, joints=joints, reason=reason)
 
     def _attempt(self, streams: Streams, attempt: int, keep: bool) -> Draw | str:
-        """A draw; or, unless it is to be kept anyhow, why it is refused."""
+        """A draw; or, unless it must be kept, the reason for its rejection."""
         motion = self.motions.draw(streams.rng("motion", attempt))
         if motion.touches and not keep:
             return "collision"
@@ -108,14 +108,14 @@ class DrawSampler:
             self.config.width, self.config.height,
             self.motions.outline(motion.posed, framed), motion.floor,
         )
-        draw = self._judge(motion, camera, keep)
+        draw = self._render(motion, camera, keep)
         if isinstance(draw, str) or keep:
             return draw
         # A video too short for the least displacement is kept, and marked, without more draws.
         wanted = not draw.reason or (draw.reason == "displacement" and self._too_short)
         return draw if wanted else draw.reason
 
-    def _judge(self, motion: Motion, camera: Camera, keep: bool) -> Draw | str:
+    def _render(self, motion: Motion, camera: Camera, keep: bool) -> Draw | str:
         """Render depth and parts of all frames; unless kept, stop at one that breaks the rule."""
         poses, frames, joints = motion.world_from_part, self.config.frames, len(self.scored)
         steps = np.diff(motion.trajectory.positions[:, self._joints], axis=0)
@@ -125,7 +125,7 @@ class DrawSampler:
         face: list[Any] = [None] * frames
         pixels, covered = np.zeros((2, frames, joints), np.int64)
         flow = np.zeros((frames - 1, joints))
-        # The ends of a motion are where it is most likely to hide: judge them first.
+        # The ends of a motion are where it is most likely to hide: examine them first.
         order = sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t))
         drawn = self._rasterizer.draw_truth(motion.posed, camera, order[0])
         for t, then in zip(order, [*order[1:], None], strict=True):
@@ -151,7 +151,7 @@ class DrawSampler:
     def _verdict(
         self, motion: Motion, pixels: NDArray[np.int64], covered: NDArray[np.int64], flow: Array
     ) -> tuple[dict[str, JointVisibility], str]:
-        """What is seen of each scored joint, and why it is not enough."""
+        """What is visible of each scored joint, and why it does not suffice."""
         positions = motion.trajectory.positions[:, self._joints]
         seen = [
             replace(joint, displacement=float(positions[-1, j] - positions[0, j]),
@@ -247,7 +247,7 @@ def _groups(moved: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int
     patterns, group = np.unique(moved.T, axis=0, return_inverse=True)
     keep = patterns.any(1) if patterns.size else np.zeros(len(patterns), bool)
     if keep.sum() > 32:
-        raise GcbenchError(f"{keep.sum()} joints cannot be scored at once; choose 32 at most")
+        raise ConfigError(f"{keep.sum()} joints cannot be scored at once; choose 32 at most")
     number = np.where(keep, np.cumsum(keep) - 1, -1)
     return patterns[keep], number[group.ravel()]
 
