@@ -1,4 +1,4 @@
-"""One writer at a time in a folder."""
+"""A lock that admits one writer to a folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ LOCK = ".lock"
 
 @contextmanager
 def lock_folder(out: Path) -> Generator[None]:
-    """Holds the folder for this process. Raises GcbenchError if another one holds it."""
+    """Lock the folder `out` for this process while the block runs.
+
+    Raises:
+        GcbenchError: If another process holds the lock.
+    """
     with (out / LOCK).open("a+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -26,7 +30,7 @@ def lock_folder(out: Path) -> Generator[None]:
                 f"another gcbench is writing to {out} (process {file.read(20).strip()})"
             ) from error
         except OSError as error:
-            # A file system without locks: two runs would only do the same work twice.
+            # On a file system without locks two runs would only do the same work twice.
             if error.errno not in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):
                 raise
         file.truncate(0)

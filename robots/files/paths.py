@@ -1,4 +1,4 @@
-"""Where a model's meshes and textures lie, and which files a model may reach.
+"""Resolution of the mesh and texture paths of a model, confined to its asset root.
 
 Models are untrusted input. The rule: a reference is relative (or `package://`), its extension is
 that of a mesh or a texture, and the file it leads to, symbolic links followed, lies inside the
@@ -28,12 +28,12 @@ _MAX_REFERENCE = 1024
 
 
 class MissingAssetError(ModelError):
-    """A file that the model refers to is nowhere; the message lists the places tried."""
+    """A file that the model refers to does not exist; the message lists the places tried."""
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file that may be read; what it refers to in its turn must lie inside `root`."""
+    """A file that may be read; files that it refers to must lie inside `root`."""
 
     path: Path
     root: Path
@@ -41,16 +41,18 @@ class Asset:
 
 @dataclass(frozen=True)
 class AssetFinder:
-    """Finds the files of one model; all paths are resolved."""
+    """Resolves the file references of one model; all paths are absolute."""
 
     folder: Path
     root: Path
     packages: tuple[tuple[str, Path], ...] = ()
 
     def find(self, reference: str, suffixes: frozenset[str] | None = MESHES) -> Asset:
-        """The file that a URDF means by `reference`; `suffixes` None: of any kind.
+        """Return the file that a URDF names by `reference`; `suffixes` None admits any kind.
 
-        Raises MissingAssetError if it is nowhere, ModelError if it may not be read.
+        Raises:
+            MissingAssetError: If the file does not exist.
+            ModelError: If the file may not be read.
         """
         scheme, name = _split(reference)
         if suffixes is not None:
@@ -59,7 +61,7 @@ class AssetFinder:
         return _first(reference, candidates)
 
     def nested(self, asset: Asset, reference: str, suffixes: frozenset[str]) -> Asset:
-        """The file that a mesh file means by `reference`: beside it, or inside the same root.
+        """Return the file that a mesh file names by `reference`: beside it, or inside its root.
 
         Exporters write absolute paths of their author's machine into materials; only the last
         component of such a path is used, beside the mesh.
@@ -104,7 +106,7 @@ class AssetFinder:
 def asset_finder(
     urdf: Path, packages: Mapping[str, Path] | None = None, asset_root: Path | None = None
 ) -> AssetFinder:
-    """The finder of the model at `urdf`; `packages` maps package names to their folders."""
+    """Return the finder of the model at `urdf`; `packages` maps package names to folders."""
     folder = urdf.resolve().parent
     if asset_root is None:
         root = _default_root(folder)

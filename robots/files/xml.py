@@ -1,4 +1,4 @@
-"""The only door for XML: no document type, no entities, bounded depth, size and names.
+"""XML parsing without document types and entities, with bounded depth, size and names.
 
 expat is used without name spaces, because URDFs in the wild use prefixes that nobody declared.
 """
@@ -42,7 +42,7 @@ def refuse_doctype(data: bytes) -> None:
 
 
 def parse_xml(data: bytes) -> Element:
-    """The root element; tags keep their prefixes. Raises ModelError."""
+    """Return the root element; tags keep their prefixes. Raise ModelError if it is not valid."""
     parser, builder = _parser(), ElementTree.TreeBuilder()
     depth = count = 0
 
@@ -71,12 +71,12 @@ def parse_xml(data: bytes) -> Element:
 
 
 def xml_bytes(element: Element) -> bytes:
-    """The document of an element."""
+    """Return the document of an element, UTF-8."""
     return ElementTree.tostring(element, encoding="utf-8")
 
 
 def new_element(tag: str, attributes: dict[str, str]) -> Element:
-    """An element without children."""
+    """Return an element without children."""
     return ElementTree.Element(tag, attributes)
 
 

@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 
 def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
-    """4x4 matrix from a rotation [... 3 3] (default identity) and a translation [... 3] (zero)."""
+    """Return [... 4 4] of a rotation [... 3 3] and a translation [... 3]; default: identity."""
     r = np.eye(3) if rotation is None else np.asarray(rotation, np.float64)
     t = np.zeros(3) if translation is None else np.asarray(translation, np.float64)
     shape = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
@@ -21,20 +21,20 @@ def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None =
 
 
 def inverse(a_from_b: ArrayLike) -> Array:
-    """b_from_a [... 4 4] of rigid a_from_b [... 4 4]."""
+    """Return b_from_a [... 4 4] of rigid a_from_b [... 4 4]."""
     m = np.asarray(a_from_b, np.float64)
     r = np.swapaxes(m[..., :3, :3], -1, -2)
     return transform(r, -np.einsum("...ij,...j->...i", r, m[..., :3, 3]))
 
 
 def apply(a_from_b: ArrayLike, points_in_b: ArrayLike) -> Array:
-    """Points [... N 3] of frame b in frame a; a_from_b is [... 4 4]."""
+    """Return points [... N 3] of frame b in frame a; a_from_b is [... 4 4]."""
     m, p = np.asarray(a_from_b, np.float64), np.asarray(points_in_b, np.float64)
     return p @ np.swapaxes(m[..., :3, :3], -1, -2) + m[..., None, :3, 3]
 
 
 def hat(w: ArrayLike) -> Array:
-    """The skew matrix [... 3 3] of w [... 3]: hat(w) @ x = w x x."""
+    """Return the skew matrix [... 3 3] of w [... 3]: hat(w) @ x = w x x."""
     w = np.asarray(w, np.float64)
     k = np.zeros((*w.shape[:-1], 3, 3))
     k[..., 0, 1], k[..., 0, 2] = -w[..., 2], w[..., 1]
@@ -44,7 +44,10 @@ def hat(w: ArrayLike) -> Array:
 
 
 def rotation_about(direction: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation [... 3 3] by `angle` [...] rad about the unit `direction` [... 3] (Rodrigues)."""
+    """Return the rotation [... 3 3] by `angle` [...] rad about a unit `direction` [... 3].
+
+    Rodrigues' formula.
+    """
     l = np.asarray(direction, np.float64)
     a = np.asarray(angle, np.float64)[..., None, None]
     k = hat(l)
@@ -52,7 +55,7 @@ def rotation_about(direction: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def rotation_from_rpy(rpy: ArrayLike) -> Array:
-    """Rotation [... 3 3] from URDF roll, pitch, yaw [... 3] rad: Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the rotation [... 3 3] of roll, pitch, yaw [... 3] rad: Rz(yaw) Ry(pitch) Rx(roll)."""
     e = np.asarray(rpy, np.float64)
     x, y, z = np.eye(3)
     rx, ry, rz = (rotation_about(np.broadcast_to(d, e.shape), e[..., i])

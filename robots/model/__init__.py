@@ -1,4 +1,4 @@
-"""What an articulated model is: its tree of parts, joints, surfaces, textures and skins."""
+"""Articulated models: the tree of parts, joints, surfaces, textures and skins."""
 
 from __future__ import annotations
 

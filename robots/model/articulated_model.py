@@ -1,4 +1,4 @@
-"""An articulated model: parts joined by screws, with the surfaces that they carry."""
+"""The articulated model: parts, screw axes and the surfaces of the parts, as arrays."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ _FIXED = JointType.FIXED
 
 @dataclass(frozen=True)
 class ModelState:
-    """Where the parts of a model are over time, and how its surfaces are stretched. T instants."""
+    """Poses of the parts of a model and deformation of its surfaces at T instants."""
 
     world_from_part: Array
     """[T P 4 4] rigid"""
     stretch: Array | None
-    """[T P 4 4] affine, what a part's own frame suffers before its pose (animated scale), applied
-    by skins only; None: nothing."""
+    """[T P 4 4] affine map in a part's frame before its pose (animated scale), for skins only;
+    None: identity."""
     morph: Array
     """[T M] weights of the morph channels."""
 
 
 class Animation(Protocol):
-    """A motion that comes with a model."""
+    """A motion stored in a model file."""
 
     @property
     def name(self) -> str: ...
@@ -40,7 +40,7 @@ class Animation(Protocol):
         """s"""
         ...
     def at(self, times: Array) -> ModelState:
-        """The posture at times [T] s, held before the first key and after the last."""
+        """Return the state at times [T] s, constant before the first key and after the last."""
         ...
 
 
@@ -90,7 +90,7 @@ class ArticulatedModel:
     sha256: str = ""
     """Of the model's file, hexadecimal; empty for a generated model."""
     notes: tuple[str, ...] = field(default=())
-    """What the reader had to decide (frozen joints, missing meshes), one line each."""
+    """Decisions of the reader (frozen joints, missing meshes), one line each."""
 
     @classmethod
     def from_links(
@@ -155,7 +155,7 @@ class ArticulatedModel:
         return np.array([t is JointType.PRISMATIC for t in self.part_joint_types], bool)
 
     def subtree(self, part: int) -> NDArray[np.bool_]:
-        """[P] whether each part is `part` or hangs on it."""
+        """Return for each part [P] whether it is `part` or a descendant of it."""
         inside = np.zeros(len(self.parent), bool)
         inside[part] = True
         for p in range(part + 1, len(self.parent)):
@@ -164,7 +164,10 @@ class ArticulatedModel:
 
 
 def forward_kinematics(model: ArticulatedModel, positions: ArrayLike) -> Array:
-    """world_from_part [... P 4 4] for joint positions [... J]; the world is the root's frame."""
+    """Return world_from_part [... P 4 4] for joint positions [... J] rad or m.
+
+    The world is the frame of the root.
+    """
     q = np.asarray(positions, np.float64)
     n_parts = len(model.parent)
     poses = np.zeros((*q.shape[:-1], n_parts, 4, 4))
@@ -180,7 +183,7 @@ def forward_kinematics(model: ArticulatedModel, positions: ArrayLike) -> Array:
 
 
 def joint_screws(model: ArticulatedModel, frame_from_part: ArrayLike) -> Array:
-    """Axis [... J 6] of each independent joint in a frame, from part poses [... P 4 4] in it.
+    """Return the axis [... J 6] of each independent joint in the frame of part poses [... P 4 4].
 
     A revolute axis is (l, m = p x l); a prismatic one its direction and zeros.
     """

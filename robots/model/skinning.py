@@ -1,4 +1,4 @@
-"""Surfaces that deform: where a visual's vertices are in a posture of its model."""
+"""Vertices of deforming surfaces, by morph targets and linear blend skinning."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from .visuals import Visual
 def deform_visual(
     visual: Visual, world_from_part: Array, stretch: Array | None, morph: Array
 ) -> tuple[Array, Array]:
-    """World vertices [V 3] m and unit normals [V 3] of a visual, deforming or not.
+    """Return the world vertices [V 3] m and unit normals [V 3] of a visual, rigid or deforming.
 
-    From one instant of a ModelState: world_from_part [P 4 4], stretch [P 4 4] or None, morph [M].
-    A normal goes with the cofactors of its vertex' blended matrix, which is right where scale is
-    uneven or mirrors.
+    Normals are mapped by the cofactors of the blended matrix of their vertex, which is exact for
+    uneven and for mirroring scale.
+
+    Args:
+        visual: The visual.
+        world_from_part: [P 4 4] of one instant.
+        stretch: [P 4 4] of that instant, or None.
+        morph: [M] weights of that instant.
     """
     points, normals = visual.vertices, visual.normals
     if visual.morph is not None:

@@ -1,4 +1,4 @@
-"""Triangle surfaces on their way from a file to the visuals of a part."""
+"""Triangle surfaces of mesh files and solids, and the visuals made of them."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class TriangleSurface:
     uv: Array | None = None
     """[V 2] or None."""
     material: Material | None = None
-    """None where the file says nothing, so that the URDF may."""
+    """None if the file names none; the material of the URDF then applies."""
     vertex_color: tuple[float, float, float, float] | None = None
-    """Linear mean of the file's vertex colours, used only where nobody names a material."""
+    """Linear mean of the file's vertex colours, used only without any material."""
 
 
 def clean_surface(
@@ -40,11 +40,13 @@ def clean_surface(
     material: Material | None = None,
     vertex_color: tuple[float, float, float, float] | None = None,
 ) -> TriangleSurface | None:
-    """A clean surface from what a file says, None if nothing is left of it.
+    """Return a clean surface from the arrays of a file; None if no triangle remains.
 
-    Degenerate triangles and unused vertices are dropped; normals that are absent or invalid are
-    made by crease angle. Raises ModelError on numbers that are not finite or indices that are out
-    of range.
+    Degenerate triangles and unused vertices are dropped. Normals that are absent or invalid are
+    computed by crease angle.
+
+    Raises:
+        ModelError: If a number is not finite or an index is out of range.
     """
     v = np.array(vertices, np.float64).reshape(-1, 3)
     f = np.array(faces, np.int64).reshape(-1, 3)
@@ -96,7 +98,7 @@ def clean_triangles(
 
 
 def move_surface(s: TriangleSurface, a_from_b: Array, scale: ArrayLike = 1.0) -> TriangleSurface:
-    """The surface scaled (per axis, mirroring allowed), then taken to frame a.
+    """Return the surface scaled (per axis, mirroring allowed), then moved to frame a.
 
     `a_from_b` [4 4] may hold scale and shear too: nodes of mesh files do.
     """
@@ -112,7 +114,7 @@ def move_surface(s: TriangleSurface, a_from_b: Array, scale: ArrayLike = 1.0) ->
 
 
 def visuals_of_part(part: int, surfaces: Sequence[TriangleSurface]) -> list[Visual]:
-    """The part's surfaces, those of equal material joined into one visual each."""
+    """Return the visuals of a part: its surfaces, those of equal material joined."""
     groups: dict[object, list[TriangleSurface]] = {}
     for s in surfaces:
         groups.setdefault(_material_key(s.material or Material()), []).append(s)

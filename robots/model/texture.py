@@ -21,7 +21,11 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "GIF", "WEBP")
 
 
 def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
-    """Image [h w 3|4] sRGB, at most _MAX_SIDE on a side, row 0 on top; raises ModelError."""
+    """Return the image [h w 3|4] sRGB of a file, row 0 on top, at most 4096 px on a side.
+
+    Raises:
+        ModelError: If `data` is no image, or a too large one; `name` begins the message.
+    """
     from PIL import Image
 
     with warnings.catch_warnings():
@@ -35,7 +39,11 @@ def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
 
 
 def texture_from_image(image: Image.Image | Any, name: str) -> NDArray[np.uint8]:
-    """Array [h w 3|4] of a PIL image, which may still be undecoded; raises ModelError."""
+    """Return the array [h w 3|4] of a PIL image, which may still be undecoded.
+
+    Raises:
+        ModelError: If it is too large or cannot be decoded.
+    """
     width, height = image.size
     if width * height > _MAX_PIXELS or width * height == 0:
         raise ModelError(f"{name}: image of {width} x {height} pixels; at most {_MAX_PIXELS}")
@@ -64,14 +72,14 @@ def linear_from_srgb(color: ArrayLike) -> Array:
 
 
 def base_color(rgba: ArrayLike) -> tuple[float, float, float, float]:
-    """Linear base colour of an sRGB colour of 3 or 4 values in 0..1; alpha is linear already."""
+    """Return the linear RGBA of an sRGB colour of 3 or 4 values in 0..1; alpha stays as it is."""
     c = np.asarray(rgba, np.float64).reshape(-1)
     r, g, b = linear_from_srgb(c[:3]).tolist()
     return r, g, b, float(np.clip(c[3], 0.0, 1.0)) if len(c) > 3 else 1.0
 
 
 def mean_color(texture: NDArray[np.uint8]) -> tuple[float, float, float, float]:
-    """Linear mean colour of a texture [h w 3|4]."""
+    """Return the linear mean RGBA of a texture [h w 3|4]; alpha is 1."""
     pixels = texture[:: max(1, texture.shape[0] // 256), :: max(1, texture.shape[1] // 256), :3]
     r, g, b = linear_from_srgb(pixels.reshape(-1, 3) / 255.0).mean(axis=0).tolist()
     return r, g, b, 1.0

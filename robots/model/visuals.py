@@ -29,7 +29,7 @@ class Maps:
 
 @dataclass(frozen=True)
 class Material:
-    """What a surface looks like (metallic-roughness, as glTF 2.0)."""
+    """Appearance of a surface (metallic-roughness, as in glTF 2.0)."""
 
     name: str = ""
     base_color: tuple[float, float, float, float] = (0.5, 0.5, 0.5, 1.0)
@@ -40,17 +40,17 @@ class Material:
     """[h w 3|4] sRGB, row 0 is the top of the image (v = 1)."""
     maps: Maps = Maps()
     tiling: tuple[Tiling, Tiling] = ("repeat", "repeat")
-    """What the textures do beyond u and v of 0..1."""
+    """Tiling of the textures outside 0..1, in u and v."""
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Linear RGB that the surface shines by itself."""
+    """Linear RGB of emitted light."""
     unlit: bool = False
-    """Whether it shows its base colour, whatever the light."""
+    """Whether the base colour is shown without shading."""
     alpha_cutoff: float | None = None
-    """There is no surface, neither colour nor depth, where alpha (the base colour's, texture's and
-    vertex colour's product) is less."""
+    """Pixels with less alpha (product of base colour, texture and vertex colour) have neither
+    colour nor depth."""
     blend: bool = False
-    """Whether alpha of texture and vertex colours lets what is behind shine through; that of the
-    base colour always does."""
+    """Whether alpha of texture and vertex colours makes the surface transparent; alpha of the base
+    colour always does."""
 
     @property
     def transparent(self) -> bool:
@@ -59,10 +59,10 @@ class Material:
 
 @dataclass(frozen=True)
 class Skin:
-    """How vertices follow several parts: linear blend skinning (glTF 2.0, section 3.7.3.1)."""
+    """Linear blend skinning: vertices follow several parts (glTF 2.0, section 3.7.3.1)."""
 
     bone_part: NDArray[np.int64]
-    """[B] index of the part that is each bone."""
+    """[B] index of the part of each bone."""
     part_from_mesh: Array
     """[B 4 4] affine: a vertex as stored to the bone's part frame (inverse bind, scale baked)."""
     bone: NDArray[np.int64]
@@ -88,8 +88,8 @@ class Visual:
     """The triangles of one part that share a material."""
 
     part: int
-    """Index into the model's parts (0-based): the one that masks show for these triangles. Of a
-    skin, a visual has the triangles that follow one part most."""
+    """Index into the model's parts (0-based), which masks show for these triangles. With a skin it
+    is the part that the triangles follow most."""
     vertices: Array
     """[V 3] m, in the part's frame; with a skin, in the mesh's own."""
     faces: NDArray[np.int32]
@@ -106,5 +106,5 @@ class Visual:
 
     @property
     def deforms(self) -> bool:
-        """Whether its vertices move otherwise than its part."""
+        """Whether the vertices move against the part."""
         return self.skin is not None or self.morph is not None

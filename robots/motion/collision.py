@@ -1,4 +1,4 @@
-"""Whether a moving model touches itself or the ground."""
+"""Contact of a moving model with itself and with the ground."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ALWAYS = 0.95
 
 @dataclass(frozen=True)
 class Contact:
-    """Who touches whom, and when."""
+    """The first contact of a motion."""
 
     frame: int
     a: str
@@ -58,7 +58,7 @@ class CollisionChecker:
         """Pairs of groups, each named by the index of its first part."""
 
     def touches(self, world_from_part: ArrayLike, floor_z: float | None) -> bool:
-        """Whether the model at poses [P 4 4] touches itself, or a ground at height floor_z (m)."""
+        """Return whether the model at poses [P 4 4] touches itself or the ground at floor_z (m)."""
         poses = np.asarray(world_from_part, np.float64)
         return self.first_contact(poses[None], floor_z) is not None
 
