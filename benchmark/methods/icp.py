@@ -1,13 +1,14 @@
-"""ICP as the paper describes it, at its best: known axis directions, depth, parts, optical flow.
+"""ICP, the paper's baseline, with known axis directions, depth, parts and optical flow.
 
-Flow and depth give 3D correspondences inside each part; one robust Kabsch, then trimmed
-nearest-neighbour ICP from there, to the target's tangent planes. The angles are the twists about
-the known axes that explain the rotations of all parts along the chain together, each weighted by
-what the part's shape tells: a cylinder says nothing of a turn about itself, what hangs on it does.
+Flow and depth give 3D correspondences inside each part. A robust Kabsch alignment of these starts a
+trimmed nearest-neighbour ICP to the target's tangent planes. The joint angles are those about the
+known axes that best explain the rotations of all parts of the chain together, each weighted by the
+information in the part's shape: a cylinder does not show a rotation about its own axis.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -15,83 +16,80 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ...errors import GcbenchError
+from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
-from ...robots.geometry import Array, apply, inverse, rotation_about, se3, transform
+from ...robots.geometry import Array, apply, inverse, pinhole, se3, transform
 from ...robots.motion import ChainAxes, chain_rotations, fit_chain_angles
-from .registry import load
 
-MAX_DEPTH_CHANGE = 0.10
-"""m between two frames; a pair with more is no correspondence."""
-KEPT = 0.8
-"""Share of the nearest pairs that trimmed ICP keeps."""
-_TUKEY, _ROBUST_ROUNDS = 4.685, 10
+_MAX_DEPTH_CHANGE = 0.10  # m between two frames; a larger change is not a correspondence
+_KEPT = 0.8  # share of the nearest pairs that trimmed ICP keeps
+_TUKEY, _ROBUST_ROUNDS = 4.685, 10  # Tukey's constant: 95 % efficiency for Gaussian residuals
 _ICP_ROUNDS, _MAX_POINTS = 10, 1500
 _MIN_PAIRS = 12
-_DAMPING = 1e-3  # of ICP, as a share of the mean information; holds the start where shape is mute
-_MAX_CORRECTION = np.radians(15.0)  # of the start; more is a wrong minimum
+_DAMPING = 1e-3  # of ICP, as a share of the mean information: keeps the start if unobservable
+_MAX_CORRECTION = np.radians(15.0)  # of the start; a larger one is a wrong minimum
 _SMOOTH = 7  # px, radius within which noisy depth is averaged inside a part
-# How far flow and surfaces are to be believed when rotations are weighted: (m, independent pairs).
+# Standard deviation (m) and number of independent pairs by which flow and surfaces are weighted.
 _FLOW_TRUST, _PLANE_TRUST = (0.004, 10.0), (0.002, 100.0)
+
+
+Segmenter = Callable[[Observation], NDArray[np.uint8] | None]
+"""Returns the parts [T H W] of an observation: 0 static, j the link that joint j moves."""
 
 
 @dataclass(frozen=True)
 class Icp:
-    """From frame to frame, accumulated."""
+    """ICP from each frame to the next, accumulated."""
 
     name: str = "icp"
     version: str = "1"
     training: str = "none"
     inputs: tuple[Inputs, ...] = ("rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    segmenter: str = "gcpose"
-    """The method, by name, that finds the parts where the observation does not give them."""
+    segment: Segmenter | None = None
+    """Finds the parts if the observation does not contain them."""
     to_first: bool = False
     """Align each frame with the first one, which does not drift."""
 
     def estimate(self, observation: Observation) -> Estimate:
-        """Raises GcbenchError without depth or axis directions."""
-        rgb, depth, axes = observation.rgb, observation.depth, observation.axis_direction
-        if rgb is None or depth is None or axes is None:
-            raise GcbenchError(f"{self.name} needs RGB, depth and the directions of the axes")
+        """Estimate the motion. Raises MethodError without depth, axis directions or parts."""
+        if observation.rgb is None or observation.depth is None:
+            raise MethodError(f"{self.name} needs RGB and depth")
+        axes = observation.axis_direction
+        if axes is None:
+            raise MethodError(f"{self.name} needs the directions of the axes")
         part = observation.part
+        if part is None and self.segment is not None:
+            part = self.segment(observation)
         if part is None:
-            part = load(self.segmenter).estimate(observation).part
-            if part is None:
-                raise GcbenchError(f"{self.segmenter} found no parts")
-        joints, k, parent = len(axes), observation.intrinsics, observation.parents
+            raise MethodError(f"{self.name} needs the parts, and found none")
+        joints, parent = len(axes), observation.parents
         smooth = _SMOOTH if observation.depth_noise > 0 else 0
         frames = [
-            Frame(smoothed(z, p, joints, smooth), p, k) for z, p in zip(depth, part, strict=True)
+            LabelledDepth(smooth_depth(z, p, joints, smooth), p, observation.intrinsics)
+            for z, p in zip(observation.depth, part, strict=True)
         ]
-        flows = observation.flow
         prismatic = np.array([kind == "prismatic" for kind in observation.joint_types])
+        chain = ChainAxes(axes, prismatic, parent)
         surfaces = [frame.surface(1 + max(1, smooth // 2), joints) for frame in frames]
-        origin = np.stack([_middle(frames[0].points(j + 1)) for j in range(joints)])
+        origin = np.stack([_center(frames[0].points(j + 1)) for j in range(joints)])
         motion = np.tile(np.eye(4), (len(frames), joints + 1, 1, 1))  # frame t from frame 0
         angle = np.zeros((len(frames), joints))
         for t in range(1, len(frames)):
-            flow = dis_flow(rgb[t - 1], rgb[t]) if flows is None else flows[t - 1]
-            rotation, trust = np.tile(np.eye(3), (joints, 1, 1)), np.zeros((joints, 3, 3))
+            flow = _flow(observation, t - 1)
+            first = 0 if self.to_first else t - 1
+            rotation, information = np.zeros((2, joints, 3, 3))
             for j in range(1, joints + 1):
-                source, target = correspondences(frames[t - 1], frames[t], flow, j)
-                step = np.eye(4)
-                if len(source) >= _MIN_PAIRS:
-                    step = robust_kabsch(source, target)
-                    trust[j - 1] += rotation_information(source, None, *_FLOW_TRUST)
-                first = 0 if self.to_first else t - 1
-                start = step @ motion[t - 1, j] if self.to_first else step
-                points = surfaces[first][j][0]
-                pose, pairs = align_surfaces(points, *surfaces[t][j], start)
-                if pairs is not None:
-                    trust[j - 1] += rotation_information(*pairs, *_PLANE_TRUST)
+                matches = correspondences(frames[t - 1], frames[t], flow, j)
+                start = motion[t - 1, j] if self.to_first else np.eye(4)
+                source, target = surfaces[first][j], surfaces[t][j]
+                pose, information[j - 1] = _align(matches, source, target, start)
                 motion[t, j] = pose if self.to_first else pose @ motion[t - 1, j]
                 rotation[j - 1] = pose[:3, :3]
             since = np.zeros(joints) if self.to_first else angle[t - 1]
-            chain = ChainAxes(axes, prismatic, parent)
-            angle[t] = fit_chain_angles(chain, rotation, trust, since, angle[t - 1])
+            angle[t] = fit_chain_angles(chain, rotation, information, since, angle[t - 1])
             turned = chain_rotations(chain, angle[t])
-            for j in range(joints):  # the next frame starts where the chain says
+            for j in range(joints):  # the next frame starts at the rotations of the chain
                 motion[t, j + 1] = with_rotation(motion[t, j + 1], turned[j], origin[j])
         shifts = displacements(motion, axes, parent, origin)
         return Estimate(np.where(prismatic, shifts, angle), part=part)
@@ -99,35 +97,36 @@ class Icp:
 
 @dataclass(frozen=True)
 class IcpFirst(Icp):
-    """From the first frame to each."""
+    """ICP from the first frame to each."""
 
     name: str = "icp-first"
     to_first: bool = True
 
 
 @dataclass(frozen=True)
-class Frame:
-    """One instant. H x W pixels."""
+class LabelledDepth:
+    """Depth and parts of one frame of H x W pixels."""
 
     depth: NDArray[np.float32]
     """[H W] m, 0 = no surface"""
     part: NDArray[np.uint8]
-    """[H W] 0 still, j what joint j is the last to move"""
+    """[H W] 0 static, j the link that joint j moves"""
     intrinsics: Array
-    """[3 3]"""
+    """[3 3] px"""
 
     def points(self, j: int) -> Array:
-        """[N 3] m, camera frame: the pixels of part j that have a depth."""
+        """[N 3] m, camera frame: the pixels of part j with a depth."""
         v, u = np.nonzero((self.part == j) & (self.depth > 0))
-        return lift(self.intrinsics, u, v, self.depth[v, u])
+        return pinhole.unproject(self.intrinsics, np.stack([u, v], axis=-1), self.depth[v, u])
 
     def surface(self, step: int, joints: int) -> dict[int, tuple[Array, Array]]:
-        """Points [N 3] m and unit normals [N 3] of each part, where its pixels `step` px away in
-        all four directions are of it."""
-        height, width = self.depth.shape
-        v, u = np.mgrid[:height, :width]
-        cloud = lift(self.intrinsics, u.ravel(), v.ravel(), self.depth.ravel())
-        cloud = cloud.reshape(height, width, 3)
+        """Points [N 3] m and unit normals [N 3] of each part.
+
+        Of pixels whose neighbours at a distance of `step` px, in all four directions, belong to
+        the same part.
+        """
+        grid = pinhole.pixel_grid(*self.depth.shape)
+        cloud = pinhole.unproject(self.intrinsics, grid, self.depth)
         own = np.where(self.depth > 0, self.part, 0)
         inside = np.zeros(own.shape, bool)
         middle = (slice(step, -step), slice(step, -step))
@@ -149,10 +148,42 @@ class Frame:
         }
 
 
-def smoothed(
+def _flow(observation: Observation, t: int) -> NDArray[np.float32]:
+    """[H W 2] px from frame t to the next: the given flow, or OpenCV's DIS at its finest scale."""
+    if observation.flow is not None:
+        return observation.flow[t]
+    assert observation.rgb is not None
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    dis.setFinestScale(0)
+    gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in observation.rgb[t : t + 2]]
+    return np.asarray(dis.calc(gray[0], gray[1], None), np.float32)  # pyright: ignore[reportCallIssue, reportArgumentType]
+
+
+def _align(
+    matches: tuple[Array, Array],
+    source: tuple[Array, Array],
+    target: tuple[Array, Array],
+    start: Array,
+) -> tuple[Array, Array]:
+    """target_from_source [4 4] of a part, and the information [3 3] 1/rad^2 on its rotation.
+
+    From correspondences since the frame of `start` (target_from_source there), and from the
+    surfaces (points and normals) of the source and the target frame.
+    """
+    information = np.zeros((3, 3))
+    if len(matches[0]) >= _MIN_PAIRS:
+        start = robust_kabsch(*matches) @ start
+        information += rotation_information(matches[0], None, *_FLOW_TRUST)
+    pose, pairs = align_surfaces(source[0], *target, start)
+    if pairs is not None:
+        information += rotation_information(*pairs, *_PLANE_TRUST)
+    return pose, information
+
+
+def smooth_depth(
     depth: NDArray[np.float32], part: NDArray[np.uint8], joints: int, radius: int
 ) -> NDArray[np.float32]:
-    """Depth [H W] m averaged over a square inside each moving part; as it is for radius 0."""
+    """Average depth [H W] m over a square inside each moving part; not at all for radius 0."""
     out = depth.copy()
     size = (2 * radius + 1, 2 * radius + 1)
     for j in range(1, joints + 1) if radius else ():
@@ -163,26 +194,13 @@ def smoothed(
     return out.astype(np.float32)
 
 
-def lift(
-    intrinsics: Array, u: NDArray[np.generic], v: NDArray[np.generic], z: NDArray[np.generic]
-) -> Array:
-    """[N 3] m points in the camera frame of pixels (u, v) at depth z, each [N]."""
-    pixel = np.stack([u, v, np.ones(len(z))], axis=1).astype(np.float64)
-    return pixel @ np.linalg.inv(intrinsics).T * np.asarray(z, np.float64)[:, None]
+def correspondences(
+    a: LabelledDepth, b: LabelledDepth, flow: NDArray[np.float32], j: int
+) -> tuple[Array, Array]:
+    """Return points [N 3] m of part j in frame a, and in frame b by flow and depth.
 
-
-def dis_flow(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """[H W 2] px from image a to b [H W 3], by OpenCV's DIS at its finest scale."""
-    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    dis.setFinestScale(0)
-    gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (a, b)]
-    return np.asarray(dis.calc(gray[0], gray[1], None), np.float32)  # pyright: ignore[reportCallIssue, reportArgumentType]
-
-
-def correspondences(a: Frame, b: Frame, flow: NDArray[np.float32], j: int) -> tuple[Array, Array]:
-    """Points [N 3] m of part j in frame a and where flow and depth see them in frame b.
-
-    Left out: unknown flow, another part or no depth where it ends, |dZ| over 10 cm.
+    Without pixels whose flow is unknown, ends in another part or where no depth is, or changes the
+    depth by more than 10 cm.
     """
     v, u = np.nonzero((a.part == j) & (a.depth > 0))
     du, dv = flow[v, u, 0], flow[v, u, 1]
@@ -195,15 +213,18 @@ def correspondences(a: Frame, b: Frame, flow: NDArray[np.float32], j: int) -> tu
     u, v, end, column, row = u[inside], v[inside], end[inside], column[inside], row[inside]
     z = b.depth[row, column]
     start = a.depth[v, u]
-    good = (z > 0) & (b.part[row, column] == j) & (np.abs(z - start) <= MAX_DEPTH_CHANGE)
+    good = (z > 0) & (b.part[row, column] == j) & (np.abs(z - start) <= _MAX_DEPTH_CHANGE)
     return (
-        lift(a.intrinsics, u[good], v[good], start[good]),
-        lift(b.intrinsics, end[good, 0], end[good, 1], z[good]),
+        pinhole.unproject(a.intrinsics, np.stack([u, v], axis=-1)[good], start[good]),
+        pinhole.unproject(b.intrinsics, end[good], z[good]),
     )
 
 
 def kabsch(source: Array, target: Array, weight: Array | None = None) -> Array:
-    """target_from_source [4 4] of least squares, from points [N 3] and weights [N]."""
+    """Fit target_from_source [4 4] to points [N 3] with weights [N] by least squares.
+
+    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976.
+    """
     w = np.full(len(source), 1.0 / len(source)) if weight is None else weight / weight.sum()
     a, b = w @ source, w @ target
     u, _, vt = np.linalg.svd((source - a).T @ ((target - b) * w[:, None]))
@@ -213,7 +234,7 @@ def kabsch(source: Array, target: Array, weight: Array | None = None) -> Array:
 
 
 def robust_kabsch(source: Array, target: Array) -> Array:
-    """target_from_source [4 4] with Tukey's weights, from a median start; outliers have none."""
+    """Fit target_from_source [4 4] with Tukey's biweight, starting at the median translation."""
     pose = transform(None, np.median(target - source, axis=0))
     for _ in range(_ROBUST_ROUNDS):
         residual = np.linalg.norm(apply(pose, source) - target, axis=1)
@@ -228,11 +249,14 @@ def robust_kabsch(source: Array, target: Array) -> Array:
 def align_surfaces(
     source: Array, target: Array, normal: Array, start: Array
 ) -> tuple[Array, tuple[Array, Array] | None]:
-    """target_from_source [4 4] by trimmed nearest-neighbour ICP of points [N 3] from `start`.
+    """Fit target_from_source [4 4] by trimmed nearest-neighbour ICP of points [N 3] from `start`.
 
     The distance is to the target's tangent plane (unit normals [M 3]): surfaces slide along each
-    other, and where the shape does not tell, the start stays. Also the points and normals that
-    were kept in the end, None if there are too few or it went astray, so that the start stays.
+    other, and a direction that the shape does not determine stays at the start.
+
+    Returns:
+        The pose, and the points and normals that were kept last; `start` and None if there are
+        too few points or the correction is too large.
     """
     if min(len(source), len(target)) < _MIN_PAIRS:
         return start, None
@@ -243,7 +267,7 @@ def align_surfaces(
     for _ in range(_ICP_ROUNDS):
         moved = apply(pose, source)
         distance, nearest = tree.query(moved)
-        kept = distance <= np.quantile(distance, KEPT)
+        kept = distance <= np.quantile(distance, _KEPT)
         points, normals = moved[kept], normal[np.asarray(nearest)[kept]]
         gap = ((target[np.asarray(nearest)[kept]] - points) * normals).sum(1)
         center = points.mean(0)
@@ -253,7 +277,7 @@ def align_surfaces(
         hessian += _DAMPING * np.trace(hessian) / 6.0 * np.eye(6)
         turn, shift = np.split(np.linalg.solve(hessian, rows.T @ gap), 2)
         turn = turn / radius
-        rotation = exponential(turn)
+        rotation = se3.so3_exp(turn)
         pose = transform(rotation, center + shift - rotation @ center) @ pose
         if np.linalg.norm(turn) < 1e-6 and np.linalg.norm(shift) < 1e-7:
             break
@@ -262,10 +286,10 @@ def align_surfaces(
 
 
 def rotation_information(points: Array, normals: Array | None, sigma: float, pairs: float) -> Array:
-    """[3 3] 1/rad^2: what points [N 3] m say of a rotation, the shift being unknown.
+    """Return the information [3 3] 1/rad^2 of points [N 3] m on a rotation, translation unknown.
 
-    Each says where it is along its normal [N 3] (None: in all directions) to `sigma` m; all
-    together they are worth so many independent ones.
+    Each point is known along its normal [N 3] (None: in all directions) with a standard deviation
+    of `sigma` m; together they count as `pairs` independent ones.
     """
     p = points - points.mean(0)
     if normals is None:
@@ -278,28 +302,22 @@ def rotation_information(points: Array, normals: Array | None, sigma: float, pai
 
 
 def with_rotation(motion: Array, rotation: Array, point: Array) -> Array:
-    """[4 4] the motion with another rotation [3 3], that takes `point` [3] to the same place."""
+    """Replace the rotation [3 3] of a motion [4 4] that takes `point` [3] to the same place."""
     return transform(rotation, apply(motion, point[None])[0] - rotation @ point)
 
 
 def displacements(
     motion: Array, axes: Array, parent: NDArray[np.int64], origin: Array
 ) -> Array:
-    """[T J] m: shift of each part along its axis, relative to the part that carries it.
+    """Return the shift [T J] m of each part along its axis, relative to its parent part.
 
-    motion [T J+1 4 4] in the camera frame, frame t from frame 0, of each part (0 is still); axes
-    [J 3] unit directions and origin [J 3] m a point of each part, at frame 0.
+    motion [T J+1 4 4] is that of each part in the camera frame, frame t from frame 0 (part 0 is
+    static); axes [J 3] are unit directions and origin [J 3] m points of the parts at frame 0.
     """
     relative = inverse(motion[:, parent + 1]) @ motion[:, 1:]
     moved = np.einsum("tjab,jb->tja", relative[..., :3, :3], origin) + relative[..., :3, 3]
     return ((moved - origin) * axes).sum(-1)
 
 
-def exponential(turn: Array) -> Array:
-    """Rotation [3 3] of a rotation vector [3] rad."""
-    angle = float(np.linalg.norm(turn))
-    return rotation_about(turn / angle, angle) if angle > 1e-12 else np.eye(3)
-
-
-def _middle(points: Array) -> Array:
+def _center(points: Array) -> Array:
     return points.mean(0) if len(points) else np.zeros(3)

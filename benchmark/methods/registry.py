@@ -15,9 +15,12 @@ from types import ModuleType
 from typing import Any, cast
 from urllib.parse import parse_qsl, urlencode
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...errors import ConfigError, MethodError
 from ...renderer.runtime import dump_json
-from ...renderer.types import Inputs, Knowledge, Method
+from ...renderer.types import Inputs, Knowledge, Method, Observation
 from ..protocol import ORACLES, allowed
 from ..results import INPUTS, KNOWLEDGE, Row
 
@@ -33,6 +36,7 @@ METHODS = {
     "hold-still": "gcbench.benchmark.methods.baselines:HoldStill",
     "constant-velocity": "gcbench.benchmark.methods.baselines:ConstantVelocity",
 }
+_SEGMENTER = "gcpose"
 _FORMER_SOURCES = {
     "gcbench.gcpose.published:FlowOnly": "gcpose-flow",
     "gcbench.gcpose.published:Epipolar": "gcpose-epipolar",
@@ -160,9 +164,16 @@ def _made(method: Callable[..., Any], options: dict[str, str], source: str) -> A
     if "settings" in accepted and "set" in options:
         changes = parse_changes(made.pop("set"))
         made["settings"] = accepted["settings"].default.override(changes)
+    if "segment" in accepted and "segment" not in made:
+        made["segment"] = _segment
     if unknown := [name for name in made if name not in accepted]:
         raise MethodError(f"{source} takes no --{unknown[0]}; leave it out")
     return method(**made)
+
+
+def _segment(observation: Observation) -> NDArray[np.uint8] | None:
+    """Return the parts that _SEGMENTER finds, for methods that take a function `segment`."""
+    return load(_SEGMENTER).estimate(observation).part
 
 
 def parse_changes(text: str) -> dict[str, str]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gcbench import GcbenchError
+from gcbench import MethodError
 from gcbench.benchmark.methods import icp
-from gcbench.benchmark.methods.icp import Frame, Icp, IcpFirst
+from gcbench.benchmark.methods.icp import Icp, IcpFirst, LabelledDepth
+from gcbench.benchmark.methods.registry import load
 from gcbench.benchmark.protocol.observations import observe
 from gcbench.benchmark.protocol.truth import truth_of
-from gcbench.renderer.types.observation import Estimate, Observation
 from gcbench.robots.geometry import (
     Array,
     apply,
@@ -57,13 +57,14 @@ def test_correspondences_are_those_of_flow_and_depth() -> None:
     there = depth.copy()
     there[70, :] = 0  # no depth
     there[80, :] += 0.11  # too far
-    source, target = icp.correspondences(Frame(depth, part, K), Frame(there, part, K), flow, 1)
+    here, next_frame = LabelledDepth(depth, part, K), LabelledDepth(there, part, K)
+    source, target = icp.correspondences(here, next_frame, flow, 1)
     # 159 columns of which the last two end in another part; two rows are left out; one is NaN.
     assert len(source) == len(target) == 118 * 157 - 1
     assert np.abs((target - source)[:, 1]).max() < 0.01
     np.testing.assert_allclose(
         (target @ K.T / target[:, 2:])[:, 0] - (source @ K.T / source[:, 2:])[:, 0], 2, atol=1e-9)
-    nothing = icp.correspondences(Frame(depth, part, K), Frame(there, part, K), flow * np.nan, 1)
+    nothing = icp.correspondences(here, next_frame, flow * np.nan, 1)
     assert len(nothing[0]) == 0
 
 
@@ -127,26 +128,15 @@ def test_a_whole_sequence(method: Icp) -> None:
     assert error.max() < 1.0
 
 
-class Segmenter:
-    """Finds the parts that it was given."""
-
-    name = version = training = "test"
-    inputs, knowledge = ("rgbd",), ("axes",)
-    part = None
-
-    def estimate(self, observation: Observation) -> Estimate:
-        return Estimate(np.zeros((len(observation.times), observation.n_joints)), part=self.part)
-
-
-def test_parts_come_from_a_method_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_come_from_the_segmenter_where_they_are_not_given() -> None:
     sequence = analytic.render(width=160, height=120, frames=3, room=False)
     given = observe(sequence, "rgbd", "axes", ("true-parts", "true-flow"))
     blind = observe(sequence, "rgbd", "axes", ("true-flow",))
-    monkeypatch.setattr(icp, "load", lambda source: Segmenter())
-    with pytest.raises(GcbenchError, match="gcpose found no parts"):
-        Icp().estimate(blind)
-    monkeypatch.setattr(Segmenter, "part", given.part)
-    expected = Icp().estimate(given).displacement
-    np.testing.assert_array_equal(Icp().estimate(blind).displacement, expected)
-    with pytest.raises(GcbenchError, match="needs RGB, depth and the directions"):
+    for segment in (None, lambda observation: None):
+        with pytest.raises(MethodError, match="needs the parts, and found none"):
+            Icp(segment=segment).estimate(blind)
+    found = Icp(segment=lambda observation: given.part).estimate(blind)
+    np.testing.assert_array_equal(found.displacement, Icp().estimate(given).displacement)
+    with pytest.raises(MethodError, match="needs the directions of the axes"):
         Icp().estimate(observe(sequence, "rgbd", "free"))
+    assert load("icp").segment is not None  # type: ignore[attr-defined]  # of another method, by the registry
