@@ -73,7 +73,7 @@ class Raft(nn.Module):
         for _ in range(iterations):
             flow = flow.detach()
             seen = torch.cat(
-                [look_up(w, flow / d) for w, d in zip(windows, _DILATIONS, strict=True)], 1)
+                [sample_windows(w, flow / d) for w, d in zip(windows, _DILATIONS, strict=True)], 1)
             motion = torch.cat([F.relu(self.seen(seen)), F.relu(self.moved(flow))], 1)
             motion = torch.cat([F.relu(self.both(motion)), flow], 1)
             keep, use = torch.sigmoid(
@@ -155,7 +155,7 @@ def correlations(fa: Tensor, fb: Tensor, dilation: int) -> Tensor:
     return torch.stack(rows, 2).reshape(batch, h, w, n, n) / channels**0.5
 
 
-def look_up(windows: Tensor, flow: Tensor) -> Tensor:
+def sample_windows(windows: Tensor, flow: Tensor) -> Tensor:
     """Return correlations [B m*m h w] around where the flow [B 2 h w] points, m = 2 _LOOK + 1.
 
     `windows` [B h w n n] are those of `correlations`, the flow is in their steps; bilinear, zero

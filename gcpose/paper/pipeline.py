@@ -79,7 +79,7 @@ class FlowOnly:
         """
         video = _observe(observation, self.name, self.flow, None, self.settings)
         if video is None:
-            return static_estimate(observation)
+            return _static_estimate(observation)
         return _finite(observation, _angles_by_flow(video))
 
 
@@ -113,7 +113,7 @@ class Epipolar:
         """
         video = _observe(observation, self.name, self.network, None, self.settings)
         if video is None:
-            return static_estimate(observation)
+            return _static_estimate(observation)
         return _finite(observation, _angles_by_flow(_tune(video, self.network)))
 
 
@@ -157,7 +157,7 @@ class WithDepth:
                               "weights, or --inputs rgbd")
         video = _observe(observation, self.name, self.network, depth, self.settings)
         if video is None:
-            return static_estimate(observation)
+            return _static_estimate(observation)
         return _finite(observation, _angles_by_depth(_tune(video, self.network)))
 
 
@@ -319,9 +319,9 @@ def _hypothesis(
 
 
 def _finite(observation: Observation, angle: Array) -> Estimate:
-    return Estimate(angle) if np.isfinite(angle).all() else static_estimate(observation)
+    return Estimate(angle) if np.isfinite(angle).all() else _static_estimate(observation)
 
 
-def static_estimate(observation: Observation) -> Estimate:
-    """Return the estimate of no motion."""
+def _static_estimate(observation: Observation) -> Estimate:
+    """The estimate of no motion."""
     return Estimate(np.zeros((len(observation.times), observation.n_joints)))

@@ -64,7 +64,7 @@ def estimate_rgb(
     if not (np.isfinite(angle).all() and np.isfinite(sigma).all()):
         return None
     screw = None if known.line is None else screws_of(known.line, known.prismatic)
-    part = label_images(evidence, best, rgb.shape[:3], settings.part_stride)
+    part = label_video(evidence, best, rgb.shape[:3], settings.part_stride)
     return Estimate(angle, screw, part, sigma)
 
 
@@ -119,7 +119,7 @@ def calibrated_deviation(hypothesis: VideoHypothesis, settings: RgbSettings) -> 
     return out
 
 
-def label_images(
+def label_video(
     evidence: VideoEvidence, hypothesis: VideoHypothesis, shape: tuple[int, ...], stride: int
 ) -> NDArray[np.uint8]:
     """Return the parts [T H W] of all images: those of the nearest points, moved from the nearest

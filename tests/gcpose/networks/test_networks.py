@@ -65,12 +65,12 @@ def test_look_interpolates_where_the_flow_points() -> None:
     line = torch.arange(n, dtype=torch.float32) - raft.REACH
     windows = (10 * line[:, None] + line).expand(1, 2, 3, n, n)
     flow = torch.tensor([0.25, -1.5])[None, :, None, None].expand(1, 2, 2, 3)
-    seen = raft.look_up(windows, flow)
+    seen = raft.sample_windows(windows, flow)
     middle = seen.shape[1] // 2
     torch.testing.assert_close(seen[0, middle], torch.full((2, 3), 10 * -1.5 + 0.25))
     torch.testing.assert_close(seen[0, middle + 1], torch.full((2, 3), 10 * -1.5 + 1.25))
     far = torch.full((1, 2, 2, 3), 50.0)
-    assert not raft.look_up(windows, far).any()
+    assert not raft.sample_windows(windows, far).any()
 
 
 def test_warping_undoes_a_shift() -> None:
