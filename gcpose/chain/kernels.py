@@ -1,7 +1,7 @@
-"""Inner loops over the joints of chains, as machine code (see compiled.py).
+"""Compiled inner loops over the joints of chains (see numerics/compilation.py).
 
-Chains have a few joints and many frames: what NumPy spends on each small array is more than the
-sums themselves, and it holds the interpreter's lock meanwhile.
+Chains have a few joints and many frames. The overhead of NumPy on each small array is larger than
+the sums themselves, and NumPy holds the GIL during that time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from ..numerics import compiled
 
 @compiled
 def fill_motions(twist: Array, angle: Array, parent: NDArray[np.int64], out: Array) -> None:
-    """Of chains [S J 6] with displacements [S T J]: [S T J+1 4 4], which is zero."""
+    """Fill in the motions [S T J+1 4 4], initially zero, of chains [S J 6] with displacements
+    [S T J]."""
     each = np.zeros((4, 4))
     for s in range(len(twist)):
         for t in range(angle.shape[1]):
@@ -34,11 +35,11 @@ def fill_motions(twist: Array, angle: Array, parent: NDArray[np.int64], out: Arr
 
 @compiled
 def fill_joint(twist: Array, angle: float, out: Array) -> None:
-    """The upper three rows of exp(twist angle), for a twist of unit speed and without pitch."""
+    """Fill in the upper three rows of exp(twist angle) for a unit twist without pitch."""
     w, v = twist[:3], twist[3:]
     s, c = np.sin(angle), 1 - np.cos(angle)
     along = w[0] * v[0] + w[1] * v[1] + w[2] * v[2]
-    square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]  # 0 if it slides
+    square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]  # 0 for a prismatic joint
     for a in range(3):
         a1, a2 = (a + 1) % 3, (a + 2) % 3
         for b in range(3):
@@ -52,7 +53,7 @@ def fill_joint(twist: Array, angle: float, out: Array) -> None:
 
 @compiled
 def add_moved(motion: Array, twist: Array, factor: float, out: Array) -> None:
-    """Add a twist [6] of frame b in frame a, times a factor; motion [4 4] is a_from_b."""
+    """Add a twist [6] of frame b, seen in frame a, times a factor; motion [4 4] is a_from_b."""
     for a in range(3):
         turn, slide = 0.0, 0.0
         for b in range(3):
@@ -70,8 +71,11 @@ def fill_derivatives(
     twist: Array, motion: Array, parent: NDArray[np.int64], moves: NDArray[np.bool_],
     basis: Array, owner: NDArray[np.int64], out: Array,
 ) -> None:
-    """Twists of parts, per displacement of frames 1.. and per twist of basis [D 6] by which the
-    axis of joint owner [D] is displaced: out [T J+1 U 6], which is zero; moves [J+1 J]."""
+    """Fill in twists [T J+1 U 6], initially zero, of the parts per unknown.
+
+    The unknowns are the displacements of frames 1.., then those of the axes of joints owner [D] by
+    twists basis [D 6]; moves [J+1 J] are the ancestors of each part.
+    """
     joints, held = len(parent), (len(motion) - 1) * len(parent)
     one = np.zeros(6)
     for t in range(1, len(motion)):
@@ -93,7 +97,7 @@ def fill_derivatives(
 
 @compiled
 def subtract_moved(motion: Array, twist: Array, out: Array) -> None:
-    """Take twists [T J+1 U 6] or [1 J+1 U 6], moved by motion [T J+1 4 4], from `out`."""
+    """Subtract twists [T or 1, J+1 U 6], moved by motion [T J+1 4 4], from out [T J+1 U 6]."""
     for t in range(len(motion)):
         for j in range(1, motion.shape[1]):
             here = twist[t if len(twist) > 1 else 0, j]
@@ -106,10 +110,10 @@ def subtract_moved(motion: Array, twist: Array, out: Array) -> None:
 def add_normal_equations(
     six: Array, right: Array, g: Array, matrix: Array, vector: Array, scatter: Array
 ) -> None:
-    """Add what twists say of unknowns that make them: six [T J+1 6 6], right [T J+1 6],
-    g [T J+1 U 6] to matrix [U U], vector [U], and vectors' squares to scatter [U U].
+    """Add the equations of parts, six [T J+1 6 6] and right [T J+1 6], to those of U unknowns.
 
-    Few unknowns move a part in one frame: only those are gone through.
+    g [T J+1 U 6] are the twists of the parts per unknown. The outer product of each part's vector
+    is added to scatter [U U]. Few unknowns move a part in a frame: only those are visited.
     """
     size = len(vector)
     some, along, each = np.zeros(size, np.int64), np.zeros((size, 6)), np.zeros(size)
@@ -141,7 +145,7 @@ def add_normal_equations(
 
 @compiled
 def cross(a: Array, b: Array, out: Array) -> None:
-    """a x b of three numbers each."""
+    """Fill in a x b of three numbers each."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[i] = a[j] * b[k] - a[k] * b[j]
@@ -149,7 +153,8 @@ def cross(a: Array, b: Array, out: Array) -> None:
 
 @compiled
 def fill_bases(twist: Array, prismatic: bool, near: Array, out: Array) -> None:
-    """For axes [N 6] by points near [N 3]: out [N 6 4], which is zero; [N 6 2] if they slide."""
+    """Fill in bases [N 6 4], initially zero, of axes [N 6] by points near [N 3]; [N 6 2] if
+    prismatic."""
     least, foot, turn = np.zeros(3), np.zeros(3), np.zeros(3)
     across, centre = np.zeros((2, 3)), np.zeros(3)
     for n in range(len(twist)):
@@ -171,7 +176,7 @@ def fill_bases(twist: Array, prismatic: bool, near: Array, out: Array) -> None:
 
 @compiled
 def fill_displaced(twist: Array, motion: Array, prismatic: bool, out: Array) -> None:
-    """Axes [N 6] moved by [N 4 4], again of unit speed and without pitch; out [N 6] is zero."""
+    """Fill in axes [N 6], initially zero, moved by [N 4 4] and normalized to unit screws."""
     for n in range(len(twist)):
         add_moved(motion[n], twist[n], 1.0, out[n])
         if prismatic:
