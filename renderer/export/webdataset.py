@@ -1,7 +1,8 @@
 """Shards of WebDataset: tar files of at most SHARD frames, a frame is one sample.
 
     SSSSSS_TTTTTT.json            names, times, poses, joints, camera: what is exact of a frame
-    SSSSSS_TTTTTT.rgb.png         and depth, part, flow, flow_backward, visibility (docs/dataset.md)
+    SSSSSS_TTTTTT.rgb.png         and depth, part, flow, flow_backward, visibility: the PNGs of
+                                  docs/reference/dataset_format.md
 
 and the optional layers that the dataset has. The images are those of the dataset, byte for byte;
 flow_backward is absent in a sequence's first frame, flow and visibility are in its last.

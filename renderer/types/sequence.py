@@ -141,7 +141,7 @@ class Meta:
     seed: _Index
     index: _Index
     randomization: Mapping[str, Any]
-    """What was drawn (docs/dataset.md)."""
+    """What was drawn (docs/reference/dataset_format.md)."""
     renderer: Mapping[str, str]
     """GL renderer and version strings."""
     observability: Mapping[str, Any]

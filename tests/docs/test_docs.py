@@ -13,9 +13,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import gcbench
 import pytest
 from gcbench.__main__ import COMMANDS, main
 from gcbench.renderer.runtime import command_line
+
+from ..test_architecture import LAYERS
 
 CHECKOUT = Path(__file__).parents[2]
 DOCS = CHECKOUT / "docs"
@@ -220,6 +223,21 @@ def test_every_page_is_in_the_navigation() -> None:
     listed = re.findall(r"- (?:[\w ]+: )?([\w/]+\.md)$", (CHECKOUT / "mkdocs.yml").read_text(),
                         re.MULTILINE)
     assert sorted(listed) == sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md"))
+
+
+def test_the_api_page_has_every_public_name() -> None:
+    listed = set(re.findall(r"(?m)^::: gcbench\.(\w+)$", (DOCS / "reference/api.md").read_text()))
+    errors = {name for name in gcbench.__all__ if name.endswith("Error")}
+    assert listed == set(gcbench.__all__) - errors | {"errors"}
+
+
+def test_the_page_on_architecture_shows_the_layers() -> None:
+    text = (DOCS / "develop/architecture.md").read_text()
+    cells = [row.split("|") for row in re.findall(r"(?m)^\| \d \|(.*)\|$", text)]
+    for column, room in enumerate(LAYERS):
+        shown = [set(re.findall(r"\w+", row[column])) for row in cells if row[column].strip()]
+        shims = {"observation", "torch_dataset"}
+        assert shown == [set(floor.split()) - shims for floor in LAYERS[room]], room
 
 
 OURS = "https://github.com/gcbench/gcbench/blob/main/"
