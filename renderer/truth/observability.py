@@ -87,7 +87,9 @@ def own_motion(
     index = index[:: max(1, len(index) // 2000)]  # 2000 suffice for the median
     v, u = np.divmod(index, camera.width)
     uv = np.stack([u, v], axis=1)
-    points = pinhole.unproject(camera.intrinsics, uv, pixels.depth.ravel()[index])
+    # By the inverse matrix, not by `pinhole.unproject`: meta.json keeps its last digit.
+    rays = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(camera.intrinsics).T
+    points = rays * pixels.depth.ravel()[index, None]
     motion = (prismatic_motion if prismatic else revolute_motion)(screw, step)
     there = pinhole.project(camera.intrinsics, apply(motion, points))
     return float(np.median(np.linalg.norm(there[:, :2] - uv, axis=1)))

@@ -95,7 +95,11 @@ def track_paths(
         pixel[i] = rng.choice(np.flatnonzero(flat == part[i]))
     v, u = np.divmod(pixel, images.camera.width)
     z = np.array([images.depth[t].ravel()[p] for t, p in zip(query, pixel, strict=True)])
-    cam = pinhole.unproject(images.camera.intrinsics, np.stack([u, v], axis=1), z)
+    # By the inverse matrix, not by `pinhole.unproject`: points of parts that stand still lie at
+    # pixel centres, where the last bit decides which four pixels are around them, and so what is
+    # visible. This keeps sequences equal to those of earlier versions.
+    k_inverse = np.linalg.inv(images.camera.intrinsics)
+    cam = np.stack([u, v, np.ones(count)], axis=1) @ k_inverse.T * z[:, None]
     start = apply(images.camera.world_from_cam, cam)
     world = _rigid_paths(start, part, query, world_from_part)
     if deforming is not None:
