@@ -9,7 +9,7 @@ import numpy as np
 
 from ...renderer.types import Estimate, Sequence
 from ...robots.geometry import Array
-from ..results import Result, Run, Shape, Stored
+from ..results import EstimateShape, Result, Run, Stored
 from . import metrics
 from .truth import Truth, truth_of
 
@@ -17,10 +17,10 @@ AXES_KNOWN = ("axes", "kinematics", "model")
 """Knowledge that decides the sign of a joint."""
 
 
-def shape_of(sequence: Sequence) -> Shape:
+def shape_of(sequence: Sequence) -> EstimateShape:
     """What an estimate of the sequence must fit."""
     meta = sequence.meta
-    return Shape(meta.frames, len(meta.scored_joints), meta.height, meta.width)
+    return EstimateShape(meta.frames, len(meta.scored_joints), meta.height, meta.width)
 
 
 def score_sequence(

@@ -17,8 +17,8 @@ from . import published_numbers as paper
 from .statistics import (
     SEED,
     Difference,
+    ErrorSummary,
     SequenceJoint,
-    Summary,
     compare_rows,
     pcp,
     shared_ranks,
@@ -43,7 +43,7 @@ class JointScore:
     name: str
     index: int
     """1 .. J from the base outward."""
-    summary: Summary
+    summary: ErrorSummary
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Line:
     unit: str
     robot: str
     """Name without folders."""
-    summary: Summary
+    summary: ErrorSummary
     """Of the final errors."""
     error: Mapping[SequenceJoint, float]
     """Final error of each (sequence, joint)."""
@@ -221,7 +221,9 @@ def _line(folder: RunFolder, unit: str, finals: list[Result], results: list[Resu
     )
 
 
-def _summary(finals: list[Result], covered: Mapping[SequenceJoint, bool], unit: str) -> Summary:
+def _summary(
+    finals: list[Result], covered: Mapping[SequenceJoint, bool], unit: str
+) -> ErrorSummary:
     return summarize(
         [r.value for r in finals],
         [covered.get((r.sequence, r.joint), False) for r in finals],

@@ -13,7 +13,7 @@ from ...errors import DatasetError, GcbenchError
 from ...renderer.show import render_page
 from ...robots.files import write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
-from ..results import Results, RunFolder, Shape, read_stored
+from ..results import EstimateShape, Results, RunFolder, read_stored
 from .formats import leaderboard_csv, one_line, to_latex, to_markdown
 from .gallery import Picture, chosen, draw
 from .leaderboard import (
@@ -244,7 +244,7 @@ def _failures(board: Leaderboard) -> list[_Failure]:
 
 def _reason(folder: RunFolder, name: str) -> str:
     try:
-        stored = read_stored(folder.estimate_path(name), Shape(1, 1, 1, 1))
+        stored = read_stored(folder.estimate_path(name), EstimateShape(1, 1, 1, 1))
     except GcbenchError as error:
         return one_line(str(error))
     reason = one_line(stored.reason)

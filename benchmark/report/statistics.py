@@ -27,7 +27,7 @@ SequenceJoint = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Summary:
+class ErrorSummary:
     """Errors of one row on one dataset, in one unit."""
 
     sequences: int
@@ -54,7 +54,7 @@ def summarize(
     sequence: Sequence[Hashable],
     thresholds: Sequence[float],
     rng: np.random.Generator,
-) -> Summary:
+) -> ErrorSummary:
     """Everything about N errors [N] >= 0; `covered` [N] bool; thresholds in the errors' unit.
 
     A pair without an estimate is in every number, with the error it was given, and is wrong for
@@ -64,7 +64,7 @@ def summarize(
     if e.ndim != 1 or not e.size or not np.isfinite(e).all() or e.shape != c.shape:
         raise ValueError("errors are finite numbers, at least one, each with its coverage")
     low, high = bootstrap_mean(e, cluster, rng)
-    return Summary(
+    return ErrorSummary(
         sequences=len(set(sequence)),
         joints=len(e),
         mean=float(e.mean()),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..protocol import PCP5
 from . import published_numbers as paper
 from .leaderboard import Leaderboard, Line
-from .statistics import Summary, best_half
+from .statistics import ErrorSummary, best_half
 
 MISSING = "–"
 _STARRED = " * With the better of the two signs of each joint: none is known or returned."
@@ -114,7 +114,7 @@ def value(x: float, unit: str) -> str:
     return f"{x:.{4 if unit == 'm' else 3}f}"
 
 
-def _mean_std(summary: Summary, unit: str) -> str:
+def _mean_std(summary: ErrorSummary, unit: str) -> str:
     """As in "0.123 ± 0.045"."""
     return f"{value(summary.mean, unit)} ± {value(summary.std, unit)}"
 

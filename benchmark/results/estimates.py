@@ -35,7 +35,7 @@ _MAX_BYTES = 2**28
 
 
 @dataclass(frozen=True)
-class Shape:
+class EstimateShape:
     """What the arrays of an estimate must fit: T frames of H x W pixels, J scored joints."""
 
     frames: int
@@ -73,7 +73,7 @@ class InvalidEstimateError(MethodError):
     """What a method returned is not an estimate of this sequence; the message says why."""
 
 
-def checked(value: Any, shape: Shape) -> Estimate:
+def checked(value: Any, shape: EstimateShape) -> Estimate:
     """What a method returned, as arrays of the right shapes; numbers may be NaN.
 
     Raises InvalidEstimateError that names the field, its shape and the expected one.
@@ -147,7 +147,7 @@ def dump_stored(stored: Stored) -> bytes:
     return out.getvalue()
 
 
-def read_stored(path: Path, shape: Shape) -> Stored:
+def read_stored(path: Path, shape: EstimateShape) -> Stored:
     """The estimate in a file. Raises DatasetError that names what is wrong with it."""
     archive = open_archive(path)
     where = archive.where(_JSON)
@@ -161,7 +161,7 @@ def read_stored(path: Path, shape: Shape) -> Stored:
     )
 
 
-def _parse_arrays(data: bytes, shape: Shape, where: str) -> Estimate:
+def _parse_arrays(data: bytes, shape: EstimateShape, where: str) -> Estimate:
     """Arrays of an NPZ that inflates to no more than an estimate of this shape needs."""
     t, j = shape.frames, shape.joints
     specs = {

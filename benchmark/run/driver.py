@@ -203,7 +203,7 @@ def score_run(folder: RunFolder, data: Data) -> list[Result]:
     return out
 
 
-def environment() -> dict[str, Any]:
+def describe_environment() -> dict[str, Any]:
     """Versions and machine, without its name."""
     cpu = platform.processor() or platform.machine()
     try:
@@ -236,7 +236,7 @@ def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any],
     return Run(
         row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
         assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
-        environments=(environment(),), settings=settings,
+        environments=(describe_environment(),), settings=settings,
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from .method_worker import DONE, PROBLEM, READY, STARTED, Task
 
 START_LIMIT = 600.0
 """s for a method to load, or a sequence to be read: more means that the machine is stuck."""
-LIFETIME = 200
+_LIFETIME = 200
 """Sequences of one process: methods leak memory."""
 _MAX_ANSWER = 2**28
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -99,7 +99,7 @@ def _pool(
     source: str, tasks: Sequence[Task | None], workers: int, threads: int
 ) -> WorkerPool[Task | None]:
     settings = WorkerSettings(
-        "gcbench.benchmark.run.method_worker:serve", (source, threads), workers, LIFETIME,
+        "gcbench.benchmark.run.method_worker:serve", (source, threads), workers, _LIFETIME,
         START_LIMIT, dict.fromkeys(_THREADS, str(threads)), foreign=True,
     )
     return WorkerPool(settings, tasks, _send, lambda connection: connection.recv_bytes(_MAX_ANSWER))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ...renderer.dataset import Dataset
     from ...renderer.types import Method
     from ...robots.model import ArticulatedModel
-    from ..results import Shape, Stored
+    from ..results import EstimateShape, Stored
 
 READY, STARTED, DONE, PROBLEM = b"R", b"S", b"D", b"P"
 
@@ -89,7 +89,7 @@ def _attempt(
 
     sequence = dataset[task.sequence]
     observation = observe(sequence, task.inputs, task.knowledge, task.oracles, model)  # pyright: ignore[reportArgumentType]
-    shape: Shape = shape_of(sequence)
+    shape: EstimateShape = shape_of(sequence)
     connection.send_bytes(STARTED)
     _forget_peak()
     started = time.perf_counter()

@@ -41,7 +41,7 @@ from .datasets import SUITES, Data, from_folders, from_suite
 from .driver import describe_run, prepare, score_run
 from .suite import read_suite
 
-FORMAT = """\
+PREDICTIONS_FORMAT = """\
 expected a CSV
     # method: my-method
     # inputs: rgbd            (rgb, rgbd, rgbd-noise, none)
@@ -188,7 +188,7 @@ def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
     try:
         return parse_arrays(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
     except (ValueError, csv.Error) as error:
-        raise DatasetError(f"{file}: {error}; {FORMAT}") from error
+        raise DatasetError(f"{file}: {error}; {PREDICTIONS_FORMAT}") from error
 
 
 def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from gcbench import DatasetError, GcbenchError
 from gcbench.benchmark.results.estimates import (
+    EstimateShape,
     InvalidEstimateError,
-    Shape,
     Stored,
     checked,
     dump_stored,
@@ -25,7 +25,7 @@ from gcbench.benchmark.results.runs import SCORES, Results, Run, find_runs, run_
 from gcbench.renderer.runtime.zip_archive import ArchiveWriter
 from gcbench.renderer.types.observation import Estimate
 
-SHAPE = Shape(frames=3, joints=2, height=4, width=5)
+SHAPE = EstimateShape(frames=3, joints=2, height=4, width=5)
 ROW = Row("icp", "1.2", "rgbd", "axes", "none", ("true-parts",))
 RUN = Run(ROW, "a:B", "mini/ur5", "data/ur5", {"robot": "ur5"}, ({"name": "ur5"},),
           ("000000", "000002"), 1, {"workers": 1}, ({"cores": 2},))

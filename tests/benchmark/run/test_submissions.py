@@ -13,7 +13,7 @@ from gcbench.benchmark.report.leaderboard import build_leaderboard
 from gcbench.benchmark.results.rows import Result
 from gcbench.benchmark.results.runs import find_runs
 from gcbench.benchmark.run import submissions
-from gcbench.benchmark.run.submissions import FORMAT, ScoreConfig, score_predictions
+from gcbench.benchmark.run.submissions import PREDICTIONS_FORMAT, ScoreConfig, score_predictions
 from gcbench.renderer.dataset.reader import open_dataset
 
 from ...support import bench_data
@@ -122,7 +122,7 @@ def test_a_wrong_file_is_told_the_format(
     file.write_text(csv_of(data).replace(old, new, 1))
     with pytest.raises(GcbenchError, match=message) as error:
         score(file, data, tmp_path)
-    assert FORMAT in str(error.value)
+    assert PREDICTIONS_FORMAT in str(error.value)
     assert not (tmp_path / "results").exists()
 
 
