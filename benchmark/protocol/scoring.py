@@ -1,4 +1,4 @@
-"""From a stored estimate and the truth to lines of the score table. Never runs a method."""
+"""Score a stored estimate against the truth, as lines of the score table. Never runs a method."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from . import metrics
 from .truth import Truth, truth_of
 
 AXES_KNOWN = ("axes", "kinematics", "model")
-"""Knowledge that decides the sign of a joint."""
+"""Levels of knowledge that determine the sign of a joint."""
 
 
 def shape_of(sequence: Sequence) -> EstimateShape:
-    """What an estimate of the sequence must fit."""
+    """Return the shape that an estimate of the sequence must have."""
     meta = sequence.meta
     return EstimateShape(meta.frames, len(meta.scored_joints), meta.height, meta.width)
 
@@ -26,9 +26,14 @@ def shape_of(sequence: Sequence) -> EstimateShape:
 def score_sequence(
     sequence: Sequence, stored: Stored, run: Run, name: str, cluster: str | None = None
 ) -> list[Result]:
-    """Every number about one estimate (metrics.py names them), in deg and m.
+    """Compute every metric of one estimate (see metrics.py), in deg and m.
 
-    `name` is the sequence's in its dataset, `cluster` what the bootstrap draws (default: `name`).
+    Args:
+        sequence: The ground truth.
+        stored: The estimate, or the failure.
+        run: The row and the dataset.
+        name: Name of the sequence in its dataset.
+        cluster: Unit of the bootstrap; default: `name`.
     """
     truth = truth_of(sequence)
     row = run.row
@@ -57,42 +62,16 @@ def score_sequence(
 def joint_results(
     truth: Truth, estimate: Estimate | None, axes_known: bool, blank: Result
 ) -> list[Result]:
-    """The lines of each joint; `blank` has what they share."""
+    """Score each joint; `blank` holds the fields that all lines share."""
     given = None if estimate is None else estimate.displacement
     moved = metrics.no_motion_where_missing(given, truth.displacement)
-    covered = metrics.covered(given, len(truth.joint_names))
     screw = None if estimate is None else estimate.screw
     prismatic = truth.prismatic
     sign, how = metrics.signs(moved, truth.displacement, prismatic, axes_known, screw, truth.screw)
     scale = np.where(prismatic, 1.0, np.degrees(1.0))  # rad to deg
     error = scale * metrics.errors(moved, truth.displacement, prismatic, sign)
     step = scale * metrics.step_errors(moved, truth.displacement, prismatic, sign)
-    steps = step.mean(0) if len(step) else np.zeros(len(scale))
-
-    per_joint: dict[str, tuple[Array, str | None]] = {
-        "final_error": (error[-1], None),
-        "mean_error": (metrics.over_frames(error), None),
-        "step_error": (steps, None),
-        "displacement": (scale * np.abs(truth.displacement[-1]), None),
-        "covered": (covered.astype(np.float64), ""),
-    }
-    if estimate is not None and estimate.sigma is not None:
-        sigma = np.where(covered, scale * estimate.sigma, np.nan)
-        inside = metrics.within_sigma(error, sigma)
-        per_joint |= {
-            "sigma": (sigma[-1], None),
-            "within_sigma": (inside[-1], ""),
-            "within_sigma_frames": (metrics.over_frames(inside), ""),
-        }
-    if screw is not None:
-        distance = metrics.axis_distance(screw, truth.screw, truth.origin)
-        per_joint |= {
-            "axis_direction": (
-                np.degrees(metrics.axis_direction_error(screw, truth.screw)), "deg"
-            ),
-            "axis_distance": (np.where(prismatic, np.nan, distance), "m"),
-        }  # fmt: skip
-
+    per_joint = _joint_metrics(truth, estimate, error, step)
     out: list[Result] = []
     for j, name in enumerate(truth.joint_names):
         unit = "m" if prismatic[j] else "deg"
@@ -110,6 +89,41 @@ def joint_results(
             replace(joint, metric="error", frame=t, value=float(error[t, j]), unit=unit)
             for t in range(1, len(error))
         ]
+    return out
+
+
+def _joint_metrics(
+    truth: Truth, estimate: Estimate | None, error: Array, step: Array
+) -> dict[str, tuple[Array, str | None]]:
+    """Values [J] and unit of each metric of a joint; None stands for the joint's own, deg or m.
+
+    error [T J] and step [T-1 J] are in the joints' units.
+    """
+    prismatic, joints = truth.prismatic, len(truth.joint_names)
+    scale = np.where(prismatic, 1.0, np.degrees(1.0))
+    covered = metrics.covered(None if estimate is None else estimate.displacement, joints)
+    out: dict[str, tuple[Array, str | None]] = {
+        "final_error": (error[-1], None),
+        "mean_error": (metrics.over_frames(error), None),
+        "step_error": (step.mean(0) if len(step) else np.zeros(joints), None),
+        "displacement": (scale * np.abs(truth.displacement[-1]), None),
+        "covered": (covered.astype(np.float64), ""),
+    }
+    if estimate is not None and estimate.sigma is not None:
+        sigma = np.where(covered, scale * estimate.sigma, np.nan)
+        inside = metrics.within_sigma(error, sigma)
+        out |= {
+            "sigma": (sigma[-1], None),
+            "within_sigma": (inside[-1], ""),
+            "within_sigma_frames": (metrics.over_frames(inside), ""),
+        }
+    if estimate is not None and estimate.screw is not None:
+        direction = metrics.axis_direction_error(estimate.screw, truth.screw)
+        distance = metrics.axis_distance(estimate.screw, truth.screw, truth.origin)
+        out |= {
+            "axis_direction": (np.degrees(direction), "deg"),
+            "axis_distance": (np.where(prismatic, np.nan, distance), "m"),
+        }
     return out
 
 

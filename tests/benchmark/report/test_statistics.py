@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from gcbench.benchmark.report.statistics import (
@@ -13,6 +15,10 @@ from gcbench.benchmark.report.statistics import (
     shared_ranks,
     summarize,
 )
+from hypothesis import given
+from hypothesis import strategies as st
+
+ERRORS = st.lists(st.integers(0, 800).map(lambda n: n / 8), min_size=1, max_size=12)
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -140,3 +146,49 @@ def test_rows_that_cannot_be_told_apart_share_a_rank() -> None:
     again = ranks_of([rows(0.5, 0.0, 0.01, 3.0)[i] for i in order])
     assert again == [ranks[i] for i in order]
     assert ranks_of([]) == []
+
+
+# -- laws -------------------------------------------------------------------------------------
+
+
+@given(ERRORS, st.floats(0.01, 100), st.floats(0, 10), st.integers(0, 2**32))
+def test_an_interval_moves_and_scales_with_the_values(
+    values: list[float], scale: float, shift: float, seed: int
+) -> None:
+    v = np.array(values)
+    keys = [k // 2 for k in range(len(v))]
+    low, high = bootstrap_mean(v, keys, rng(seed), draws=50)
+    assert v.min() - 1e-9 <= low <= high <= v.max() + 1e-9
+    moved = bootstrap_mean(scale * v + shift, keys, rng(seed), draws=50)
+    np.testing.assert_allclose(moved, (scale * low + shift, scale * high + shift), rtol=1e-9)
+
+
+@given(ERRORS, ERRORS, st.integers(0, 2**32))
+def test_a_difference_is_the_negative_of_its_reverse(
+    a: list[float], b: list[float], seed: int
+) -> None:
+    one, other = ({(f"{k:06d}", "pan"): v for k, v in enumerate(x)} for x in (a, b))
+    d, reverse = (paired_difference(*x, rng(seed)) for x in ((one, other), (other, one)))
+    assert (d.pairs, d.clusters) == (reverse.pairs, reverse.clusters) == (min(len(a), len(b)),) * 2
+    np.testing.assert_allclose(
+        (d.mean, d.ci_low, d.ci_high), (-reverse.mean, -reverse.ci_high, -reverse.ci_low),
+        atol=1e-9)
+    assert d.told_apart == reverse.told_apart
+
+
+@given(st.lists(ERRORS, min_size=1, max_size=4), st.randoms(use_true_random=False))
+def test_ranks_do_not_depend_on_the_order_of_rows(table: list[list[float]], random: Any) -> None:
+    errors = [{(f"{k:06d}", "pan"): v for k, v in enumerate(x)} for x in table]
+    order = random.sample(range(len(errors)), len(errors))
+    ranks = ranks_of(errors)
+    assert max(ranks) <= len(ranks)
+    assert ranks_of([errors[k] for k in order]) == [ranks[k] for k in order]
+
+
+@given(ERRORS, st.lists(st.floats(0, 100), min_size=1, max_size=4).map(sorted))
+def test_pcp_grows_with_its_threshold(values: list[float], thresholds: list[float]) -> None:
+    v = np.array(values)
+    shares = pcp(v, np.ones(len(v), bool), thresholds)
+    assert list(shares) == sorted(shares)
+    assert pcp(v, np.ones(len(v), bool), (float(v.max()),)) == (100.0,)
+    assert pcp(v, np.zeros(len(v), bool), thresholds) == (0.0,) * len(thresholds)

@@ -26,7 +26,7 @@ from gcbench.benchmark.results.estimates import read_stored
 from gcbench.benchmark.results.rows import Result
 from gcbench.benchmark.results.runs import Results
 from gcbench.benchmark.run.datasets import from_folders
-from gcbench.benchmark.run.driver import EvalConfig, evaluate
+from gcbench.benchmark.run.driver import EvalConfig, evaluate, score_run
 from gcbench.renderer.dataset.reader import open_dataset
 
 from ...support import analytic, bench_data
@@ -181,6 +181,18 @@ def test_results_do_not_depend_on_workers(data: Path, tmp_path: Path) -> None:
     one = numbers(run(data, tmp_path / "one", "Reads"))
     assert len({value for *_, value in one}) > 3
     assert one == numbers(run(data, tmp_path / "two", "Reads", workers=3))
+
+
+def test_scores_do_not_depend_on_the_order_of_sequences(data: Path, tmp_path: Path) -> None:
+    (folder,) = run(data, tmp_path / "results", "Reads").runs
+    (d,) = from_folders([data])
+    before = folder.results()
+    names = folder.run.sequences[::-1]
+    turned = dataclasses.replace(folder, run=dataclasses.replace(folder.run, sequences=names))
+    score_run(turned, d)
+    after = folder.results()
+    assert after != before
+    assert sorted(after, key=repr) == sorted(before, key=repr)
 
 
 def test_only_what_can_be_seen_is_scored(tmp_path: Path) -> None:
