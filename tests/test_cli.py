@@ -81,6 +81,14 @@ def test_a_command_s_help_has_examples_that_parse(
         assert parses(example), capsys.readouterr().err
 
 
+def test_a_default_that_depends_on_the_robot_is_in_words(capsys: Lines) -> None:
+    with pytest.raises(SystemExit):
+        main(["render", "--help"])
+    said = capsys.readouterr().out
+    assert "--camera.azimuth FLOAT FLOAT" in said
+    assert "None" not in said
+
+
 def test_help_answers_at_once() -> None:
     """It loads nothing that takes long to load."""
     code = ("import sys; from gcbench.__main__ import main; main(['--help']); "

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Annotated, Literal, cast, get_args, get_type_hints
 
+from tyro.conf import arg
+
 from ...errors import ConfigError
 
 Range = tuple[float, float]
@@ -62,7 +64,9 @@ class MotionConfig:
 class CameraConfig:
     """Camera position on a shell around the robot, looking at it."""
 
-    azimuth: Annotated[Range | None, Bounds(-720, 720)] = None
+    azimuth: Annotated[
+        Range | None, Bounds(-720, 720), arg(metavar="FLOAT FLOAT", help_behavior_hint="")
+    ] = None
     """deg about the world's z; default: all around a robot, -180 180; the front of an object,
     110 250."""
     elevation: Annotated[Range, Bounds(-90, 90)] = (5.0, 50.0)
@@ -126,7 +130,9 @@ class MaterialsConfig:
 class TexturesConfig:
     """Textures on the robot's parts; UVs are made by box projection where a mesh has none."""
 
-    probability: Annotated[float | None, Bounds(0, 1)] = None
+    probability: Annotated[
+        float | None, Bounds(0, 1), arg(metavar="FLOAT", help_behavior_hint="")
+    ] = None
     """Probability that a part carries a drawn texture; default: 0, and 1 for `ur5-textured`."""
     kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood")
     """Procedural kinds to draw from."""
