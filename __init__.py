@@ -44,18 +44,19 @@ if TYPE_CHECKING:
     from .renderer.scene import RenderConfig
     from .renderer.show import show
     from .renderer.types import Camera, Estimate, Frame, Method, Observation, Sequence
-    from .renderer.verify import verify_dataset
+    from .renderer.verify import VerifyReport, verify_dataset
     from .robots.catalog import fetch_robot, list_robots, load_robot
-    from .robots.model import ArticulatedModel
+    from .robots.model import ArticulatedModel, JointType, Link
     from .robots.motion import JointTrajectory
 
 __version__ = "0.1.0"
 __all__ = [
     "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
-    "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "Method", "MethodError",
-    "ModelError", "Observation", "RenderConfig", "RenderError", "Results", "Sequence", "doctor",
-    "evaluate", "export_dataset", "fetch_robot", "list_robots", "load_robot", "open_dataset",
-    "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
+    "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
+    "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
+    "Results", "Sequence", "VerifyReport", "doctor", "evaluate", "export_dataset",
+    "fetch_robot", "list_robots", "load_robot", "open_dataset", "render_dataset",
+    "render_sequence", "report", "score", "show", "verify_dataset",
 ]
 
 _HOMES = {
@@ -66,7 +67,7 @@ _HOMES = {
     "renderer.scene": "RenderConfig",
     "renderer.dataset": "Dataset open_dataset",
     "renderer.generate": "render_dataset render_sequence",
-    "renderer.verify": "verify_dataset",
+    "renderer.verify": "VerifyReport verify_dataset",
     "renderer.show": "show",
     "renderer.export": "export_dataset=export",
     "renderer.doctor": "doctor=examine",

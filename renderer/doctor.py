@@ -35,7 +35,17 @@ class Diagnosis:
 
 
 def examine() -> Diagnosis:
-    """Try every EGL device, draw on the first that works, and list packages and meshes."""
+    """Check what renders on this machine, and look for packages and meshes.
+
+    Tries every EGL device, and draws a frame on the one that is used.
+
+    Returns:
+        The report: `text`, and `ok` if something renders.
+
+    Example:
+        >>> gb.doctor().ok
+        True
+    """
     lines = [f"gcbench {__version__}, Python {platform.python_version()}, "
              f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"]
     lines += ["", "rendering"]

@@ -53,7 +53,22 @@ class Dataset:
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """The dataset in a folder. Raises GcbenchError if it is none."""
+    """Open the dataset in a folder. Its sequences are read when they are asked for.
+
+    Args:
+        path: Folder of the dataset.
+
+    Returns:
+        The dataset: a sequence of `Sequence`, with its configuration and provenance.
+
+    Raises:
+        DatasetError: There is no dataset in the folder, or its `dataset.json` is invalid.
+
+    Example:
+        >>> dataset = gb.open_dataset("data/ur5")
+        >>> dataset[0].frame(1).rgb.shape
+        (48, 64, 3)
+    """
     folder = Path(path)
     info = read_provenance(folder)
     config = parse_config(info.config, f"{folder / FILE}: config", error=DatasetError)

@@ -95,7 +95,9 @@ def export(
         ConfigError: `out` exists, or there are no such sequences.
 
     Example:
-        gb.export_dataset("data/ur5", "kitti", Path("data/ur5-kitti"), sequences="0-9")
+        >>> from pathlib import Path
+        >>> gb.export_dataset("data/ur5", "kitti", Path("ur5-kitti"), "0", progress=False).sequences
+        1
     """
     data = open_dataset(dataset)
     names = select_sequences(data, sequences)

@@ -19,12 +19,27 @@ def show(
     mp4: str | Path | None = None,
     index: int = 0,
 ) -> list[Path]:
-    """Write the requested files, and return their paths.
+    """Show a dataset or a sequence as a page, a contact sheet, a GIF or an MP4.
 
-    `path` is a sequence (ZIP or folder) or a dataset, of which the sequence named by `index` is
-    shown; the contact sheet of a dataset shows its first sequences. By default the
-    page goes to `<sequence>.html` in the current folder. Raises GcbenchError if `path` is neither,
-    if the dataset has no such sequence, or if a file cannot be written.
+    Args:
+        path: A dataset, or one sequence (ZIP or folder).
+        out: The HTML page. Default: `<sequence>.html` in the current folder, if no other file is
+            named.
+        contact_sheet: PNG of the first sequences of a dataset, or of a sequence's layers.
+        gif: GIF of the images beside their ground truth.
+        mp4: MP4 of the same.
+        index: Number of the sequence in the dataset.
+
+    Returns:
+        The paths of the files that were written.
+
+    Raises:
+        DatasetError: `path` is neither a dataset nor a sequence, or lacks that sequence.
+        RenderError: A file cannot be written or encoded.
+
+    Example:
+        >>> gb.show("data/ur5", out="ur5.html", contact_sheet="ur5.png")
+        [PosixPath('ur5.html'), PosixPath('ur5.png')]
     """
     path = Path(path)
     many: Iterable[Sequence] | None = None

@@ -85,9 +85,9 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
         DatasetError: there is no readable dataset at `path`.
 
     Example:
-        report = gb.verify_dataset("data/ur5")
-        if not report.ok:
-            print(report.table())
+        >>> report = gb.verify_dataset("data/ur5", progress=False)
+        >>> report.ok
+        True
     """
     from ..dataset import open_dataset
 

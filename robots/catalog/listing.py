@@ -36,7 +36,7 @@ def list_robots() -> list[RobotInfo]:
     """List the robots and objects that `load_robot` knows by name.
 
     Examples:
-        >>> [robot.name for robot in list_robots()][:2]
+        >>> [robot.name for robot in gb.list_robots()][:2]
         ['ur5', 'ur5-textured']
     """
     out: list[RobotInfo] = []
@@ -66,6 +66,9 @@ def fetch_robot(name: str) -> Path | None:
 
     Raises:
         ModelError: There is no robot of that name, it is an object, or the download fails.
+
+    Example:
+        >>> gb.fetch_robot("owi535")  # generated: there is nothing to fetch
     """
     if is_object(name):
         raise ModelError(f"{name}: an object has nothing to fetch; name robots")
