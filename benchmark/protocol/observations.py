@@ -1,4 +1,4 @@
-"""What a method is handed of a sequence: exactly what its inputs, knowledge and oracles say."""
+"""What a method receives of a sequence: exactly what its inputs, knowledge and oracles grant."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import ConfigError
 from ...renderer.types import Inputs, Knowledge, Observation, Sequence
 from ...robots.model import ArticulatedModel
 from .truth import truth_of
@@ -22,7 +22,7 @@ ORACLES: tuple[Oracle, ...] = get_args(Oracle)
 
 
 def allowed(inputs: Inputs, knowledge: Knowledge) -> bool:
-    """Whether the two go together: no images and no knowledge are one."""
+    """Return whether the two are compatible: no images require no knowledge, and vice versa."""
     return (inputs == "none") == (knowledge == "none")
 
 
@@ -33,18 +33,18 @@ def observe(
     oracles: tuple[str, ...] = (),
     model: ArticulatedModel | None = None,
 ) -> Observation:
-    """The observation; everything that is not granted is None.
+    """Return the observation of a sequence; everything that is not granted is None.
 
-    `model` is needed at knowledge `model`. Raises GcbenchError for a combination that is none.
+    Knowledge `model` requires `model`. Raises ConfigError for an invalid combination.
     """
     if not allowed(inputs, knowledge):
-        raise GcbenchError(f"inputs {inputs} and knowledge {knowledge} do not go together")
+        raise ConfigError(f"inputs {inputs} and knowledge {knowledge} do not go together")
     if unknown := set(oracles) - set(ORACLES):
-        raise GcbenchError(f"no oracle {min(unknown)!r}; there are {', '.join(ORACLES)}")
+        raise ConfigError(f"no oracle {min(unknown)!r}; there are {', '.join(ORACLES)}")
     if oracles and inputs == "none":
-        raise GcbenchError("an oracle belongs to images; this row has none")
+        raise ConfigError("an oracle requires images; this row has none")
     if knowledge == "model" and model is None:
-        raise GcbenchError("knowledge model needs the articulated model of the dataset")
+        raise ConfigError("knowledge model needs the articulated model of the dataset")
     truth, state = truth_of(sequence), sequence.state
     axes = knowledge in ("axes", "kinematics", "model")
     lines = knowledge in ("kinematics", "model")

@@ -1,4 +1,4 @@
-"""The data that a run is on: datasets on disk, or a suite's, rendered first where they are not."""
+"""The data of a run: datasets on disk, or those of a suite, which are rendered if missing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...errors import GcbenchError
+from ...errors import DatasetError
 from ...renderer.dataset import Dataset, open_dataset, read_meta, sequence_paths
 from .suite import Suite
 
@@ -19,26 +19,26 @@ class Data:
     """One dataset to evaluate on."""
 
     name: str
-    """A folder's, or SUITE/NAME."""
+    """Name of the folder, or SUITE/NAME."""
     dataset: Dataset
     sequences: tuple[str, ...]
-    """To evaluate, in order: those whose motion can be seen."""
+    """Sequences to evaluate, in order: those that are observable."""
     left_out: int
-    """The others."""
+    """Number of the others."""
 
     def cluster(self, sequence: str) -> str:
-        """What the bootstrap draws: the object's instance, where a dataset has several."""
+        """Return the unit of the bootstrap: the object's instance if a dataset has several."""
         if "instance" not in self.dataset.config.vary:
             return sequence
         return str(self.dataset[sequence].meta.asset.get("instance", sequence))
 
 
 def from_folders(folders: Sequence[Path], keep_unobservable: bool = False) -> list[Data]:
-    """Datasets in folders. Raises GcbenchError if one is none, or two have one name."""
+    """Open datasets. Raises DatasetError if a folder is not one, or two have the same name."""
     out = [select(folder.resolve().name, folder, None, keep_unobservable) for folder in folders]
     names = [data.name for data in out]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise GcbenchError(f"two datasets are called {twice[0]!r}; rename one of the folders")
+        raise DatasetError(f"two datasets are called {twice[0]!r}; rename one of the folders")
     return out
 
 
@@ -50,9 +50,9 @@ def from_suite(
     progress: bool = True,
     say: Callable[[str], None] = print,
 ) -> list[Data]:
-    """Datasets of a suite, in FOLDER/SUITE/NAME; sequences that are not there are rendered first.
+    """Open the datasets of a suite, in FOLDER/SUITE/NAME; missing sequences are rendered first.
 
-    Raises GcbenchError if a folder holds another dataset, or rendering fails.
+    Raises DatasetError if a folder holds another dataset, or rendering fails.
     """
     out: list[Data] = []
     for entry in suite.datasets:
@@ -68,9 +68,9 @@ def from_suite(
 
 
 def select(name: str, folder: Path, n: int | None, keep_unobservable: bool) -> Data:
-    """The sequences 0 .. n-1 of a dataset (None: all) whose motion can be seen.
+    """Select the observable sequences with a scored joint among 0 .. n-1 (None: all).
 
-    Raises GcbenchError if there is none.
+    Raises DatasetError if there are none.
     """
     dataset, paths = open_dataset(folder), sequence_paths(folder)
     chosen = [s for s in dataset.names if n is None or int(s) < n]
@@ -80,10 +80,10 @@ def select(name: str, folder: Path, n: int | None, keep_unobservable: bool) -> D
         kept = [s for s in chosen if seen[s] is not False]
     scored = [s for s in kept if read_meta(paths[s]).scored_joints]
     if kept and not scored:
-        raise GcbenchError(
+        raise DatasetError(
             f"{folder}: nothing to score, no sequence has a scored joint (an animation moves the "
             "model, or it has no joints); render with --animation none to move joints")
     kept = scored
     if not kept:
-        raise GcbenchError(f"{folder}: no sequence whose motion can be seen and is scored")
+        raise DatasetError(f"{folder}: no observable sequence with a scored joint")
     return Data(name, dataset, tuple(kept), len(chosen) - len(kept))

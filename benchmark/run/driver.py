@@ -23,7 +23,7 @@ from ...renderer.runtime import Bar, dump_json, uninterrupted
 from ...renderer.scene import differences
 from ...renderer.types import Inputs, Knowledge
 from ...robots.files import remove_leftovers, write_atomically
-from ..methods import identify, locate, plan_rows, split, with_options
+from ..methods import Declaration, identify, locate, plan_rows, split, with_options
 from ..protocol import score_sequence, shape_of
 from ..results import (
     ESTIMATES,
@@ -128,18 +128,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         True
     """
     _check(config)
-    options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
-                                 ("set", " ".join(config.set))) if v}
-    for name, _ in map(split, config.method):
-        locate(name)  # an unknown name is an error before a process starts
-    named = [(with_options(identify(method), options), oracles)
-             for method, oracles in map(split, config.method)]
-    declared = {source: ask(source) for source in dict.fromkeys(source for source, _ in named)}
-    rows = [
-        (source, row)
-        for source, oracles in dict.fromkeys(named)
-        for row in plan_rows(declared[source], oracles, config.inputs, config.knowledge)
-    ]
+    declared, rows = _plan(config)
     if config.data:
         data = from_folders(config.data, config.keep_unobservable)
     else:
@@ -159,10 +148,27 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     return Results(tuple(job.folder for job in jobs), done, tuple(_failures(jobs)))
 
 
+def _plan(config: EvalConfig) -> tuple[dict[str, Declaration], list[tuple[str, Row]]]:
+    """What each method declares, by its identity, and the rows to evaluate with their method."""
+    options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
+                                 ("set", " ".join(config.set))) if v}
+    for name, _ in map(split, config.method):
+        locate(name)  # an unknown name is an error before a process starts
+    named = [(with_options(identify(method), options), oracles)
+             for method, oracles in map(split, config.method)]
+    declared = {source: ask(source) for source in dict.fromkeys(source for source, _ in named)}
+    rows = [
+        (source, row)
+        for source, oracles in dict.fromkeys(named)
+        for row in plan_rows(declared[source], oracles, config.inputs, config.knowledge)
+    ]
+    return declared, rows
+
+
 def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -> Job:
     """Make or reopen the folder of a run, and see what is left to do.
 
-    Raises GcbenchError if the folder holds estimates of something else.
+    Raises DatasetError if the folder holds estimates of something else.
     """
     path = run_folder(results, new.row, new.dataset)
     estimates = path / ESTIMATES
@@ -192,7 +198,7 @@ def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -
 def score_run(folder: RunFolder, data: Data) -> list[Result]:
     """Score every stored estimate of a run, write the table, and return its lines.
 
-    Raises GcbenchError if an estimate is missing or damaged.
+    Raises DatasetError if an estimate is missing or damaged.
     """
     out: list[Result] = []
     for name in folder.run.sequences:

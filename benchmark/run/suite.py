@@ -1,9 +1,9 @@
-"""Suites: named lists of datasets as recipes, so that anyone renders the same ones.
+"""Suites: named lists of datasets as recipes, so that everyone renders the same data.
 
 A TOML file:
 
     name = "mine"
-    [defaults]             # fields of RenderConfig that all datasets share; may be left out
+    [defaults]             # fields of RenderConfig that all datasets share (optional)
     seed = 5
     [[dataset]]            # one or more: a name, a number of sequences, fields of RenderConfig
     name = "ur5-studio"
@@ -15,29 +15,42 @@ A TOML file:
 
 from __future__ import annotations
 
-import re
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any
+
+import msgspec
 
 from ...errors import ConfigError, GcbenchError
+from ...renderer.runtime import parse_toml, to_record
 from ...renderer.scene import RenderConfig, parse_config, resolved
 from ...robots.files import read_bounded
 
 if sys.version_info >= (3, 11):
     from importlib.resources.abc import Traversable
-
-    import tomllib
 else:
     from importlib.abc import Traversable
 
-    import tomli as tomllib  # pyright: ignore[reportMissingImports]
-
 _MAX_TOML = 2**20
-_MAX_SEQUENCES = 1_000_000
+_Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][\w.+-]{0,63}\Z")]
+
+
+@dataclass(frozen=True)
+class _SuiteFile:
+    name: _Name
+    dataset: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1)]
+    about: str = ""
+    defaults: dict[str, Any] = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """The fields of a [[dataset]] that are not those of a RenderConfig."""
+
+    name: _Name
+    n: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 
 
 @dataclass(frozen=True)
@@ -59,80 +72,51 @@ class Suite:
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of the suites that come with gcbench."""
+    """Return the names of the suites that gcbench contains."""
     names = (item.name for item in _folder().iterdir())
     return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
 
 def read_suite(name_or_file: str | Path) -> Suite:
-    """A suite by its name, or in a TOML file. Raises GcbenchError that names what is wrong."""
+    """Read a suite by its name, or from a TOML file. Raises ConfigError that names the field."""
     text = str(name_or_file)
     if text in shipped():
-        return parse_suite(
-            (_folder() / f"{text}.toml").read_bytes(), text
-        )
+        return parse_suite((_folder() / f"{text}.toml").read_bytes(), text)
     path = Path(text).expanduser()
     if path.suffix != ".toml":
-        raise GcbenchError(
+        raise ConfigError(
             f"no suite {text!r}; there are {', '.join(shipped())}, and any path to a .toml file"
         )
     return parse_suite(read_bounded(path, _MAX_TOML, ConfigError), text)
 
 
 def parse_suite(data: bytes, where: str) -> Suite:
-    """A suite from TOML. Raises GcbenchError that begins with `where`."""
-    try:
-        tree = tomllib.loads(data.decode())
-    except ValueError as error:
-        raise GcbenchError(f"{where}: not TOML ({error})") from error
-    if unknown := set(tree) - {"name", "about", "defaults", "dataset"}:
-        raise GcbenchError(
-            f"{where}: unknown field {min(unknown)!r}; there are name, about, defaults, dataset"
-        )
-    name, about = _name(tree.get("name"), where), tree.get("about", "")
-    if not isinstance(about, str):
-        raise GcbenchError(f"{where}: about is not text")
-    base = parse_config(_mapping(tree.get("defaults", {}), f"{where}: defaults"), where)
-    entries = tree.get("dataset")
-    if not isinstance(entries, list) or not entries:
-        raise GcbenchError(f"{where}: no [[dataset]]")
-    datasets = [_dataset(entry, base, where) for entry in cast("list[Any]", entries)]
+    """Parse a suite from TOML. Raises ConfigError that begins with `where`."""
+    file = to_record(parse_toml(data, where), _SuiteFile, where, True, ConfigError)
+    base = parse_config(file.defaults, where)
+    datasets = tuple(_dataset(entry, base, where) for entry in file.dataset)
     names = [dataset.name for dataset in datasets]
     if twice := {n for n in names if names.count(n) > 1}:
-        raise GcbenchError(f"{where}: dataset {min(twice)!r} is there twice")
-    return Suite(name, about, tuple(datasets))
+        raise ConfigError(f"{where}: two datasets have the name {min(twice)!r}")
+    return Suite(file.name, file.about, datasets)
 
 
 def _folder() -> Traversable:
     return files(__name__.removesuffix(".run.suite")) / "suites"
 
 
-def _dataset(entry: Any, base: RenderConfig, where: str) -> SuiteDataset:
-    fields = dict(_mapping(entry, f"{where}: dataset"))
-    name, n = _name(fields.pop("name", None), f"{where}: dataset"), fields.pop("n", None)
-    where = f"{where}: {name}"
-    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= _MAX_SEQUENCES:
-        raise GcbenchError(f"{where}: n is {n!r}, expected 1 to {_MAX_SEQUENCES} sequences")
+def _dataset(fields: dict[str, Any], base: RenderConfig, where: str) -> SuiteDataset:
+    entry = to_record(fields, _Entry, f"{where}: dataset", error=ConfigError)
+    where = f"{where}: {entry.name}"
+    rest = {key: value for key, value in fields.items() if key not in ("name", "n")}
     try:
-        config = resolved(parse_config(fields, where, base))
+        config = resolved(parse_config(rest, where, base))
     except GcbenchError as error:
-        raise GcbenchError(f"{where}: {str(error).removeprefix(f'{where}: ')}") from error
+        raise ConfigError(f"{where}: {str(error).removeprefix(f'{where}: ')}") from error
     if config.stream != "test":
-        raise GcbenchError(f"{where}: stream is 'train'; a suite holds sequences of 'test' only")
+        raise ConfigError(f"{where}: stream is 'train'; a suite contains sequences of 'test' only")
     if config.keep_unobservable:
-        raise GcbenchError(f"{where}: keep_unobservable; a suite holds observable sequences only")
-    return SuiteDataset(name, n, config)
-
-
-def _name(value: Any, where: str) -> str:
-    if not isinstance(value, str) or not re.fullmatch(r"[A-Za-z0-9][\w.+-]{0,63}", value):
-        raise GcbenchError(
-            f"{where}: name is {value!r}, expected letters, digits, dots, dashes or underscores"
+        raise ConfigError(
+            f"{where}: keep_unobservable is set; a suite contains observable sequences only"
         )
-    return value
-
-
-def _mapping(value: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise GcbenchError(f"{where} is {value!r}, expected fields")
-    return cast("Mapping[str, Any]", value)
+    return SuiteDataset(entry.name, entry.n, config)

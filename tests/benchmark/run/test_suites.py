@@ -69,15 +69,15 @@ def test_a_users_own_file_works(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    (b'"mine"', b'"../mine"', "name is '../mine'"),
-    (b"n = 2", b"n = 0", "one: n is 0, expected 1 to"),
-    (b"n = 2", b'n = "2"', "one: n is '2'"),
+    (b'"mine"', b'"../mine"', r"\$\.name: expected str matching"),
+    (b"n = 2", b"n = 0", r"dataset: \$\.n: expected int >= 1, got 0"),
+    (b"n = 2", b'n = "2"', r"dataset: \$\.n: expected int, got '2'"),
     (b"n = 2", b"n = 2\ncolour = 1", r"one: \$\.colour: unknown field; there are robot"),
     (b"n = 2", b'n = 2\nstream = "train"', "one: stream is 'train'"),
     (b"n = 2", b"n = 2\nkeep_unobservable = true", "observable sequences only"),
-    (b'"two"', b'"one"', "dataset 'one' is there twice"),
+    (b'"two"', b'"one"', "two datasets have the name 'one'"),
     (b"seed = 6", b"seed = -1", r"two: \$\.seed: -1: give 0"),
-    (b"[defaults]", b"[default]", "unknown field 'default'; there are name, about, defaults"),
+    (b"[defaults]", b"[default]", r"\$\.default: unknown field; there are name, dataset, about"),
     (b"iiwa14", b"r2d2", "two: no robot 'r2d2'; there are ur5"),
     (b"[[dataset]]", b"[[dataset", "not TOML"),
 ])  # fmt: skip
@@ -91,7 +91,7 @@ def test_unknown_suites_list_what_exists(tmp_path: Path) -> None:
         read_suite("maxi")
     with pytest.raises(GcbenchError, match="No such file"):
         read_suite(tmp_path / "none.toml")
-    with pytest.raises(GcbenchError, match=r"no \[\[dataset\]\]"):
+    with pytest.raises(GcbenchError, match=r"x: \$\.dataset: missing"):
         parse_suite(b'name = "x"', "x")
 
 
