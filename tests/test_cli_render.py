@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
-from gcbench.renderer.scene.config import FACTORS, FRONT, STUDIO, RenderConfig, resolved
+from gcbench.renderer.scene.config import FACTORS, FRONT, STUDIO, RenderConfig, resolve
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.catalog import find_robot, robot_folder
 
@@ -41,7 +41,7 @@ Asked = list[tuple[RenderConfig, int, Path, Any]]
 
 def test_defaults(asked: Asked) -> None:
     assert main(["render"]) == 0
-    assert asked == [(resolved(RenderConfig()), 10, Path("data/ur5"), None)]
+    assert asked == [(resolve(RenderConfig()), 10, Path("data/ur5"), None)]
 
 
 def test_options_reach_the_config(asked: Asked) -> None:
@@ -117,7 +117,7 @@ def test_a_studio_is_what_a_file_changes(tmp_path: Path, asked: Asked) -> None:
     assert ranges.lights.number == STUDIO.lights.number
     assert ranges.camera.roll == (1.0, 2.0)
     assert ranges.camera.azimuth == (45.0, 45.0)
-    assert asked[1][0] == resolved(RenderConfig(randomization=STUDIO))
+    assert asked[1][0] == resolve(RenderConfig(randomization=STUDIO))
 
 
 def test_a_textured_robot_carries_textures(asked: Asked) -> None:

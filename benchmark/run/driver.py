@@ -18,7 +18,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import ConfigError, DatasetError, GcbenchError
-from ...renderer.dataset import environment as package_versions
+from ...renderer.dataset import package_versions
 from ...renderer.runtime import Bar, dump_json, uninterrupted
 from ...renderer.scene import differences
 from ...renderer.types import Inputs, Knowledge

@@ -25,7 +25,7 @@ import msgspec
 
 from ...errors import ConfigError, GcbenchError
 from ...renderer.runtime import parse_toml, to_record
-from ...renderer.scene import RenderConfig, parse_config, resolved
+from ...renderer.scene import RenderConfig, parse_config, resolve
 from ...robots.files import read_bounded
 
 if sys.version_info >= (3, 11):
@@ -110,7 +110,7 @@ def _dataset(fields: dict[str, Any], base: RenderConfig, where: str) -> SuiteDat
     where = f"{where}: {entry.name}"
     rest = {key: value for key, value in fields.items() if key not in ("name", "n")}
     try:
-        config = resolved(parse_config(rest, where, base))
+        config = resolve(parse_config(rest, where, base))
     except GcbenchError as error:
         raise ConfigError(f"{where}: {str(error).removeprefix(f'{where}: ')}") from error
     if config.stream != "test":

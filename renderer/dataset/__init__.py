@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from .codec import DEPTH_UNIT
 from .provenance import (
     FILE,
     Provenance,
     count_sequences,
     describe,
-    environment,
+    package_versions,
     read_provenance,
     write_provenance,
 )
@@ -17,6 +18,7 @@ from .state_arrays import state_shapes
 from .storage import FOLDER, SequenceWriter, member_names, open_sequence, read_meta, sequence_name
 
 __all__ = [
+    "DEPTH_UNIT",
     "FILE",
     "FOLDER",
     "UNITS",
@@ -25,10 +27,10 @@ __all__ = [
     "SequenceWriter",
     "count_sequences",
     "describe",
-    "environment",
     "member_names",
     "open_dataset",
     "open_sequence",
+    "package_versions",
     "read_meta",
     "read_provenance",
     "sequence_name",

@@ -53,10 +53,10 @@ class Provenance:
 def describe(config: RenderConfig) -> Provenance:
     """What a dataset of this config, rendered here and now, says about itself."""
     generator = {"name": "gcbench", "version": __version__}
-    return Provenance(config_tree(config), generator, (environment(),))
+    return Provenance(config_tree(config), generator, (package_versions(),))
 
 
-def environment() -> dict[str, Any]:
+def package_versions() -> dict[str, Any]:
     """Versions of this installation and machine, without its name."""
     from importlib.metadata import PackageNotFoundError, version
 

@@ -21,7 +21,7 @@ except ImportError as error:
     raise GcbenchError("tensors need PyTorch: pip install 'gcbench[learn]'") from error
 
 IMAGES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility")
-LAYERS = ("normal", "coordinates")
+_LAYERS = ("normal", "coordinates")
 """Images that only some datasets have."""
 
 
@@ -40,7 +40,7 @@ class TorchDataset(TorchBase):
         self, dataset: Dataset, pairs: bool = True, images: tuple[str, ...] = IMAGES
     ) -> None:
         """Raises GcbenchError if there is no image of a name."""
-        there = [*IMAGES, *(name for name in LAYERS if name in dataset.config.layers)]
+        there = [*IMAGES, *(name for name in _LAYERS if name in dataset.config.layers)]
         if unknown := [name for name in images if name not in there]:
             raise GcbenchError(f"no image {unknown[0]!r}; there are {', '.join(there)}")
         self.dataset, self.pairs, self.images = dataset, pairs, images

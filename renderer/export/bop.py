@@ -31,7 +31,7 @@ from ...robots.model import ArticulatedModel
 from ..dataset import Dataset, codec
 from ..gl import Rasterizer
 from ..runtime import Archive, dump_json
-from ..scene import PosedModel, model_of, posed_by_parts, robot_of
+from ..scene import PosedModel, model_of, pose_parts, robot_of
 from ..types import Camera, Meta, Sequence
 from .bop_models import size_of, write_ply
 from .journal import SequenceRecord
@@ -81,7 +81,7 @@ class Bop:
         # Silhouettes are drawn from the camera's frame, on a canvas of three times the image.
         middle = s.intrinsics + np.array([[0, 0, meta.width], [0, 0, meta.height], [0, 0, 0]])
         large = Camera(3 * meta.width, 3 * meta.height, middle, np.eye(4))
-        posed = posed_by_parts(now.model, cam_from_part)
+        posed = pose_parts(now.model, cam_from_part)
         scale = meta.depth_unit * _MM
         k = s.intrinsics
         camera = {

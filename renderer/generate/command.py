@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from ..runtime import command_line
-from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolved
+from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolve
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,6 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     names = [f.name for f in fields(RenderConfig)]
     default = Render(**{name: getattr(base, name) for name in names})
     options: Any = command_line.parse_options(args, "render", Render, doc, default)
-    config = resolved(RenderConfig(**{name: getattr(options, name) for name in names}))
+    config = resolve(RenderConfig(**{name: getattr(options, name) for name in names}))
     out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
     return RenderOptions(config, options.n, out, options.workers)

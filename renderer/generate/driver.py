@@ -31,12 +31,12 @@ from ..dataset import (
     write_provenance,
 )
 from ..runtime import dump_json, frame_bar
-from ..scene import RenderConfig, config_tree, differences, parse_config, resolved
+from ..scene import RenderConfig, config_tree, differences, parse_config, resolve
 from ..types import Sequence
 from .worker_pool import WorkerDied, render_in_workers
 from .worker_process import FrameDone, ModelLoaded, RenderTask
 
-SOURCE = "gcbench.renderer.generate.sequence_renderer:SequenceRenderer"
+_SOURCE = "gcbench.renderer.generate.sequence_renderer:SequenceRenderer"
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def render_dataset(
     out: str | Path,
     workers: int | None = None,
     progress: bool = True,
-    source: str = SOURCE,
+    source: str = _SOURCE,
 ) -> Summary:
     """Render sequences 0 .. n-1 of a config into a dataset, those that it lacks.
 
@@ -149,8 +149,8 @@ def render_dataset(
     """
     out = Path(out)
     started = time.monotonic()
-    if source == SOURCE:  # another source has robots of its own
-        config = resolved(config)
+    if source == _SOURCE:  # another source has robots of its own
+        config = resolve(config)
     cpu_count = _cpu_count()
     plan_workers(cpu_count, workers)  # refuses before anything is written
     if n < 1:

@@ -10,21 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.model import ArticulatedModel, joint_screws
-from ..dataset import UNITS
+from ..dataset import DEPTH_UNIT, UNITS
 from ..gl import Rasterizer
-from ..scene import RenderConfig, Scene, Streams, dataset_asset, draw_scene, model_source, resolved
+from ..scene import RenderConfig, Scene, Streams, dataset_asset, draw_scene, model_source, resolve
 from ..truth import Draw, DrawSampler, SequenceTruth, needs_faces, room_normal
 from ..types import Frame, Meta, State
 from .rendered_sequence import RenderedSequence
-
-DEPTH_UNIT = 0.0001
 
 
 class SequenceRenderer:
     """Load models, open OpenGL, and render any sequence of a config. One per process."""
 
     def __init__(self, config: RenderConfig) -> None:
-        self.config = config = resolved(config)
+        self.config = config = resolve(config)
         self._source = model_source(config, 0)
         self._rasterizer = Rasterizer(
             config.width, config.height, round(config.samples**0.5),

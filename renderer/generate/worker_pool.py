@@ -18,7 +18,7 @@ from .worker_process import (
     SequenceDone,
 )
 
-LIFETIME = 50
+_LIFETIME = 50
 """Sequences of one process: drivers and decoders leak memory."""
 _MAX_LOST = 3  # sequences lost for good, after which the others are not tried
 
@@ -34,7 +34,7 @@ class WorkerDied:
 
 
 def render_in_workers(
-    task: RenderTask, indices: list[int], workers: int, lifetime: int = LIFETIME
+    task: RenderTask, indices: list[int], workers: int, lifetime: int = _LIFETIME
 ) -> Generator[Message | WorkerDied]:
     """Render sequences in order with several processes at a time, and yield what happens.
 
@@ -47,7 +47,7 @@ def render_in_workers(
         RuntimeError: with the worker's traceback, for a bug.
     """
     settings = WorkerSettings(
-        "gcbench.renderer.generate.worker_process:serve", (task,), workers, lifetime,
+        "gcbench.renderer.generate.worker_process:render_tasks", (task,), workers, lifetime,
         environment=dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
                                   "1"),  # the processes are the parallelism
     )

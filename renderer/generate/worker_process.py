@@ -58,7 +58,7 @@ class Problem:
 Message = ModelLoaded | FrameDone | SequenceDone
 
 
-def serve(connection: Connection, task: RenderTask) -> None:
+def render_tasks(connection: Connection, task: RenderTask) -> None:
     """Receive indices, render them and report, until the connection ends."""
     os.environ["LP_NUM_THREADS"] = str(task.threads)  # Mesa reads it when it loads
     where = ""

@@ -31,8 +31,8 @@ from typing import Any, Generic, Literal, TypeVar
 
 from .interrupt import uninterrupted
 
-Task = TypeVar("Task")
-Received = TypeVar("Received")
+_Task = TypeVar("_Task")
+_Received = TypeVar("_Received")
 _LAST_WORDS = 2000  # bytes
 _LONGEST_WAIT = 3600.0  # s
 
@@ -57,14 +57,14 @@ class WorkerSettings:
 
 
 @dataclass(eq=False)
-class Worker(Generic[Task]):
+class Worker(Generic[_Task]):
     """One process of a pool. The consumer of events calls `release` and `allow`."""
 
     process: SpawnProcess
     connection: Connection
     log: Path | None
     deadline: float
-    task: Task | None = None
+    task: _Task | None = None
     """What it works on."""
     is_idle: bool = False
     finished: int = 0
@@ -91,33 +91,33 @@ class Worker(Generic[Task]):
 
 
 @dataclass(frozen=True)
-class Event(Generic[Task]):
+class Event(Generic[_Task]):
     """What happened to a worker."""
 
-    worker: Worker[Task]
+    worker: Worker[_Task]
     kind: Literal["message", "died", "late"]
     """late: the time limit is over. Workers that died or are late are removed from the pool."""
     content: Any = None
     """The message; how the process died, in words."""
 
 
-class WorkerPool(Generic[Task]):
+class WorkerPool(Generic[_Task]):
     """Processes that work on `todo`, first to last."""
 
     def __init__(
         self,
         settings: WorkerSettings,
-        tasks: Iterable[Task],
-        send: Callable[[Connection, Task], None] = Connection.send,
+        tasks: Iterable[_Task],
+        send: Callable[[Connection, _Task], None] = Connection.send,
         receive: Callable[[Connection], Any] = Connection.recv,
     ) -> None:
         """`send` and `receive` write a task to a connection and read a message from it."""
         self.settings, self.todo = settings, deque(tasks)
         self._send, self._receive = send, receive
-        self._workers = list[Worker[Task]]()
+        self._workers = list[Worker[_Task]]()
         self._number = count()
 
-    def events(self) -> Generator[Event[Task]]:
+    def events(self) -> Generator[Event[_Task]]:
         """Yield what happens until every task is finished or lost.
 
         Close the iterator to stop at once. A task whose process ended is lost unless the consumer
@@ -149,7 +149,7 @@ class WorkerPool(Generic[Task]):
     def _busy(self) -> int:
         return sum(worker.task is not None for worker in self._workers)
 
-    def _next_events(self) -> Generator[Event[Task]]:
+    def _next_events(self) -> Generator[Event[_Task]]:
         """Wait for the next message, death or deadline."""
         limit = min(worker.deadline for worker in self._workers) - time.monotonic()
         ready = wait(
@@ -164,7 +164,7 @@ class WorkerPool(Generic[Task]):
             elif time.monotonic() >= worker.deadline:
                 yield Event(worker, "late")
 
-    def _hand_out(self, worker: Worker[Task]) -> None:
+    def _hand_out(self, worker: Worker[_Task]) -> None:
         """Give an idle worker its next task, or end it."""
         if not self.todo or worker.finished >= self.settings.lifetime:
             self._workers.remove(worker)
@@ -182,7 +182,7 @@ class WorkerPool(Generic[Task]):
         with suppress(OSError):  # it is dead, which the next receive finds
             self._send(worker.connection, worker.task)
 
-    def _start(self, logs: Path) -> Worker[Task]:
+    def _start(self, logs: Path) -> Worker[_Task]:
         s = self.settings
         log = logs / str(next(self._number)) if s.foreign else None
         context: SpawnContext = multiprocessing.get_context("spawn")
@@ -242,8 +242,8 @@ def _variables(values: Mapping[str, str]) -> Generator[None]:
 
 
 def receive_tasks(
-    connection: Connection, receive: Callable[[Connection], Received]
-) -> Generator[Received]:
+    connection: Connection, receive: Callable[[Connection], _Received]
+) -> Generator[_Received]:
     """Yield what `receive` reads from a connection, until the parent closes it."""
     while True:
         try:

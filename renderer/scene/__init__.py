@@ -14,12 +14,12 @@ from .config import (
     RandomizationConfig,
     RenderConfig,
     TexturesConfig,
-    resolved,
+    resolve,
 )
 from .config_files import config_tree, differences, parse_config, read_config
 from .models import dataset_asset, model_of, model_source, packages_of, robot_of
 from .motion import Motion, MotionSampler, animation_times
-from .posed_model import PosedModel, posed_by_parts, rest, rest_in_part
+from .posed_model import PosedModel, pose_parts, rest, rest_in_part
 from .room import RoomSurface
 from .sampling import Streams, draw_camera, draw_scene
 from .scene import Scene
@@ -54,9 +54,9 @@ __all__ = [
     "model_source",
     "packages_of",
     "parse_config",
-    "posed_by_parts",
+    "pose_parts",
     "read_config",
-    "resolved",
+    "resolve",
     "rest",
     "rest_in_part",
     "robot_of",

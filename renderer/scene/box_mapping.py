@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ...robots.geometry import Array
+
 Faces = NDArray[np.int32]
 
 _SIDES = np.array([[1, 2], [0, 2], [0, 1]])

@@ -244,7 +244,7 @@ class RenderConfig:
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
 
 
-def resolved(config: RenderConfig) -> RenderConfig:
+def resolve(config: RenderConfig) -> RenderConfig:
     """Return the config with every default that depends on its robot, checked.
 
     Raises:

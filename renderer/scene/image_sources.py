@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import ConfigError, GcbenchError
 from ...robots.files import read_bounded
-from .images import Image, draw_texture
+from .images import TextureImage, draw_texture
 
 _SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp")
 _MAX_BYTES = 64 << 20
@@ -36,7 +36,7 @@ class ImageFolder:
             raise GcbenchError(f"no images in {path}: put {', '.join(_SUFFIXES)} files there")
 
     def draw(self, rng: np.random.Generator, size: tuple[int, int],
-             tileable: bool = False) -> Image:
+             tileable: bool = False) -> TextureImage:
         """One of the images as sRGB [h w 3] of `size` (h, w) px, cropped to that aspect.
 
         A tileable one is mirrored to the right and downward, so that it repeats without a seam.
@@ -57,7 +57,7 @@ class ImageFolder:
 
 
 def draw_image(kinds: Sequence[str], images: ImageFolder | None, size: tuple[int, int],
-               rng: np.random.Generator, tileable: bool) -> Image:
+               rng: np.random.Generator, tileable: bool) -> TextureImage:
     """sRGB [h w 3] of `size` (h, w) px: from `images` if given, else of one of `kinds`.
 
     Raises GcbenchError for an unknown kind, an unreadable image, or nothing to draw from.
@@ -69,7 +69,7 @@ def draw_image(kinds: Sequence[str], images: ImageFolder | None, size: tuple[int
     return draw_texture(kinds[int(rng.integers(len(kinds)))], size, rng, tileable)
 
 
-def _read(path: Path) -> Image:
+def _read(path: Path) -> TextureImage:
     """sRGB [h w 3]; by way of bytes, since cv2.imread fails on some systems' file names."""
     try:
         data = np.frombuffer(read_bounded(path, _MAX_BYTES, ConfigError), np.uint8)
@@ -83,7 +83,7 @@ def _read(path: Path) -> Image:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def _resized(image: Image, h: int, w: int) -> Image:
+def _resized(image: TextureImage, h: int, w: int) -> TextureImage:
     smaller = h < image.shape[0]
     method = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (w, h), interpolation=method), np.uint8)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from ...errors import GcbenchError
 
-Image = NDArray[np.uint8]
+TextureImage = NDArray[np.uint8]
 Field = NDArray[np.float32]
 _TABLE = 1024  # entries of one period of a colour table
 
 
 def draw_texture(kind: str, size: tuple[int, int], rng: np.random.Generator,
-                 tileable: bool) -> Image:
+                 tileable: bool) -> TextureImage:
     """An sRGB image [h w 3] of `size` (h, w) px; a tileable one repeats without a seam.
 
     Raises GcbenchError for a kind that is not in KINDS.
@@ -76,15 +76,15 @@ def _colors(n: int, rng: np.random.Generator) -> NDArray[np.float32]:
     return np.asarray(rgb[0] * 255, np.float32)
 
 
-def _grained(image: Image, rng: np.random.Generator, tileable: bool,
-             cells: tuple[int, int] = (8, 8), strength: float = 9.0) -> Image:
+def _grained(image: TextureImage, rng: np.random.Generator, tileable: bool,
+             cells: tuple[int, int] = (8, 8), strength: float = 9.0) -> TextureImage:
     """`image` with brightness noise of about `strength` grey levels."""
     noise = _octaves((image.shape[0], image.shape[1]), cells, rng, tileable, persistence=0.85)
     grain = cv2.convertScaleAbs(noise, alpha=strength, beta=128)  # 128 is no change
     return np.asarray(cv2.addWeighted(image, 1, cv2.merge([grain] * 3), 1, -128), np.uint8)
 
 
-def _noise(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Image:
+def _noise(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
     n = int(rng.integers(2, 7))
     field = _octaves(size, (n, n), rng, tileable, 3, persistence=rng.uniform(0.6, 0.9))
     # Channels move together for the most part: independent ones look like a broken television.
@@ -97,7 +97,7 @@ def _noise(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> I
     return _grained(image, rng, tileable, strength=6)
 
 
-def _checker(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Image:
+def _checker(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
     n = 2 * int(rng.integers(1, 5))
     even = np.add.outer(np.arange(n), np.arange(n)) % 2
     cells = _colors(2, rng)[even] + rng.uniform(-18, 18, (n, n, 1))
@@ -105,7 +105,7 @@ def _checker(size: tuple[int, int], rng: np.random.Generator, tileable: bool) ->
     return _grained(np.asarray(image, np.uint8), rng, tileable)
 
 
-def _stripes(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Image:
+def _stripes(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
     h, w = size
     n = int(rng.integers(2, 7))
     edges = np.cumsum(rng.uniform(0.25, 1.0, n))
@@ -121,7 +121,7 @@ def _stripes(size: tuple[int, int], rng: np.random.Generator, tileable: bool) ->
     return _grained(np.take(table, index, 0), rng, tileable, strength=11)
 
 
-def _wood(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Image:
+def _wood(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
     lying = rng.random() < 0.5
     h, w = size if lying else size[::-1]
     planks = int(rng.integers(1, 6))
@@ -142,7 +142,7 @@ def _wood(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Im
     return image if lying else np.ascontiguousarray(image.swapaxes(0, 1))
 
 
-def _clutter(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Image:
+def _clutter(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
     h, w = size
     image = _noise(size, rng, tileable)
     n = 90
@@ -184,7 +184,7 @@ def _shapes(radius: float, rng: np.random.Generator) -> list[NDArray[np.float64]
 
 class _Draw(Protocol):
     def __call__(self, size: tuple[int, int], rng: np.random.Generator,
-                 tileable: bool, /) -> Image: ...
+                 tileable: bool, /) -> TextureImage: ...
 
 
 KINDS: dict[str, _Draw] = {

@@ -18,7 +18,7 @@ from ...robots.model import Animation, ArticulatedModel
 from ...robots.motion import joint_indices
 from ..types import Meta
 from .config import RenderConfig
-from .motion import animated, chosen_animation
+from .motion import find_animation, remove_joints
 from .sampling import Streams
 
 _TRIES = 1000
@@ -135,13 +135,13 @@ def _load(config: RenderConfig, robot: str) -> ModelSource:
     model = load_robot(robot, packages_of(config), config.allow_missing)
     if not model.visuals:
         raise ModelError(f"{robot}: the model has no visible geometry to render")
-    animation = chosen_animation(model, config.animation)
+    animation = find_animation(model, config.animation)
     if animation is not None:
         if config.scored_joints:
             raise ConfigError(
                 f"{robot}: the animation {animation.name!r} moves the model, so that no joint is "
                 "scored; add --animation none, or leave --scored-joints out")
-        model = animated(model)
+        model = remove_joints(model)
     notes = list(model.notes)
     if "keypoints" in config.layers and not model.keypoint_names:
         notes.append("the model has no keypoints: that layer is empty")

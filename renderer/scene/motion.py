@@ -19,7 +19,7 @@ from ...robots.motion import (
     sample_trajectory,
 )
 from .config import RenderConfig
-from .posed_model import PosedModel, posed_by_parts
+from .posed_model import PosedModel, pose_parts
 
 NONE = "none"
 """`--animation none`: the model's joints move, although it has an animation."""
@@ -44,7 +44,7 @@ class Motion:
         return self.posed.world_from_part
 
 
-def chosen_animation(model: ArticulatedModel, name: str) -> Animation | None:
+def find_animation(model: ArticulatedModel, name: str) -> Animation | None:
     """The animation that a config means: the first if it names none, None if its joints move.
 
     Raises GcbenchError that lists what exists.
@@ -58,7 +58,7 @@ def chosen_animation(model: ArticulatedModel, name: str) -> Animation | None:
     raise GcbenchError(f"--animation {name!r}: there are {names} (and none: the joints move)")
 
 
-def animated(model: ArticulatedModel) -> ArticulatedModel:
+def remove_joints(model: ArticulatedModel) -> ArticulatedModel:
     """The model without joints: what moves it is an animation, and nobody can be asked for them."""
     parts = len(model.parent)
     return replace(
@@ -100,7 +100,7 @@ class MotionSampler:
 
     def _motion(self, trajectory: JointTrajectory) -> Motion:
         world_from_part = _still(forward_kinematics(self.model, trajectory.positions))
-        posed = posed_by_parts(self.model, world_from_part)
+        posed = pose_parts(self.model, world_from_part)
         floor, touches = np.inf, False
         if self.checker:
             floor = self.checker.ground_height(world_from_part)

@@ -14,7 +14,7 @@ from ...robots.geometry import Array, apply, inverse
 from ...robots.model import ArticulatedModel, ModelState, Visual, deform_visual, forward_kinematics
 from .clip_space import box_corners
 
-Item = TypeVar("Item")
+_Cached = TypeVar("_Cached")
 _REMEMBERED = 2**28  # bytes of vertices that are kept for the next question
 
 
@@ -77,8 +77,8 @@ class PosedModel:
         return deform_visual(visual, p.world_from_part[t], stretch, p.morph[t])
 
     def _remembered(
-        self, cache: OrderedDict[int, Item], t: int, make: Callable[[], Item]
-    ) -> Item:
+        self, cache: OrderedDict[int, _Cached], t: int, make: Callable[[], _Cached]
+    ) -> _Cached:
         if t not in cache:
             size = 48 * max(sum(len(v.vertices) for v in self.model.visuals), 1)
             while len(cache) >= max(4, _REMEMBERED // size):
@@ -87,7 +87,7 @@ class PosedModel:
         return cache[t]
 
 
-def posed_by_parts(model: ArticulatedModel, world_from_part: Array) -> PosedModel:
+def pose_parts(model: ArticulatedModel, world_from_part: Array) -> PosedModel:
     """The model with its parts in poses [T P 4 4], its morph weights and its scale at rest."""
     weights = np.broadcast_to(model.morph_weights, (len(world_from_part), len(model.morph_weights)))
     return PosedModel(model, ModelState(world_from_part, None, weights))
@@ -96,7 +96,7 @@ def posed_by_parts(model: ArticulatedModel, world_from_part: Array) -> PosedMode
 def rest(model: ArticulatedModel) -> PosedModel:
     """The model (one instant) with every joint at zero."""
     poses = forward_kinematics(model, np.zeros((1, len(model.joint_names))))
-    return posed_by_parts(model, poses)
+    return pose_parts(model, poses)
 
 
 def rest_in_part(model: ArticulatedModel) -> Array:

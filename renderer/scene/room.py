@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...robots.geometry import rotation_about
-from .box_mapping import Array, Faces, box_projection
+from ...robots.geometry import Array, rotation_about
+from .box_mapping import Faces, box_projection
 from .config import BackgroundConfig
 from .image_sources import ImageFolder, draw_image
-from .images import Image
+from .images import TextureImage
 
 MARGIN = 1.15
 """Walls and ceiling are at least this many times as far from the robot as camera and reach."""
@@ -39,7 +39,7 @@ class RoomSurface:
     """[V 3] unit, towards the inside."""
     uv: Array
     """[V 2], tiles are repeated."""
-    texture: Image
+    texture: TextureImage
     """[h w 3] sRGB, row 0 is the top of the image (v = 1)."""
     base_color: tuple[float, float, float]
     """Linear RGB in 0..1; multiplies the texture."""

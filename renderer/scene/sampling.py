@@ -26,8 +26,7 @@ from .config import (
     RenderConfig,
     TexturesConfig,
 )
-from .image_sources import ImageFolder
-from .image_sources import draw_image as draw_picture
+from .image_sources import ImageFolder, draw_image
 from .room import RoomSurface, draw_room
 from .scene import Light, Scene
 
@@ -160,7 +159,7 @@ def draw_textures(
         if chance >= (config.probability or 0.0):
             continue
         shape = (config.size, config.size)
-        image = draw_picture((kind,), images, shape, child, tileable=True)
+        image = draw_image((kind,), images, shape, child, tileable=True)
         kinds[model.part_names[part]] = config.folder or kind
         for k, visual in enumerate(model.visuals):
             # what alpha cuts into shape keeps its own texture, and so its holes
@@ -188,11 +187,13 @@ def draw_background(
         gray = np.round(255.0 * np.asarray(config.color)).astype(np.uint8)
         return np.broadcast_to(gray, (*shape, 3)).copy(), (), kind
     images = ImageFolder(config.folder) if config.folder else None
-    image = draw_picture((kind,), images, shape, rng, tileable=False)
+    image = draw_image((kind,), images, shape, rng, tileable=False)
     return image, (), config.folder or kind
 
 
-def draw_image(rng: np.random.Generator, config: ImageConfig) -> tuple[float, int, float, float]:
+def draw_imperfections(
+    rng: np.random.Generator, config: ImageConfig
+) -> tuple[float, int, float, float]:
     """Noise (grey levels), its seed, blur (px) and exposure (stops)."""
     noise, blur, exposure = (
         float(rng.uniform(*r)) for r in (config.noise, config.blur, config.exposure)
@@ -220,7 +221,7 @@ def draw_scene(
     backdrop, room, background = draw_background(
         streams.rng("background"), config.background, camera, floor, center, reach
     )
-    noise, noise_seed, blur, exposure = draw_image(streams.rng("image"), config.image)
+    noise, noise_seed, blur, exposure = draw_imperfections(streams.rng("image"), config.image)
     scene = Scene(
         model, trajectory, camera, lights, ambient, config.lights.shadows, materials, tile,
         backdrop, room, noise, noise_seed, blur, exposure,

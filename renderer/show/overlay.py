@@ -16,7 +16,7 @@ from ...errors import DatasetError
 from ...robots.geometry import Array, pinhole
 from ...robots.model import ArticulatedModel, forward_kinematics
 from ..gl import Rasterizer
-from ..scene import posed_by_parts
+from ..scene import pose_parts
 from ..types import Camera, Sequence
 from .colors import RgbImage
 
@@ -70,7 +70,7 @@ class Painter:
         poses = forward_kinematics(self.model, positions)
         world_from_cam = np.linalg.inv(state.cam_from_world[t])
         camera = Camera(meta.width, meta.height, state.intrinsics, world_from_cam)
-        posed = posed_by_parts(self.model, poses[None])
+        posed = pose_parts(self.model, poses[None])
         drawn = self._rasterizer.draw_truth(posed, camera)
         frame = sequence.frame(t)
         return blend(frame.rgb, frame.part > 0, drawn.depth, drawn.part > 0, state.intrinsics)

@@ -24,15 +24,15 @@ _Index = Annotated[int, msgspec.Meta(ge=0)]
 _JointType = Annotated[str, msgspec.Meta(pattern="^(revolute|continuous|prismatic)$")]
 _Layer = Annotated[str, msgspec.Meta(pattern="^(normal|coordinates|keypoints|tracks)$")]
 
-Item = TypeVar("Item", bound=np.generic, covariant=True)
+_Item = TypeVar("_Item", bound=np.generic, covariant=True)
 
 
-class Stack(Protocol[Item]):
+class Stack(Protocol[_Item]):
     """Images of a sequence, one a frame: an array, or a `LazyStack` that decodes when indexed."""
 
     def __len__(self) -> int: ...
-    def __iter__(self) -> Iterator[NDArray[Item]]: ...
-    def __getitem__(self, index: int | slice, /) -> NDArray[Item]:
+    def __iter__(self) -> Iterator[NDArray[_Item]]: ...
+    def __getitem__(self, index: int | slice, /) -> NDArray[_Item]:
         """An int gives one image, a slice a stacked array."""
         ...
 

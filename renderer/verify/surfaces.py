@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply
 from ...robots.model import ArticulatedModel
-from ..scene import PosedModel, animation_times, posed_by_parts, rest_in_part
+from ..scene import PosedModel, animation_times, pose_parts, rest_in_part
 from ..types import Sequence
 from .checks import CheckResult, check_share, merge_checks
 from .frames import decode_frame, deforming_numbers
@@ -74,7 +74,7 @@ def _posed(sequence: Sequence, model: ArticulatedModel) -> PosedModel | None:
         return None
     drawn = meta.randomization.get("animation")
     if drawn is None:
-        return posed_by_parts(model, poses)
+        return pose_parts(model, poses)
     found = [a for a in model.animations if a.name == drawn.get("name")]
     if not found:
         return None

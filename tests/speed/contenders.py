@@ -14,7 +14,7 @@ import numpy as np
 from gcbench.renderer.dataset import SequenceWriter
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.gl import Rasterizer
-from gcbench.renderer.scene import RenderConfig, Scene, Streams, draw_scene, model_source, resolved
+from gcbench.renderer.scene import RenderConfig, Scene, Streams, draw_scene, model_source, resolve
 from gcbench.renderer.truth import Draw, DrawSampler, SequenceTruth
 from gcbench.renderer.types import Frame
 from gcbench.robots.catalog import robot_urdf
@@ -40,7 +40,7 @@ class Shot:
 
 def draw_shots(config: RenderConfig, n: int) -> list[Shot]:
     """Sample the first n sequences of a config."""
-    config = resolved(config)
+    config = resolve(config)
     source = model_source(config, 0)
     rasterizer = Rasterizer(config.width, config.height)
     sampler = DrawSampler(source.model, source.scored, config, rasterizer, source.animation)
@@ -94,7 +94,7 @@ class Pure:
     """Rendering alone: scenes are given, nothing is sampled or tested."""
 
     def __init__(self, config: RenderConfig, shots: list[Shot]) -> None:
-        self.config, self.shots = resolved(config), shots
+        self.config, self.shots = resolve(config), shots
         self.rasterizer = Rasterizer(
             config.width, config.height, round(self.config.samples**0.5))
 

@@ -15,7 +15,7 @@ from gcbench.gcpose.training.config import LossConfig, TrainConfig
 from gcbench.gcpose.training.data import plan_datasets
 from gcbench.gcpose.training.errors import flow_errors
 from gcbench.gcpose.training.pairs import FramePair, Pairs, draw_sample, weigh_pixels
-from gcbench.renderer.scene.config import resolved
+from gcbench.renderer.scene.config import resolve
 from gcbench.robots.catalog import load_robot
 
 from ...support.bench_data import make_dataset
@@ -142,7 +142,7 @@ def test_the_recipe_is_of_models_that_no_suite_holds() -> None:
     assert len({s.name for s in shoots}) == len({s.config.seed for s in shoots}) == 9
     for shoot in shoots:
         assert shoot.config.stream == "train"
-        assert resolved(shoot.config).robot == shoot.config.robot  # or it refuses a range
+        assert resolve(shoot.config).robot == shoot.config.robot  # or it refuses a range
         if shoot.config.robot.startswith("random:"):
             names = load_robot(shoot.config.robot).joint_names
             assert shoot.config.scored_joints and set(shoot.config.scored_joints) <= set(names)

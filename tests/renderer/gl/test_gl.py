@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gcbench.renderer.gl.culling import one_sided
 from gcbench.renderer.gl.rasterizer import Rasterizer
-from gcbench.renderer.scene import posed_by_parts, rest
+from gcbench.renderer.scene import pose_parts, rest
 from gcbench.renderer.scene.room import RoomSurface
 from gcbench.renderer.scene.scene import Light, Scene
 from gcbench.renderer.types.camera import Camera, intrinsics_from_fov, look_at
@@ -135,11 +135,11 @@ def test_what_moves_and_what_stands_meet_as_if_drawn_at_once(rasterizer: Rasteri
                    box(1, (-0.1, -0.1, 0.1), (0.5, 0.5, 0.2)))
     path = poses(things, 3)
     path[:, 1, 0, 3] = [0.0, 0.1, -0.2]
-    posed, view = posed_by_parts(things, path), camera()
+    posed, view = pose_parts(things, path), camera()
     moving = [rasterizer.draw_truth(posed, view, t) for t in (2, 0, 1)]
     for t, drawn in zip((2, 0, 1), moving, strict=True):
         # nothing moves in one frame
-        once = rasterizer.draw_truth(posed_by_parts(things, path[[t]]), view)
+        once = rasterizer.draw_truth(pose_parts(things, path[[t]]), view)
         np.testing.assert_array_equal(drawn.part, once.part)
         np.testing.assert_allclose(drawn.depth, once.depth, rtol=1e-6)
 
@@ -148,7 +148,7 @@ def test_images_do_not_depend_on_the_order_of_draws_and_reads(rasterizer: Raster
     things = model(box(0, (-0.4, -0.4, 0), (0.1, 0.1, 0.3)), quad(1, 0.4, 0.2))
     path = poses(things, 3)
     path[:, 1, 0, 3] = [0.0, 0.1, -0.2]
-    posed, view, drawn = posed_by_parts(things, path), camera(), scene(things)
+    posed, view, drawn = pose_parts(things, path), camera(), scene(things)
 
     def images(t: int, *, at_once: bool) -> list[np.ndarray]:
         color, truth = rasterizer.draw_color(drawn, posed, t), None
@@ -212,7 +212,7 @@ def test_no_part_number_is_too_large_for_the_mask(rasterizer: Rasterizer) -> Non
         things, part_names=tuple(map(str, range(n))), parent=np.arange(n) - 1,
         visuals=(replace(things.visuals[0], part=n - 1),))
     part = rasterizer.draw_truth(
-        posed_by_parts(many, np.tile(np.eye(4), (1, n, 1, 1))), camera()).part
+        pose_parts(many, np.tile(np.eye(4), (1, n, 1, 1))), camera()).part
     assert set(np.unique(part)) == {0, n}
 
 

@@ -20,7 +20,7 @@ from gcbench.renderer.scene.config import (
     RandomizationConfig,
     RenderConfig,
     find_out_of_bounds,
-    resolved,
+    resolve,
 )
 from gcbench.renderer.scene.config_files import config_tree, parse_config, read_config
 from hypothesis import given
@@ -67,13 +67,13 @@ def test_a_number_out_of_bounds_is_refused_by_name(name: str) -> None:
         assert [field for field, _ in find_out_of_bounds(config)] == [name]
         option = name.removeprefix("randomization.").replace("_", "-")
         with pytest.raises(ConfigError, match=f"^--{option} .*: give "):
-            resolved(config)
+            resolve(config)
 
 
 def test_ranges_ascend() -> None:
     camera = CameraConfig(fov=(50.0, 40.0))
     with pytest.raises(ConfigError, match=r"--camera\.fov 50 40: give the smaller number first"):
-        resolved(RenderConfig(randomization=RandomizationConfig(camera=camera)))
+        resolve(RenderConfig(randomization=RandomizationConfig(camera=camera)))
 
 
 def values(hint: Any) -> st.SearchStrategy[Any]:
@@ -125,8 +125,8 @@ def toml(tree: dict[str, Any], table: str = "") -> str:
 
 @given(configs())
 def test_a_config_survives_json_and_toml(tmp_path_factory: Any, config: RenderConfig) -> None:
-    config = resolved(config)
-    assert resolved(config) == config
+    config = resolve(config)
+    assert resolve(config) == config
     tree = config_tree(config)
     assert parse_config(tree, "") == config
     folder = Path(tmp_path_factory.getbasetemp())
@@ -140,4 +140,4 @@ def test_what_was_not_given_stays_open_until_the_robot_is_known() -> None:
     assert unresolved.randomization.camera.azimuth is None
     assert unresolved.randomization.textures.probability is None
     for robot in ("ur5", "microwave"):
-        assert resolved(replace(unresolved, robot=robot)).randomization.camera.azimuth
+        assert resolve(replace(unresolved, robot=robot)).randomization.camera.azimuth

@@ -19,7 +19,7 @@ from gcbench.renderer.scene.config import (
     MotionConfig,
     RandomizationConfig,
     RenderConfig,
-    resolved,
+    resolve,
 )
 from gcbench.renderer.scene.models import draw_instance, model_of, model_source, robot_of
 from gcbench.renderer.scene.motion import MotionSampler
@@ -77,16 +77,16 @@ def test_an_instance_has_the_joints_that_are_asked_for() -> None:
 
 
 def test_the_camera_stands_before_the_front() -> None:
-    assert resolved(SMALL).randomization.camera.azimuth == FRONT
-    assert resolved(resolved(SMALL)) == resolved(SMALL)
-    low, high = resolved(replace(SMALL, randomization=STUDIO)).randomization.camera.azimuth
+    assert resolve(SMALL).randomization.camera.azimuth == FRONT
+    assert resolve(resolve(SMALL)) == resolve(SMALL)
+    low, high = resolve(replace(SMALL, randomization=STUDIO)).randomization.camera.azimuth
     assert FRONT[0] < low == high < FRONT[1]
     mine = replace(SMALL.randomization, camera=CameraConfig(azimuth=(0.0, 90.0)))
-    kept = resolved(replace(SMALL, robot="partnet:7310", randomization=mine))
+    kept = resolve(replace(SMALL, robot="partnet:7310", randomization=mine))
     assert kept.randomization.camera.azimuth == (0, 90)
-    assert resolved(RenderConfig()).randomization.camera.azimuth == (-180, 180)
+    assert resolve(RenderConfig()).randomization.camera.azimuth == (-180, 180)
     with pytest.raises(GcbenchError, match="oven:NUMBER"):
-        resolved(replace(SMALL, robot="oven:one"))
+        resolve(replace(SMALL, robot="oven:one"))
 
 
 @pytest.mark.parametrize("name", ["dishwasher:4", "oven:8", "microwave:15"])
@@ -141,7 +141,7 @@ def test_each_sequence_says_what_it_shows(dataset: Path) -> None:
     data = open_dataset(dataset)
     metas = [sequence.meta for sequence in data]
     shown = [meta.asset["instance"] for meta in metas]
-    assert shown == drawn(resolved(SMALL), 4) and len({*shown}) == 4
+    assert shown == drawn(resolve(SMALL), 4) and len({*shown}) == 4
     assert [robot_of(data.config, meta) for meta in metas] == shown
     assert len({meta.asset["sha256"] for meta in metas}) == 4
     assert all(meta.scored_joints == ("door",) for meta in metas)

@@ -18,8 +18,8 @@ from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene import models
 from gcbench.renderer.scene.config import MotionConfig, RandomizationConfig, RenderConfig
-from gcbench.renderer.scene.motion import animation_times, chosen_animation
-from gcbench.renderer.scene.posed_model import posed_by_parts, rest_in_part
+from gcbench.renderer.scene.motion import animation_times, find_animation
+from gcbench.renderer.scene.posed_model import pose_parts, rest_in_part
 from gcbench.renderer.show.command import show
 from gcbench.renderer.truth.deforming import weights
 from gcbench.renderer.types.sequence import Sequence
@@ -70,7 +70,7 @@ def project(s: Sequence, t: int, points: np.ndarray) -> tuple[np.ndarray, np.nda
 @pytest.mark.parametrize("angle", [0.0, 0.7, -1.1])
 def test_vertices_are_where_the_closed_form_says(angle: float) -> None:
     bar = bent_bar.bar()
-    posed = posed_by_parts(bar, forward_kinematics(bar, [[angle]]))
+    posed = pose_parts(bar, forward_kinematics(bar, [[angle]]))
     straight = bent_bar.grid()[0]
     expected = bent_bar.bent(straight, angle)
     for vertices, normals in posed.surfaces(0):
@@ -232,12 +232,12 @@ def test_an_animated_model_can_move_its_joints_instead(monkeypatch: pytest.Monke
 def test_an_unknown_animation_is_told_those_that_exist() -> None:
     bar = bent_bar.bar((bent_bar.Swing("walk"), bent_bar.Swing("run")))
     with pytest.raises(GcbenchError, match=r"'jump'.*'walk', 'run'"):
-        chosen_animation(bar, "jump")
+        find_animation(bar, "jump")
     with pytest.raises(GcbenchError, match="none in this model"):
-        chosen_animation(bent_bar.bar(), "jump")
-    assert chosen_animation(bar, "").name == "walk"
-    assert chosen_animation(bar, "run").name == "run"
-    assert chosen_animation(bent_bar.bar(), "") is chosen_animation(bar, "none") is None
+        find_animation(bent_bar.bar(), "jump")
+    assert find_animation(bar, "").name == "walk"
+    assert find_animation(bar, "run").name == "run"
+    assert find_animation(bent_bar.bar(), "") is find_animation(bar, "none") is None
 
 
 def test_an_animation_is_looped_only_where_it_is_too_short() -> None:

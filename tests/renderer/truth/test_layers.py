@@ -16,7 +16,7 @@ from gcbench.renderer.dataset.reader import open_dataset
 from gcbench.renderer.dataset.storage import SequenceWriter, open_sequence
 from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
-from gcbench.renderer.scene.config import LAYERS, RenderConfig, resolved
+from gcbench.renderer.scene.config import LAYERS, RenderConfig, resolve
 from gcbench.renderer.show import annotations
 from gcbench.renderer.show import colors as pictures
 from gcbench.renderer.show.page import page_data
@@ -77,14 +77,14 @@ def bar(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 
 def test_an_unknown_layer_is_told_those_that_exist() -> None:
     with pytest.raises(GcbenchError, match="albedo: there are normal, coordinates, keypoints, tra"):
-        resolved(RenderConfig(layers=("normal", "albedo")))
+        resolve(RenderConfig(layers=("normal", "albedo")))
     with pytest.raises(GcbenchError, match="--track-points 0: give 1 to"):
-        resolved(RenderConfig(track_points=0))
+        resolve(RenderConfig(track_points=0))
 
 
 def test_the_order_of_layers_does_not_matter() -> None:
     config = RenderConfig(layers=("tracks", "normal", "tracks"))
-    assert resolved(config) == resolved(replace(config, layers=("normal", "tracks")))
+    assert resolve(config) == resolve(replace(config, layers=("normal", "tracks")))
 
 
 @pytest.mark.gl
