@@ -1,8 +1,8 @@
 """A room around the robot: a closed box seen from inside, with furniture along its walls.
 
-It is built in the room's own frame (origin below the robot on the floor, walls along x and y) and
-turned about the world's z at the end. It is no larger than robot and camera need: depth images
-have 16 bits, and what is far costs the near its precision.
+The room is built in a frame of its own (origin on the floor below the robot, walls along x and y)
+and finally turned about the world's z. It is only as large as robot and camera require: depth
+images have 16 bits, so distant surfaces reduce the precision of near ones.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from .config import BackgroundConfig
 from .image_sources import ImageFolder, draw_image
 from .images import TextureImage
 
-MARGIN = 1.15
-"""Walls and ceiling are at least this many times as far from the robot as camera and reach."""
+_MARGIN = 1.15
+"""Least distance of walls and ceiling from the robot, in units of the camera's and the reach."""
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])
 _SEGMENTS = 12  # of a cylinder
 _Mesh = tuple[Array, Faces, Array]  # vertices, faces, normals
@@ -46,18 +46,36 @@ class RoomSurface:
     roughness: float
 
 
-def draw_room(rng: np.random.Generator, config: BackgroundConfig, *, floor_z: float,
-              center: ArrayLike, camera_position: ArrayLike, distance: float,
-              reach: float) -> tuple[RoomSurface, ...]:
-    """Floor, four walls, ceiling and 2-6 pieces of furniture, fewer than 300 triangles in all.
+@dataclass(frozen=True)
+class RoomSetting:
+    """What a room is built around. World frame, z up, m."""
 
-    World frame, z up, metres: `center` [3] is the robot's and `distance` the camera's from it. The
-    robot stays within `reach` m of `center`; furniture keeps clear of the upright cylinder of that
-    radius, and of all that is between it and the camera. The floor is at `floor_z`, or lower where
-    the camera would be below it. Raises GcbenchError where no texture can be drawn.
+    floor_z: float
+    """Height of the floor."""
+    center: Array
+    """[3] centre of the robot."""
+    camera_position: Array
+    """[3]"""
+    reach: float
+    """The robot stays within this distance of `center`."""
+
+    @property
+    def distance(self) -> float:
+        """Distance of the camera from `center`, m."""
+        return float(np.linalg.norm(self.camera_position - self.center))
+
+
+def draw_room(rng: np.random.Generator, config: BackgroundConfig,
+              setting: RoomSetting) -> tuple[RoomSurface, ...]:
+    """Draw floor, four walls, ceiling and 2-6 pieces of furniture: fewer than 300 triangles.
+
+    Furniture stays clear of the upright cylinder with the radius of the robot's reach, and of
+    everything between it and the camera. The floor is lower than `floor_z` if the camera would be
+    below it. Raises ConfigError if no texture can be drawn.
     """
-    middle, eye = np.asarray(center, np.float64), np.asarray(camera_position, np.float64)
-    bottom = min(floor_z, float(eye[2]) - 0.05 * distance)
+    middle, eye = setting.center, setting.camera_position
+    distance, reach = setting.distance, setting.reach
+    bottom = min(setting.floor_z, float(eye[2]) - 0.05 * distance)
     origin = np.array([middle[0], middle[1], bottom])
     world_from_room = rotation_about((0.0, 0.0, 1.0), rng.uniform(-np.pi, np.pi))
     eye_xy = ((eye - origin) @ world_from_room)[:2]
@@ -65,8 +83,8 @@ def draw_room(rng: np.random.Generator, config: BackgroundConfig, *, floor_z: fl
     images = ImageFolder(config.folder) if config.folder else None
     towards_eye = np.array([eye_xy[0], -eye_xy[0], eye_xy[1], -eye_xy[1]])  # +x, -x, +y, -y
     space = rng.uniform(*config.room_size, 4) * reach
-    walls = MARGIN * np.maximum(towards_eye, reach) + space
-    above = max(reach, float(eye[2] - middle[2])) * rng.uniform(MARGIN, 2.0)
+    walls = _MARGIN * np.maximum(towards_eye, reach) + space
+    above = max(reach, float(eye[2] - middle[2])) * rng.uniform(_MARGIN, 2.0)
     height = float(middle[2]) - bottom + above
     low = np.array([-walls[1], -walls[3], 0.0])
     high = np.array([walls[0], walls[2], height])
@@ -81,7 +99,7 @@ def draw_room(rng: np.random.Generator, config: BackgroundConfig, *, floor_z: fl
 
     vertices, faces, normals = _box(low, high, inward=True)
     surfaces: list[RoomSurface] = []
-    # A wall is seen from farther away than the floor, hence its larger tiles.
+    # Walls are seen from a larger distance than the floor: their tiles are larger.
     for name, first, last, grown in (("floor", 0, 1, 1.0), ("walls", 1, 5, 2.0),
                                      ("ceiling", 5, 6, 2.0)):
         rows, number = slice(4 * first, 4 * last), 2 * (last - first)
@@ -98,8 +116,8 @@ def draw_room(rng: np.random.Generator, config: BackgroundConfig, *, floor_z: fl
 
 def _draw_furniture(rng: np.random.Generator, low: Array, high: Array, eye_xy: Array,
                     distance: float, reach: float) -> list[_Piece]:
-    """Pieces along the walls of the room from corner `low` [3] to `high` [3], all in its frame."""
-    # What must stay free, seen from above: discs that shrink from the robot's reach to the camera.
+    """Draw pieces along the walls of the room from corner `low` [3] to `high` [3], room frame."""
+    # The region to keep free, from above: discs that shrink from the robot's reach to the camera.
     share = np.linspace(0, 1, 65)
     free_at = share[:, None] * eye_xy
     free_radius = 1.05 * reach + share * (0.15 * distance - 1.05 * reach)
@@ -108,7 +126,7 @@ def _draw_furniture(rng: np.random.Generator, low: Array, high: Array, eye_xy: A
     for attempt in range(60 * wanted):
         if len(pieces) == wanted:
             break
-        # Ever smaller pieces: the last ones fit into any corner.
+        # Each attempt is smaller than the one before: the last ones fit into any corner.
         size = distance * 0.985 ** attempt
         half = size * np.array([rng.uniform(0.15, 0.4), rng.uniform(0.1, 0.25)])
         tall = min(size * rng.uniform(0.3, 1.3), 0.8 * float(high[2]))
@@ -129,9 +147,9 @@ def _draw_furniture(rng: np.random.Generator, low: Array, high: Array, eye_xy: A
 
 
 def _box(low: Array, high: Array, inward: bool) -> _Mesh:
-    """Six quads of four vertices each: bottom, sides, top. Furniture (outward) has no bottom.
+    """Return six quads of four vertices each: bottom, sides, top.
 
-    The bottom of furniture would lie in the plane of the floor, and nobody sees it.
+    An outward box (furniture) has no bottom: it would lie in the plane of the floor, invisible.
     """
     def quad(origin: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
         o, a, b = np.asarray(origin), np.asarray(a), np.asarray(b)
@@ -151,7 +169,7 @@ def _box(low: Array, high: Array, inward: bool) -> _Mesh:
 
 
 def _cylinder(at: Array, radius: float, height: float) -> _Mesh:
-    """A standing cylinder without bottom; `at` [2] is its axis."""
+    """Return an upright cylinder without bottom; `at` [2] is the position of its axis."""
     angle = np.linspace(0, 2 * np.pi, _SEGMENTS, False)
     outward = np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
     ring = np.append(at, 0.0) + radius * outward

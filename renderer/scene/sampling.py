@@ -27,7 +27,7 @@ from .config import (
     TexturesConfig,
 )
 from .image_sources import ImageFolder, draw_image
-from .room import RoomSurface, draw_room
+from .room import RoomSetting, RoomSurface, draw_room
 from .scene import Light, Scene
 
 
@@ -177,11 +177,8 @@ def draw_background(
     """A backdrop picture [H W 3], or a room's surfaces; and the name of what was drawn."""
     is_room, kind = rng.random() < config.room, str(rng.choice(config.kinds))
     if is_room:
-        eye = camera.world_from_cam[:3, 3]
-        distance = float(np.linalg.norm(eye - center))
-        room = draw_room(rng, config, floor_z=floor, center=center, camera_position=eye,
-                         distance=distance, reach=reach)
-        return None, room, "room"
+        setting = RoomSetting(floor, center, camera.world_from_cam[:3, 3], reach)
+        return None, draw_room(rng, config, setting), "room"
     shape = (camera.height, camera.width)
     if kind == "plain" and not config.folder:
         gray = np.round(255.0 * np.asarray(config.color)).astype(np.uint8)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gcbench.renderer.scene.config import BackgroundConfig
-from gcbench.renderer.scene.room import RoomSurface, draw_room
+from gcbench.renderer.scene.room import RoomSetting, RoomSurface, draw_room
 
 CENTER = np.array([0.3, -0.2, 0.5])
 # Walls as near as the margin allows, and the cheapest texture: these are laws of shape.
@@ -24,11 +24,12 @@ def _setting(seed: int) -> dict[str, Any]:
                                         np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     # At times the robot reaches farther than the camera is away.
     return {"floor_z": rng.uniform(-0.3, 0.0), "center": CENTER, "camera_position": eye,
-            "distance": distance, "reach": distance * rng.uniform(0.2, 1.3)}
+            "reach": distance * rng.uniform(0.2, 1.3)}
 
 
 def _room(seed: int, config: BackgroundConfig = TIGHT, **changes: Any) -> tuple[RoomSurface, ...]:
-    return draw_room(np.random.default_rng(seed), config, **{**_setting(seed), **changes})
+    setting = RoomSetting(**{**_setting(seed), **changes})
+    return draw_room(np.random.default_rng(seed), config, setting)
 
 
 def _hits(surfaces: tuple[RoomSurface, ...], eye: np.ndarray,
@@ -76,7 +77,7 @@ def test_a_room_is_no_larger_than_it_must_be(seed: int) -> None:
     setting, (_, walls, *_) = _setting(seed), _room(seed)
     across = np.einsum("ij,ij->i", walls.normals, CENTER - walls.vertices)
     reach = setting["reach"]
-    assert across.max() < 1.15 * max(setting["distance"], reach) + 0.3 * reach + 1e-9
+    assert across.max() < 1.15 * max(RoomSetting(**setting).distance, reach) + 0.3 * reach + 1e-9
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -125,5 +126,5 @@ def test_the_room_is_a_function_of_the_generator() -> None:
 
 def test_a_camera_below_the_floor_lowers_it() -> None:
     eye = CENTER + np.array([1.0, 0.0, -1.0])
-    floor, *_ = _room(0, camera_position=eye, distance=1.4, reach=0.5, floor_z=0.0)
+    floor, *_ = _room(0, camera_position=eye, reach=0.5, floor_z=0.0)
     assert floor.vertices[:, 2].max() < eye[2]
