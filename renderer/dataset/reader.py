@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...errors import DatasetError, GcbenchError
+from ...errors import DatasetError
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence
 from .provenance import FILE, Provenance, read_provenance
@@ -20,18 +20,22 @@ _NAME = re.compile(r"(\d{6,})(\.zip)?")
 
 @dataclass(frozen=True)
 class Dataset:
-    """The sequences that were there when it was opened, in order.
+    """A folder of sequences, those that existed when it was opened, in order.
 
-    `dataset[0]` opens the first, `dataset["000007"]` the one of that name; both decode images
-    only when these are indexed. Nothing is held open: it may be pickled and shared by processes.
+    `dataset[0]` opens the first sequence and `dataset["000007"]` the one with that name; images
+    are decoded when they are indexed. No file stays open: processes may share a pickled dataset.
     """
 
     path: Path
     config: RenderConfig
-    """What it was rendered with."""
+    """Configuration that rendered the dataset."""
     info: Provenance
     """`dataset.json`: generator, versions, assets and licences, counts."""
     names: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        n = len(self)
+        return f"Dataset({str(self.path)!r}, {n} sequence{'s' * (n != 1)})"
 
     def __len__(self) -> int:
         return len(self.names)
@@ -40,20 +44,22 @@ class Dataset:
         return (self[name] for name in self.names)
 
     def __getitem__(self, key: int | str) -> Sequence:
-        """The sequence at a position, or of a name.
+        """Return the sequence at a position, or with a name.
 
-        Raises IndexError, or GcbenchError if there is no such name or the file is damaged.
+        Raises:
+            IndexError: if there is no such position.
+            DatasetError: if there is no such name, or the file is damaged.
         """
         name = self.names[key] if isinstance(key, int) else key
         if name not in self.names:
             there = f"{self.names[0]} to {self.names[-1]}" if self.names else "none"
-            raise GcbenchError(f"{self.path} has no sequence {name!r}; there are: {there}")
+            raise DatasetError(f"{self.path} has no sequence {name!r}; there are: {there}")
         path = self.path / FOLDER / f"{name}.zip"
         return open_sequence(path if path.exists() else path.with_suffix(""))
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """Open the dataset in a folder. Its sequences are read when they are asked for.
+    """Open the dataset in a folder. Its sequences are read when they are indexed.
 
     Args:
         path: Folder of the dataset.
@@ -62,10 +68,14 @@ def open_dataset(path: str | Path) -> Dataset:
         The dataset: a sequence of `Sequence`, with its configuration and provenance.
 
     Raises:
-        DatasetError: There is no dataset in the folder, or its `dataset.json` is invalid.
+        DatasetError: if the folder is not a dataset, or its `dataset.json` is invalid.
 
     Example:
-        >>> dataset = gb.open_dataset("data/ur5")
+        >>> config = gb.RenderConfig("owi535", frames=2, width=64, height=48)
+        >>> _ = gb.render_dataset(config, 1, "data/example", progress=False)
+        >>> dataset = gb.open_dataset("data/example")
+        >>> dataset
+        Dataset('data/example', 1 sequence)
         >>> dataset[0].frame(1).rgb.shape
         (48, 64, 3)
     """
@@ -76,12 +86,12 @@ def open_dataset(path: str | Path) -> Dataset:
 
 
 def sequence_paths(dataset: Path) -> dict[str, Path]:
-    """ZIP file or folder of each sequence by name; a ZIP goes before a folder of the same name."""
+    """Return the path of each sequence by name; a ZIP file is preferred to a folder."""
     folder = dataset / FOLDER
     if not folder.is_dir():
         return {}
     found: dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):  # "000000" stands before "000000.zip"
+    for path in sorted(folder.iterdir()):  # "000000" sorts before "000000.zip"
         if match := _NAME.fullmatch(path.name):
             if match[2] is None and not path.is_dir():
                 continue

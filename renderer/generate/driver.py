@@ -103,9 +103,10 @@ def render_sequence(config: RenderConfig, index: int = 0) -> Sequence:
         RenderError: if this machine cannot render.
 
     Example:
-        >>> sequence = render_sequence(RenderConfig("ur5", frames=3), 7)  # doctest: +SKIP
-        >>> sequence.depth.shape  # doctest: +SKIP
-        (3, 480, 640)
+        >>> config = gb.RenderConfig("owi535", frames=2, width=64, height=48)
+        >>> sequence = gb.render_sequence(config, 7)
+        >>> sequence.depth.shape
+        (2, 48, 64)
     """
     from .sequence_renderer import SequenceRenderer
 
@@ -145,7 +146,10 @@ def render_dataset(
         RenderError: if the model or a sequence cannot be rendered.
 
     Example:
-        >>> render_dataset(RenderConfig("ur5", seed=7), n=20, out="data/ur5")  # doctest: +SKIP
+        >>> config = gb.RenderConfig("owi535", frames=2, width=64, height=48)
+        >>> summary = gb.render_dataset(config, 1, "data/owi535", progress=False)
+        >>> summary.sequences, summary.frames
+        (1, 2)
     """
     out = Path(out)
     started = time.monotonic()

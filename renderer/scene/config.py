@@ -210,7 +210,7 @@ STUDIO = RandomizationConfig(
 
 @dataclass(frozen=True)
 class RenderConfig:
-    """A dataset: sequence i is a function of this and i alone."""
+    """What to render. Sequence i of a dataset depends only on its configuration and on i."""
 
     robot: str = "ur5"
     """A name of `gcbench robots`, or a path to a .urdf, .glb or .gltf file. `microwave` is another

@@ -12,7 +12,7 @@ from ...robots.geometry import Array, apply, inverse, pinhole, transform
 
 @dataclass(frozen=True)
 class Camera:
-    """Image size, intrinsics and pose."""
+    """A pinhole camera without distortion: image size, intrinsics and pose."""
 
     width: int
     height: int
@@ -27,7 +27,7 @@ class Camera:
         return inverse(self.world_from_cam)
 
     def project(self, points_in_world: ArrayLike) -> Array:
-        """(u, v, z) [... 3]: pixel and depth in m of world points [... N 3]."""
+        """Return (u, v, z) [... N 3]: pixel and depth (m) of world points [... N 3]."""
         return pinhole.project(self.intrinsics, apply(self.cam_from_world, points_in_world))
 
 

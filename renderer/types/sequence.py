@@ -39,7 +39,7 @@ class Stack(Protocol[_Item]):
 
 @dataclass(frozen=True)
 class Frame:
-    """One instant. H x W pixels."""
+    """Images and ground truth of one instant, H x W pixels."""
 
     rgb: NDArray[np.uint8]
     """[H W 3]"""
@@ -164,7 +164,7 @@ class Meta:
 
 @dataclass(frozen=True)
 class Sequence:
-    """A video with its truth. The image stacks are arrays, or decode a frame when indexed."""
+    """A video and its ground truth. Image stacks are arrays, or decode a frame when indexed."""
 
     meta: Meta
     state: State
@@ -185,12 +185,16 @@ class Sequence:
     coordinates: Stack[np.float32] | None = None
     """T x [H W 3] m (Frame.coordinates); None without the layer"""
 
+    def __repr__(self) -> str:
+        m = self.meta
+        return f"Sequence({m.name!r}, {m.frames} frames, {m.width}x{m.height} px)"
+
     def __len__(self) -> int:
-        """Number of frames."""
+        """Return the number of frames."""
         return self.meta.frames
 
     def frame(self, t: int) -> Frame:
-        """The frame at t in 0..T-1."""
+        """Return frame t, in 0..T-1."""
         last = self.meta.frames - 1
         return Frame(
             rgb=self.rgb[t],
@@ -204,5 +208,5 @@ class Sequence:
         )
 
     def __iter__(self) -> Iterator[Frame]:
-        """Frames in order."""
+        """Yield the frames in order."""
         return (self.frame(t) for t in range(self.meta.frames))
