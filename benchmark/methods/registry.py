@@ -1,4 +1,4 @@
-"""Methods by name. No method is imported before it runs, and then in a process of its own."""
+"""Find methods by name and load them; only the process that runs a method imports it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..protocol import ORACLES, allowed
 from ..results import INPUTS, KNOWLEDGE, Row
 
 GROUP = "gcbench.methods"
-"""Entry points of other packages: name -> module:attribute."""
+"""Group of the entry points of other packages: name = module:attribute."""
 METHODS = {
     "gcpose": "gcbench.gcpose.method:GCPose",
     "gcpose-flow": "gcbench.gcpose.paper.pipeline:FlowOnly",
@@ -46,8 +46,8 @@ _FORMER_SOURCES = {
     "gcbench.benchmark.baselines:HoldStill": "hold-still",
     "gcbench.benchmark.baselines:ConstantVelocity": "constant-velocity",
 }
-"""Names of methods by the module:attribute where they stood in earlier versions. Results folders
-of these versions store them; do not remove an entry."""
+"""Names of methods by their module:attribute in earlier versions. Results folders of these versions
+store the keys; do not remove an entry."""
 _SOURCE = re.compile(r"[\w./~-]+:[A-Za-z_][\w.]*")
 _HOW = """\
 A method is a class, without arguments, of: name (str), version (str), training (str), inputs
@@ -58,7 +58,7 @@ HOW = " ".join(_HOW.format(inputs=", ".join(INPUTS), knowledge=", ".join(KNOWLED
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a method says about itself."""
+    """The declared properties of a method."""
 
     name: str
     version: str
@@ -66,19 +66,19 @@ class Declaration:
     inputs: tuple[Inputs, ...]
     knowledge: tuple[Knowledge, ...]
     hint: str = ""
-    """What would make it support more inputs"""
+    """Advice for the user on how to enable more inputs."""
     settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    """Its tuned numbers as a JSON object, if it has any."""
+    """Settings of the method as a JSON object; empty without settings."""
 
 
 def available() -> dict[str, str]:
-    """module:attribute by name: ours, and those of installed packages (ours go first)."""
+    """Return module:attribute by name, also of installed packages; built-in methods come first."""
     others = {e.name: e.value for e in metadata.entry_points(group=GROUP)}
     return {**others, **METHODS}
 
 
 def split(name: str) -> tuple[str, tuple[str, ...]]:
-    """ "icp@true-parts" as a method and its oracles. Raises MethodError for an unknown oracle."""
+    """Split METHOD@ORACLE+ORACLE into method and oracles. Raises MethodError if one is unknown."""
     method, at, flags = name.partition("@")
     oracles = tuple(dict.fromkeys(flags.split("+"))) if at else ()
     if unknown := [o for o in oracles if o not in ORACLES]:
@@ -94,9 +94,8 @@ def identify(name: str) -> str:
             (see `with_options`).
 
     Returns:
-        The registered name, also for the module:attribute where a registered method stands or
-        stood in an earlier version. A method that is not registered has no other identity than
-        its source, which is returned unchanged. Options are kept.
+        The registered name, also for the current or an earlier module:attribute of a registered
+        method. The source of an unregistered method is returned unchanged. Options are kept.
     """
     source, mark, options = name.partition("?")
     names = _FORMER_SOURCES | {path: key for key, path in available().items()}
@@ -107,7 +106,7 @@ def locate(name: str) -> str:
     """Return the module:attribute or FILE.py:attribute of a method.
 
     Raises:
-        MethodError: If `name` is neither registered nor of that form; lists the registered names.
+        MethodError: If `name` is neither registered nor of that form. Lists the registered names.
     """
     table, name = available(), identify(name)
     if name in table:
@@ -172,7 +171,7 @@ def _made(method: Callable[..., Any], options: dict[str, str], source: str) -> A
 
 
 def _segment(observation: Observation) -> NDArray[np.uint8] | None:
-    """Return the parts that _SEGMENTER finds, for methods that take a function `segment`."""
+    """Segment with the method _SEGMENTER, for methods with a parameter `segment`."""
     return load(_SEGMENTER).estimate(observation).part
 
 
@@ -188,13 +187,13 @@ def parse_changes(text: str) -> dict[str, str]:
 
 
 def _settings(method: Any) -> dict[str, Any]:
-    """The settings of a method that has some, as a JSON object."""
+    """Return the settings of a method as a JSON object; empty without settings."""
     as_dict = getattr(getattr(method, "settings", None), "as_dict", None)
     return json.loads(dump_json(as_dict())) if callable(as_dict) else {}
 
 
 def declare(method: Any, source: str) -> Declaration:
-    """What the method declares. Raises MethodError that says what is missing or wrong."""
+    """Return the declaration of a method. Raises MethodError with the invalid attribute."""
     if not callable(getattr(method, "estimate", None)):
         raise MethodError(f"{source}: no estimate(observation). {HOW}")
     for name in ("name", "version", "training"):
@@ -220,9 +219,9 @@ def plan_rows(
     inputs: tuple[Inputs, ...] = (),
     knowledge: tuple[Knowledge, ...] = (),
 ) -> list[Row]:
-    """The rows to evaluate: every track and knowledge that is supported, or those asked for.
+    """Return the rows to evaluate: the requested inputs and knowledge, by default all supported.
 
-    Raises MethodError if one that is asked for is not supported.
+    Raises MethodError for an unsupported request.
     """
     for asked, supported, what in (
         (inputs, declared.inputs, "inputs"),
@@ -250,7 +249,7 @@ def plan_rows(
 def _module(name: str, source: str) -> ModuleType:
     here = str(Path.cwd())
     if here not in sys.path:
-        sys.path.append(here)  # last: a file here must not hide an installed package
+        sys.path.append(here)  # last, so that files here hide no installed package
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
@@ -269,7 +268,7 @@ def _file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise MethodError(f"{path}: not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(path.stem, module)  # dataclasses look there
+    sys.modules.setdefault(path.stem, module)  # dataclasses need it
     sys.path.append(str(path.resolve().parent))
     spec.loader.exec_module(module)
     return module

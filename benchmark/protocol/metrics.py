@@ -1,23 +1,23 @@
-"""Errors of one sequence, as the protocol defines them: pure functions of arrays.
+"""Metrics of the protocol for one sequence, as pure functions of arrays.
 
-T frames, J scored joints from the base outward, angles in rad and lengths in m unless a function
-says otherwise. Revolute joints (continuous ones too) and prismatic ones are never mixed in a mean.
+T frames, J scored joints from the base outward. Angles are in rad and lengths in m unless stated.
+A mean never mixes revolute (or continuous) joints with prismatic joints.
 
-Names in `Result.metric`, a line for each joint (error's unit is deg or m):
+Values of `Result.metric` with one line per joint (errors and sigma in deg or m):
 
-    error                the error at a frame, from frame 1 on
-    final_error          at the last frame: the headline
-    mean_error           mean over frames 1 .. T-1
-    step_error           of the motion from frame to frame, mean over the steps
-    displacement         the true one at the last frame, absolute: what holding still would score
-    covered              1, or 0 if there is no finite estimate
-    sigma                at the last frame, where the method gives standard deviations (deg or m)
-    within_sigma         1 if the error at the last frame is at most sigma
-    within_sigma_frames  the same as a share of frames 1 .. T-1
-    axis_direction       angle between the estimated and the true axis, deg, where one is returned
-    axis_distance        of the estimated axis from the joint, m (revolute)
+    error                error at one frame, 1 .. T-1
+    final_error          error at the last frame: the main metric
+    mean_error           mean error over frames 1 .. T-1
+    step_error           error of the motion between consecutive frames, mean over the steps
+    displacement         absolute true displacement at the last frame: the error of "no motion"
+    covered              1 if the estimate is finite in every frame, else 0
+    sigma                estimated standard deviation at the last frame, if the method returns one
+    within_sigma         1 if the error at the last frame is at most sigma, else 0
+    within_sigma_frames  share of frames 1 .. T-1 whose error is at most sigma
+    axis_direction       angle between the estimated and the true axis, deg, if an axis is returned
+    axis_distance        distance of the estimated axis from the joint, m (revolute joints)
 
-and a line for the whole sequence: seconds, seconds_per_frame, peak_memory (MiB), part_miou.
+Values with one line per sequence: seconds, seconds_per_frame, peak_memory (MiB), part_miou.
 """
 
 from __future__ import annotations
@@ -30,45 +30,45 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array
 
 PCP_DEGREES = (1.0, 2.0, 5.0, 10.0)
-"""A joint is correct if its error is at most so many degrees; prismatic: so many centimetres
-(with a lever of half a metre, 5 deg are 4.4 cm)."""
+"""Largest errors of a correct joint, deg (revolute) or cm (prismatic). At a lever arm of 0.5 m,
+5 deg correspond to 4.4 cm."""
 PCP5 = PCP_DEGREES.index(5.0)
-"""Position of the headline threshold."""
+"""Index of the main threshold, 5 deg or 5 cm."""
 MAX_DISPLACEMENT = 1e6
-"""rad or m; a larger estimate is not a number that means anything, and counts as missing."""
+"""Largest valid estimate, rad or m; a larger one counts as missing."""
 _TINY = 1e-12
 Sign = Literal["given", "screw", "best"]
 
 
 def pcp_thresholds(unit: str) -> tuple[float, ...]:
-    """Return the thresholds of PCP in a unit: PCP_DEGREES (deg), or as many cm (m)."""
+    """Return the PCP thresholds in a unit: PCP_DEGREES for "deg", a hundredth of each for "m"."""
     return tuple(d / 100.0 for d in PCP_DEGREES) if unit == "m" else PCP_DEGREES
 
 
 def wrap(angle: Array) -> Array:
-    """The same angle in [-pi, pi). Any shape, rad; not even rounded where it is there already."""
+    """Wrap angles (any shape, rad) to [-pi, pi); return angles in that range bit for bit."""
     inside = (angle >= -np.pi) & (angle < np.pi)
     return np.where(inside, angle, (angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def covered(displacement: Array | None, joints: int) -> NDArray[np.bool_]:
-    """[J] whether the estimate [T J] is finite in every frame; False if there is none."""
+    """Return [J] True where the estimate [T J] is valid in every frame; all False for None."""
     if displacement is None:
         return np.zeros(joints, bool)
     with np.errstate(invalid="ignore"):
-        good = np.abs(displacement) <= MAX_DISPLACEMENT  # NaN is not
+        good = np.abs(displacement) <= MAX_DISPLACEMENT  # False for NaN
     return np.asarray(good.all(0), bool)
 
 
 def no_motion_where_missing(displacement: Array | None, truth: Array) -> Array:
-    """[T J] the estimate, with zeros for a joint that is not finite in every frame."""
+    """Return the estimate [T J] with zeros for each joint that is not `covered`."""
     if displacement is None:
         return np.zeros_like(truth)
     return np.where(covered(displacement, truth.shape[1]), displacement, 0.0)
 
 
 def difference(estimate: Array, truth: Array, prismatic: NDArray[np.bool_]) -> Array:
-    """[T J] estimate - truth, both [T J] rad or m; wrapped for angles, not for prismatic [J]."""
+    """Return estimate - truth [T J], rad or m, wrapped for joints that are not prismatic [J]."""
     delta = estimate - truth
     return np.where(prismatic, delta, wrap(delta))
 
@@ -81,12 +81,12 @@ def signs(
     screw: Array | None = None,
     true_screw: Array | None = None,
 ) -> tuple[NDArray[np.float64], list[Sign]]:
-    """One sign [J] for the whole sequence, +1 or -1, and how it was decided.
+    """Choose the sign of each joint [J], +1 or -1, for the whole sequence, and return its origin.
 
-    estimate, truth [T J] finite; screws [J 6] in the camera frame at frame 0. "given": the
-    method's knowledge includes axes, so the sign is theirs. "screw": -1 where the returned
-    direction opposes the true one. "best": no (finite, non-zero) axis is returned, so the sign
-    with the smaller error summed over frames. There is no permutation.
+    estimate and truth [T J] are finite; screws [J 6] are in the camera frame at frame 0.
+    "given": the method's knowledge includes the axes, so the sign is +1. "screw": -1 where the
+    returned direction opposes the true one. "best": the method returns no finite, non-zero axis;
+    the sign has the smaller error, summed over frames. Joints are never permuted.
     """
     joints = truth.shape[1]
     if axes_known:
@@ -103,7 +103,7 @@ def signs(
 
 
 def has_axis(screw: Array) -> NDArray[np.bool_]:
-    """[J] whether a returned screw [J 3|6] is finite and has a direction."""
+    """Return [J] True where a screw [J 3] or [J 6] is finite and its direction is not zero."""
     usable = np.isfinite(screw) & (np.abs(np.nan_to_num(screw)) <= MAX_DISPLACEMENT)
     safe = np.where(usable, screw, 0.0)
     return usable.all(1) & (np.linalg.norm(safe[:, :3], axis=1) > _TINY)
@@ -112,27 +112,27 @@ def has_axis(screw: Array) -> NDArray[np.bool_]:
 def errors(
     estimate: Array, truth: Array, prismatic: NDArray[np.bool_], sign: NDArray[np.float64]
 ) -> Array:
-    """[T J] |wrap(sign * estimate - truth)|, rad (without wrap: m, where prismatic [J])."""
+    """Return |wrap(sign * estimate - truth)| [T J], rad; not wrapped, m, where prismatic [J]."""
     return np.abs(difference(sign * estimate, truth, prismatic))
 
 
 def step_errors(
     estimate: Array, truth: Array, prismatic: NDArray[np.bool_], sign: NDArray[np.float64]
 ) -> Array:
-    """[T-1 J] the error of the motion from each frame to the next, rad or m."""
+    """Return the errors [T-1 J] of the motion from each frame to the next, rad or m."""
     return np.abs(difference(np.diff(sign * estimate, axis=0), np.diff(truth, axis=0), prismatic))
 
 
 def over_frames(values: Array) -> Array:
-    """[J] mean of [T J] over frames 1 .. T-1: at frame 0 there is nothing to estimate."""
+    """Return the mean [J] of values [T J] over frames 1 .. T-1; frame 0 is zero by definition."""
     return values[1:].mean(0) if len(values) > 1 else values.mean(0)
 
 
 def axis_direction_error(screw: Array, true_screw: Array) -> Array:
-    """[J] rad in [0, pi/2], between the directions of screws [J 6], whichever way they point.
+    """Return the unsigned angles [J] between the directions of screws [J 6], rad in [0, pi/2].
 
-    NaN where the returned direction is not finite or is zero. By the arctangent: the arccosine of
-    a rounded 1.0000000000000002 is NaN.
+    NaN where the estimated direction is not finite or is zero. The arctangent is safe where
+    rounding makes a cosine larger than 1.
     """
     found, true = screw[:, :3], true_screw[:, :3]
     known = has_axis(screw[:, :3])
@@ -143,12 +143,12 @@ def axis_direction_error(screw: Array, true_screw: Array) -> Array:
 
 
 def axis_distance(screw: Array, true_screw: Array, origin: Array) -> Array:
-    """[J] m, from the joint to the estimated axis.
+    """Return the distances [J], m, from each revolute joint to its estimated axis.
 
-    screw, true_screw [J 6] (l, m = p x l) of revolute joints, l of any length; the joint is the
-    true axis' point nearest to `origin` [J 3], the origin of the part that it moves. (The least
-    distance of two lines would be zero for almost any wrong axis that is not parallel.)
-    NaN where the returned axis is not finite or has no direction.
+    screw and true_screw [J 6] are (l, m = p x l); the estimated l has any length, the true l is a
+    unit vector. The joint is the point of the true axis nearest to `origin` [J 3], the origin of
+    the child part. The distance of two lines would not do: it vanishes where they intersect.
+    NaN where the estimated axis is not finite or its direction is zero.
     """
     known = has_axis(screw)
     safe = np.where(known[:, None], screw, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -162,8 +162,7 @@ def axis_distance(screw: Array, true_screw: Array, origin: Array) -> Array:
 
 
 def within_sigma(error: Array, sigma: Array) -> Array:
-    """[T J] 1 where error <= sigma (both [T J], one unit), else 0; NaN where sigma is no standard
-    deviation (NaN or negative)."""
+    """Return [T J]: 1 where error <= sigma (equal units), 0 elsewhere, NaN for an invalid sigma."""
     with np.errstate(invalid="ignore"):
         return np.where(sigma >= 0, (error <= sigma).astype(np.float64), np.nan)
 
@@ -171,7 +170,7 @@ def within_sigma(error: Array, sigma: Array) -> Array:
 def part_iou(
     estimate: NDArray[np.uint8], truth: NDArray[np.uint8], joints: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pixels [J] of the intersection and of the union of label j = 1..J in one image [H W]."""
+    """Count the pixels [J] of intersection and union of the labels 1 .. J in one image [H W]."""
     counts = np.bincount(
         truth.ravel().astype(np.int64) * (joints + 1) + estimate.ravel(),
         minlength=(joints + 1) ** 2,
@@ -181,7 +180,6 @@ def part_iou(
 
 
 def mean_iou(intersection: NDArray[np.int64], union: NDArray[np.int64]) -> float:
-    """Mean over parts [J] of intersection / union, summed over frames; parts that neither the
-    truth nor the estimate shows are left out, NaN if that leaves none."""
+    """Return the mean of intersection / union over the parts [J] with a union; NaN without any."""
     shown = union > 0
     return float((intersection[shown] / union[shown]).mean()) if shown.any() else float("nan")

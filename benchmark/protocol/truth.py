@@ -1,4 +1,4 @@
-"""What a metric may use of a sequence: the scored joints' motion and axes, and the parts."""
+"""Ground truth for the metrics: motion and axes of the scored joints, and part labels."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from ...robots.geometry import Array, inverse
 
 @dataclass(frozen=True)
 class Truth:
-    """T frames, J scored joints from the base outward."""
+    """Ground truth of a sequence of T frames with J scored joints, from the base outward."""
 
     joint_names: tuple[str, ...]
     joint_types: tuple[str, ...]
     """[J] revolute, continuous or prismatic."""
     prismatic: NDArray[np.bool_]
-    """[J]"""
+    """[J] True for prismatic joints."""
     displacement: Array
-    """[T J] since frame 0, rad or m."""
+    """[T J] displacement since frame 0, rad or m."""
     screw: Array
-    """[J 6] each joint's axis in the camera frame at frame 0; prismatic: (l, 0)."""
+    """[J 6] joint axes in the camera frame at frame 0; (l, 0) for prismatic joints."""
     origin: Array
-    """[J 3] m, origin of the part that each joint moves, in the camera frame at frame 0."""
+    """[J 3] origin of the child part of each joint, in the camera frame at frame 0, m."""
     label: NDArray[np.uint8]
-    """[P + 1] by part number of the masks: 0 still, j what scored joint j is the last to move."""
+    """[P + 1] by part number in masks: 0 static, j = 1 .. J last scored joint before the part."""
     parent: tuple[int, ...]
-    """[J] which scored joint carries each, -1 for none."""
+    """[J] index of the parent scored joint, -1 for none."""
 
 
 def truth_of(sequence: Sequence) -> Truth:
-    """The truth that the benchmark scores; decodes no image."""
+    """Return the ground truth of a sequence; no image is decoded."""
     meta, state = sequence.meta, sequence.state
     scored = [meta.joint_names.index(name) for name in meta.scored_joints]
-    scored.sort(key=lambda j: int(state.joint_child_part[j]))  # parents stand before children
+    scored.sort(key=lambda j: int(state.joint_child_part[j]))  # parents before children
     child = state.joint_child_part[scored]
     q = state.joint_positions[:, scored]
     label = part_labels(state, child)
@@ -54,22 +54,22 @@ def truth_of(sequence: Sequence) -> Truth:
 
 
 def part_labels(state: State, child: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """[P + 1] labels, from the parts' motion: which scored joint's part each moves along with.
+    """Return labels [P + 1]: the scored joint with which each part moves, 0 for static parts.
 
-    child [J] are the part numbers that the scored joints move. A sequence does not store which
-    fixed part hangs on which; but only scored joints move, so that what moves as one is one. A
-    part that moves like none of them (a mimic joint drives it) goes to the one it is nearest to.
+    child [J] are the child part numbers of the scored joints. A sequence does not store the fixed
+    joints, so parts are grouped by equal motion. A part with another motion (of a mimic joint)
+    gets the label of the most similar motion.
     """
     poses = state.world_from_part
-    motion = poses @ inverse(poses[0])  # [T P 4 4] of a point of the world that rides on the part
+    motion = poses @ inverse(poses[0])  # [T P 4 4] since frame 0, in the world frame
     origin = np.append(poses[0, :, :3, 3], np.ones((poses.shape[1], 1)), axis=1)
     still = np.broadcast_to(np.eye(4), (len(poses), 4, 4))
-    distances: list[Array] = []  # of each part to the motion of each label
+    distances: list[Array] = []  # [P] for each label: to the motion of that label
     for candidate in (still, *(motion[:, c - 1] for c in child)):
         difference = motion - candidate[:, None]
         turned = np.abs(difference[..., :3, :3]).max((0, 2, 3))
         moved = np.abs(np.einsum("tpij,pj->tpi", difference, origin)[..., :3]).max((0, 2))
         distances.append(np.round(turned + moved, 6))
     label = np.append(0, np.argmin(distances, axis=0))
-    label[child] = np.arange(1, len(child) + 1)  # also of a joint that does not move
+    label[child] = np.arange(1, len(child) + 1)  # also where a joint does not move
     return label.astype(np.uint8)

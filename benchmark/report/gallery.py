@@ -1,4 +1,4 @@
-"""The worst and the median sequence of each line: the estimated pose drawn over the true one."""
+"""Images of the worst and the median sequence of each line: estimated pose over true pose."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ if TYPE_CHECKING:
     from ...renderer.show import Painter
 
 WIDTH = 420
-"""px of a picture."""
+"""Largest width of a picture, px."""
 Kind = Literal["worst", "median"]
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One sequence of one line."""
+    """A picture of one sequence of one line of the leaderboard."""
 
     line: int
-    """Number of the line."""
+    """Index of the line."""
     kind: Kind
     sequence: str
     error: float
-    """Mean final error of its joints, in the line's unit."""
+    """Mean final error of the joints, in the unit of the line."""
     joints: tuple[tuple[str, float], ...]
-    """Name and final error of each."""
+    """Name and final error of each joint."""
     image: str = ""
-    """A `data:` address; empty if there is none."""
+    """A `data:` URL; empty without an image."""
     reason: str = ""
-    """Why there is none."""
+    """Reason for a missing image."""
 
 
 def chosen(lines: Sequence[Line]) -> list[Picture]:
-    """What is worth looking at, without images: of each line the worst and the median sequence."""
+    """Select the worst and the median sequence of each line; the pictures have no images yet."""
     out: list[Picture] = []
     for number, line in enumerate(lines):
         errors = sequence_errors(line)
@@ -68,7 +68,7 @@ def chosen(lines: Sequence[Line]) -> list[Picture]:
 def draw(
     lines: Sequence[Line], pictures: Sequence[Picture], progress: bool = True
 ) -> list[Picture]:
-    """The pictures with their images, or the reason why one has none, in the same order."""
+    """Return the pictures, in the same order, with images or the reason for a missing image."""
     out = list(pictures)
     order = sorted(range(len(out)), key=lambda k: lines[out[k].line].run.run.data)
     with ExitStack() as stack:
@@ -82,7 +82,7 @@ def draw(
                 out[k] = replace(picture, image=_address(image))
             except GcbenchError as error:
                 out[k] = replace(picture, reason=str(error))
-            except Exception as error:  # a driver may raise anything; a report has more than this
+            except Exception as error:  # drivers raise any type; the report needs no image
                 out[k] = replace(picture, reason=f"{type(error).__name__}: {error}")
             bar.update()
     return out
@@ -97,8 +97,8 @@ def _image(line: Line, name: str, painters: _Painters) -> NDArray[np.uint8]:
 
 
 def final_estimate(line: Line, sequence: Video, name: str) -> dict[str, float]:
-    """The estimated motion of each scored joint at the last frame, rad or m, as it is scored: with
-    the joint's sign, and none where it is missing."""
+    """Return the estimate of each scored joint at the last frame, rad or m, as it is scored: with
+    the chosen sign, and zero where it is missing."""
     truth = truth_of(sequence)
     stored = read_stored(line.run.estimate_path(name), shape_of(sequence)).estimate
     given = None if stored is None else stored.displacement
@@ -113,7 +113,7 @@ def final_estimate(line: Line, sequence: Video, name: str) -> dict[str, float]:
 
 
 class _Painters:
-    """The painter of one dataset after another: only one OpenGL context is open at a time."""
+    """Painters of datasets; only one OpenGL context is open at a time."""
 
     def __init__(self) -> None:
         self._stack = ExitStack()
@@ -127,9 +127,9 @@ class _Painters:
         self._stack.close()
 
     def of(self, folder: Path) -> tuple[Dataset, Painter]:
-        """The dataset in a folder and the painter of its model.
+        """Return the dataset in a folder and the painter of its model.
 
-        Raises GcbenchError, each time, if there is none.
+        Raises GcbenchError at every call if one of them cannot be opened.
         """
         if folder != self._folder:
             self._stack.close()
@@ -152,7 +152,7 @@ class _Painters:
 
 
 def _address(image: NDArray[np.uint8]) -> str:
-    """A picture [H W 3] as a `data:` address, at most WIDTH px wide."""
+    """Return an image [H W 3] as a `data:` URL, at most WIDTH px wide."""
     import cv2
 
     height, width = image.shape[:2]

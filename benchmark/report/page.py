@@ -1,4 +1,4 @@
-"""The report: results as one static page, Markdown, CSV and LaTeX."""
+"""Write a report of results as one static HTML page, Markdown, CSV and LaTeX."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from .tables import leaderboard_tables, paper_tables
 FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex")
 _TEMPLATE = Path(__file__).parent / "report.html"
 _MAX_FAILURES = 200
-"""Failures that a page lists."""
+"""Largest number of failures on the page."""
 _MAX_REASON = 400
-"""Characters of a reason that a page shows: its end, where the error stands."""
+"""Largest number of characters of a reason; its end is shown, which contains the error."""
 _MORE = {
     "mean_error": ("mean over frames", "error", "error averaged over all frames but the first"),
     "step_error": ("per step", "error", "error of the motion from frame to frame"),
@@ -44,7 +44,7 @@ _MORE = {
     "peak_memory": ("MiB", "number", "peak memory of the process"),
 }  # fmt: skip
 _Section = tuple[str, list[tuple[str, str]]]
-"""Title and rows of a section."""
+"""Title, and rows of name and text."""
 _Failure = tuple[str, str, str, str, str]
 """Row, dataset, sequence, status, reason."""
 
@@ -57,10 +57,10 @@ def report(
 ) -> list[Path]:
     """Write a report of results: one static page, and tables as Markdown, CSV and LaTeX.
 
-    The same results give the same files.
+    Equal results give identical files.
 
     Args:
-        results: What `evaluate` or `score` returned, or one or more results folders.
+        results: The return value of `evaluate` or `score`, or one or more results folders.
         out: Folder of the report.
         pictures: Draw the worst and the median sequence of each row (needs a renderer).
         progress: Show a progress bar on stderr.
@@ -69,7 +69,7 @@ def report(
         The paths of the page, the Markdown, the CSV and the LaTeX file.
 
     Raises:
-        DatasetError: If there are no scores, or they do not belong together.
+        DatasetError: If there are no scores or they cannot be combined, or `out` is not writable.
 
     Example:
         >>> import gcbench as gb
@@ -104,7 +104,7 @@ def report_page(board: Leaderboard, pictures: Sequence[Picture]) -> str:
 
 
 def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any]:
-    """The values that the page's script reads."""
+    """Return the data for the script of the page, as a JSON object."""
     lines, groups = board.lines, board.groups
     failed = _failures(board)
     return {
@@ -207,12 +207,12 @@ def _common(a: Line, b: Line) -> int:
 
 
 def _short(x: float | None) -> float | None:
-    """Nine digits, so that the page rounds as the tables do; None if it is no finite number."""
+    """Round to nine digits, so that page and tables round alike; None if not finite."""
     return float(f"{x:.9g}") if x is not None and math.isfinite(x) else None
 
 
 def _about(lines: Sequence[Line]) -> list[_Section]:
-    """Title and rows of each section."""
+    """Return the sections about protocol, methods, datasets, limits and machines."""
     folders = list({str(line.run.path): line.run for line in lines}.values())
     return [
         _protocol(),
@@ -224,7 +224,7 @@ def _about(lines: Sequence[Line]) -> list[_Section]:
 
 
 def _failures(board: Leaderboard) -> list[_Failure]:
-    """Each sequence that a method failed on or that is not scored, and each unfinished run."""
+    """List the failed sequences, the sequences without a score and the unfinished runs."""
     out: list[_Failure] = []
     for folder in board.unfinished:
         run = folder.run
@@ -308,7 +308,7 @@ def _limits(folders: Iterable[RunFolder]) -> list[_Section]:
 
 
 def _environments(folders: Iterable[RunFolder]) -> list[_Section]:
-    """Each machine or installation once."""
+    """Return one section per distinct environment, and the version of the report."""
     found: dict[str, list[tuple[str, str]]] = {}
     for folder in folders:
         for environment in folder.run.environments:

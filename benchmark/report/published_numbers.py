@@ -1,7 +1,7 @@
-"""The numbers that the GC-Pose paper prints, as data.
+"""The numbers in the tables of the GC-Pose paper.
 
-They were measured on data that are not published. They stand beside ours as a reference, and are
-never ranked with them.
+The paper's datasets are not published. The report shows these numbers as a reference, never ranked
+with results of this benchmark.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from ..results import Row
 
 @dataclass(frozen=True)
 class Printed:
-    """A cell of one of the paper's tables."""
+    """One cell of a table of the paper."""
 
     table: int
-    """1 objects, 2 OWI-535 by joint, 3 robots."""
+    """Number of the table: 1 objects, 2 OWI-535 by joint, 3 robots."""
     method: str
-    """As the paper names it."""
+    """Name in the paper."""
     robot: str
-    """As in our catalogue."""
+    """Name in the catalogue of robots."""
     joint: int
-    """1 .. J from the base outward; 0: all joints."""
+    """Number of the joint, 1 .. J from the base outward; 0 for all joints."""
     mean: float
-    """deg"""
+    """Mean error, deg."""
     std: float | None = None
-    """deg"""
+    """Standard deviation, deg."""
     pcp5: float | None = None
-    """percent"""
+    """PCP@5, percent."""
 
 
 FULL = "GC-Pose, true depth"
@@ -73,7 +73,7 @@ PRINTED: tuple[Printed, ...] = (
       for method, cells in _ROBOTS.items()
       for robot, (mean, pcp5) in zip(ARMS, cells, strict=True)),
 )  # fmt: skip
-"""Every number on synthetic data. Table 2's real images have no counterpart here."""
+"""All numbers on synthetic data; the real images of table 2 have no counterpart here."""
 
 _COUNTERPARTS = {
     ("gcpose", "rgb", 3): ESTIMATED,
@@ -87,20 +87,20 @@ _COUNTERPARTS = {
     ("gcpose", "rgb", 2): "GC-Pose, RGB",
     ("gcpose", "rgbd", 2): "GC-Pose, RGB-D",
 }
-"""Table 1 does not say which images GC-Pose saw: its rows stand alone."""
+"""Names in the paper by (method, inputs, table). Table 1 does not state the inputs of GC-Pose."""
 
 
 def order(robot: str) -> int:
-    """Where the paper's tables have a robot; those that it does not have come last."""
+    """Return the position of a robot in the tables of the paper; unknown robots come last."""
     known = (*ARMS, OWI, *OBJECTS)
     return known.index(robot) if robot in known else len(known)
 
 
 def counterpart(row: Row, table: int) -> str:
-    """The paper's name for what the row does, or "".
+    """Return the name of the corresponding method in the paper, or "".
 
-    The paper's method knows the directions of the axes ("computed using the kinematic chain"): a
-    row at other knowledge, or with an oracle, has no counterpart.
+    The paper's method knows the directions of the axes ("computed using the kinematic chain"), so
+    a row with other knowledge or with an oracle has no counterpart.
     """
     if row.knowledge != "axes" or row.oracles:
         return ""
@@ -108,5 +108,5 @@ def counterpart(row: Row, table: int) -> str:
 
 
 def printed(table: int, robot: str | None = None) -> tuple[Printed, ...]:
-    """Cells of a table, of one robot or of all."""
+    """Return the cells of a table, for one robot or for all."""
     return tuple(p for p in PRINTED if p.table == table and robot in (None, p.robot))

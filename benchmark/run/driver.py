@@ -1,6 +1,6 @@
-"""Run methods on datasets and score them: resumable, with progress, whatever a method does.
+"""Run methods on datasets and score them, resumably; a failing method does not stop the run.
 
-Estimates are stored one by one; scores are derived from them when a row has all of a dataset.
+Each estimate is stored at once. A run is scored when all of its estimates exist.
 """
 
 from __future__ import annotations
@@ -50,45 +50,45 @@ from .suite import read_suite
 
 @dataclass(frozen=True)
 class EvalConfig:
-    """What to evaluate, on what, and within which limits."""
+    """Options of an evaluation: methods, data, limits and folders."""
 
     method: tuple[str, ...] = ()
-    """Names of methods, module:attribute or FILE.py:attribute; @true-parts, @true-flow or
-    @true-parts+true-flow make an oracle row of one."""
+    """Methods to evaluate: registered names, module:attribute or FILE.py:attribute. The suffix
+    @true-parts, @true-flow or @true-parts+true-flow gives the method ground truth."""
     flow: str = ""
-    """Optical flow for methods that let one choose: dis, dis-fine, raft, raft:WEIGHTS or
-    flownet2:CHECKPOINT; default: the method's own. The row's name says it."""
+    """Optical flow, for methods with this option: dis, dis-fine, raft, raft:WEIGHTS or
+    flownet2:CHECKPOINT. Default: chosen by the method. Becomes part of the row's name."""
     depth: str = ""
-    """Depth from single images, likewise: none, or mono:FOLDER with Monodepth2's weights."""
+    """Single-image depth, for methods with this option: none, or mono:FOLDER (Monodepth2 weights).
+    Default: chosen by the method. Becomes part of the row's name."""
     set: tuple[str, ...] = ()
-    """Settings of the method, as NAME=VALUE: rgbd.candidates=800. The row's name lists them."""
+    """Settings of the method as NAME=VALUE, e.g. rgbd.candidates=800; part of the row's name."""
     suite: str = "mini"
-    """Name of a suite, or a TOML file; its missing sequences are rendered first."""
+    """Name or TOML file of a suite. Missing sequences are rendered first."""
     data: tuple[Path, ...] = ()
-    """Datasets instead of a suite."""
+    """Dataset folders to use instead of a suite."""
     inputs: tuple[Inputs, ...] = ()
-    """Default: every track that the method supports."""
+    """Input tracks to evaluate. Default: all that the method supports."""
     knowledge: tuple[Knowledge, ...] = ()
-    """Default: every level that the method supports."""
+    """Knowledge levels to evaluate. Default: all that the method supports."""
     workers: int = 1
-    """Processes that estimate side by side; the cores are shared between them, so that times
-    are comparable at 1 only."""
+    """Number of parallel processes. They share the CPU cores; use 1 to compare run times."""
     results: Path = Path("results")
-    """Where estimates and scores go."""
+    """Folder for estimates and scores."""
     timeout: float = 300.0
-    """Time limit of one estimate, s."""
+    """Time limit per sequence, s."""
     retry: tuple[Status, ...] = ()
-    """Estimates of these statuses are thrown away and made again; ok: also those of another
-    version of the method."""
+    """Statuses whose existing estimates are computed again. With ok, estimates of another
+    version of the method or the dataset are replaced too."""
     keep_unobservable: bool = False
-    """Evaluate sequences whose motion cannot be seen, too."""
+    """Also evaluate sequences whose motion cannot be observed in the images."""
     suites: Path = SUITES
-    """Where suites are rendered."""
+    """Folder for the rendered datasets of suites."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A row on a dataset, on its way."""
+    """A row on a dataset, and the names of the sequences without an estimate."""
 
     folder: RunFolder
     data: Data
@@ -98,23 +98,23 @@ class Job:
 def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     """Run methods on datasets and score them.
 
-    Estimates that already exist in `config.results` are not made again: after an interruption
-    (KeyboardInterrupt) the same call continues. Each method runs in processes of its own; what it
-    raises, or a crash or a timeout, costs that sequence, never the run.
+    Existing estimates in `config.results` are reused, so the same call continues an interrupted
+    evaluation. Each method runs in separate processes; an exception, a crash or a timeout is
+    recorded as the failure of one sequence, and the evaluation continues.
 
     Args:
-        config: The methods, the data and the limits.
+        config: Methods, data, limits and folders.
         progress: Show a progress bar on stderr.
 
     Returns:
-        The runs, one for each row (method, inputs, knowledge, oracles) and dataset, with all
-        scores as a pandas frame.
+        One run per row (method, inputs, knowledge, oracles) and dataset; `frame` has all scores
+        as a pandas DataFrame.
 
     Raises:
         ConfigError: For an invalid option.
-        MethodError: If a method cannot be loaded or does not support what was asked for.
-        DatasetError: If data cannot be read, or `config.results` holds results of another version
-            of the method or of another dataset.
+        MethodError: If a method cannot be loaded or does not support the requested options.
+        DatasetError: If data cannot be read, or `config.results` contains estimates of another
+            version of the method or of another dataset.
 
     Example:
         >>> import gcbench as gb
@@ -149,11 +149,11 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
 
 
 def _plan(config: EvalConfig) -> tuple[dict[str, Declaration], list[tuple[str, Row]]]:
-    """What each method declares, by its identity, and the rows to evaluate with their method."""
+    """Return the declaration of each method by its identity, and (identity, row) of each row."""
     options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
                                  ("set", " ".join(config.set))) if v}
     for name, _ in map(split, config.method):
-        locate(name)  # an unknown name is an error before a process starts
+        locate(name)  # fail on an unknown name before a process starts
     named = [(with_options(identify(method), options), oracles)
              for method, oracles in map(split, config.method)]
     declared = {source: ask(source) for source in dict.fromkeys(source for source, _ in named)}
@@ -166,9 +166,9 @@ def _plan(config: EvalConfig) -> tuple[dict[str, Declaration], list[tuple[str, R
 
 
 def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -> Job:
-    """Make or reopen the folder of a run, and see what is left to do.
+    """Create or reopen the folder of a run, and find the sequences without an estimate.
 
-    Raises DatasetError if the folder holds estimates of something else.
+    Raises DatasetError if the folder has estimates of another method version or dataset.
     """
     path = run_folder(results, new.row, new.dataset)
     estimates = path / ESTIMATES
@@ -191,12 +191,12 @@ def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -
     remove_leftovers(estimates)
     todo = [s for s in new.sequences if not _is_done(folder, data, s, retry)]
     if todo:
-        (path / SCORES).unlink(missing_ok=True)  # it would be of other estimates
+        (path / SCORES).unlink(missing_ok=True)  # outdated by the new estimates
     return Job(folder, data, tuple(todo))
 
 
 def score_run(folder: RunFolder, data: Data) -> list[Result]:
-    """Score every stored estimate of a run, write the table, and return its lines.
+    """Score every stored estimate of a run, write the table and return its lines.
 
     Raises DatasetError if an estimate is missing or damaged.
     """
@@ -210,7 +210,7 @@ def score_run(folder: RunFolder, data: Data) -> list[Result]:
 
 
 def describe_environment() -> dict[str, Any]:
-    """Versions and machine, without its name."""
+    """Return package versions, CPU model and core count; no host name."""
     cpu = platform.processor() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -222,7 +222,7 @@ def describe_environment() -> dict[str, Any]:
 
 
 def cpu_count() -> int:
-    """Cores that this process may use."""
+    """Return the number of CPU cores available to this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -237,7 +237,7 @@ def _check(config: EvalConfig) -> None:
 
 def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any],
                  settings: Mapping[str, Any]) -> Run:
-    """What `run.json` says of a row on a dataset, here and now."""
+    """Return the record that `run.json` stores for a row on a dataset, with this environment."""
     info = data.dataset.info
     return Run(
         row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
@@ -247,7 +247,7 @@ def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any],
 
 
 def _identity(run: Run) -> dict[str, Any]:
-    """What must be equal for estimates to stand in one row."""
+    """Return the fields that are equal in all estimates of one row."""
     row = run.row
     tree = {
         "version": row.version, "training": row.training, "source": identify(run.source),
@@ -266,7 +266,7 @@ def _is_done(folder: RunFolder, data: Data, sequence: str, retry: Sequence[Statu
 
 
 def _estimate(jobs: list[Job], config: EvalConfig, threads: int, progress: bool) -> int:
-    """Run what is to do, write each estimate as it comes, score each job when it is whole."""
+    """Compute and store the missing estimates, score each finished job, return their number."""
     total = sum(len(job.folder.run.sequences) for job in jobs)
     todo = sum(len(job.todo) for job in jobs)
     with _bar(total, total - todo, progress and todo > 0) as bar:
@@ -277,7 +277,7 @@ def _estimate(jobs: list[Job], config: EvalConfig, threads: int, progress: bool)
 
 
 def _estimate_by(source: str, jobs: list[Job], config: EvalConfig, threads: int, bar: Bar) -> None:
-    """All rows of one method, by one crew."""
+    """Estimate all rows of one method with one pool of workers."""
     owner: dict[Task, Job] = {}
     for job in jobs:
         row = job.folder.run.row

@@ -1,6 +1,6 @@
-"""Methods in processes of their own, with a time limit: one that hangs or crashes costs a sequence.
+"""Run methods in separate processes with a time limit; a hang or crash fails only one sequence.
 
-Messages are bytes, so that nothing that a method made is unpickled (method_worker.py).
+Messages are bytes, so no output of a method is unpickled (see method_worker.py).
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ..results import Status, Stored, dump_stored
 from .method_worker import DONE, PROBLEM, READY, STARTED, Task
 
 START_LIMIT = 600.0
-"""s for a method to load, or a sequence to be read: more means that the machine is stuck."""
+"""Time limit for loading a method or reading a sequence, s."""
 _LIFETIME = 200
-"""Sequences of one process: methods leak memory."""
+"""Sequences per process, because methods may leak memory."""
 _MAX_ANSWER = 2**28
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def ask(source: str) -> Declaration:
-    """Return what a method declares; it is loaded in a process of its own.
+    """Load a method in a separate process and return its declaration.
 
     Raises:
-        MethodError: if it cannot be loaded.
+        MethodError: If it cannot be loaded.
     """
     with closing(_pool(source, [None], 1, 1).events()) as events:
         event = next(events)
@@ -50,19 +50,19 @@ def ask(source: str) -> Declaration:
 def run(
     source: str, tasks: Sequence[Task], workers: int, threads: int, timeout: float
 ) -> Generator[tuple[Task, bytes]]:
-    """Yield each task with the ZIP of its estimate (estimates.py), as they finish.
+    """Yield each finished task with the ZIP of its stored estimate (results/estimates.py).
 
-    A failure is an estimate too. Close the iterator to stop at once: no process outlives it.
+    A failure is yielded as a stored estimate too. Closing the iterator ends all processes.
 
     Args:
-        source: The method.
-        tasks: One sequence for one row each.
-        workers: Processes at a time.
-        threads: Threads of each process.
-        timeout: s for `estimate` alone.
+        source: Name or source of the method.
+        tasks: The sequences to estimate, with the row of each.
+        workers: Number of parallel processes.
+        threads: Number of threads per process.
+        timeout: Time limit of `estimate`, s.
 
     Raises:
-        MethodError: if the method cannot be loaded or the data cannot be read.
+        MethodError: If the method cannot be loaded or the data cannot be read.
     """
     started: set[Task] = set()
     with closing(_pool(source, tasks, workers, threads).events()) as events:

@@ -1,8 +1,8 @@
-"""The process that a method runs in: receives tasks, hands over observations, returns estimates.
+"""The worker process of a method: receives tasks, passes observations, returns estimates.
 
-Messages are bytes, so that nothing that a method made is ever unpickled: a task is JSON; an answer
-is one letter and its content (READY a declaration, STARTED nothing, DONE an estimate's ZIP, PROBLEM
-text). This keeps accidents away from the run; it is no sandbox against malice.
+Messages are bytes, so no output of a method is unpickled. A task is JSON. An answer is one letter
+and its content: READY a declaration (JSON), STARTED nothing, DONE the ZIP of an estimate, PROBLEM
+text. The process isolates failures; it is not a sandbox for malicious code.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ READY, STARTED, DONE, PROBLEM = b"R", b"S", b"D", b"P"
 
 @dataclass(frozen=True)
 class Task:
-    """One sequence for one row."""
+    """One sequence to estimate for one row."""
 
     data: str
     """Folder of the dataset."""
@@ -41,13 +41,13 @@ class Task:
 
 
 def serve(connection: Connection, source: str, threads: int) -> None:
-    """Load the method, and estimate until the connection ends. The target of the process."""
+    """Load the method and process tasks until the connection closes: the process's target."""
     try:
         _serve(connection, source, threads)
     except GcbenchError as error:
         connection.send_bytes(PROBLEM + str(error).encode())
     except BrokenPipeError:
-        pass  # the parent is gone
+        pass  # the parent process has ended
     except BaseException:
         connection.send_bytes(PROBLEM + f"{source}: {traceback.format_exc()}".encode())
 
@@ -83,7 +83,7 @@ def _attempt(
     model: ArticulatedModel | None,
     connection: Connection,
 ) -> Stored:
-    """Whatever the method does, something that can be stored (unless the process dies)."""
+    """Run the method and return its estimate or its failure as a storable record."""
     from ..protocol import observe, shape_of
     from ..results import InvalidEstimateError, Stored, checked
 
@@ -106,7 +106,7 @@ def _attempt(
 
 
 def load_model(dataset: Dataset, sequence: str) -> ArticulatedModel:
-    """The articulated model that a sequence of a dataset shows."""
+    """Return the articulated model of a sequence of a dataset."""
     from ...renderer.scene import model_of
 
     return model_of(dataset.config, dataset[sequence].meta, download=True)
@@ -115,7 +115,7 @@ def load_model(dataset: Dataset, sequence: str) -> ArticulatedModel:
 def _model(
     dataset: Dataset, task: Task, models: dict[tuple[str, str], ArticulatedModel]
 ) -> ArticulatedModel:
-    """`load_model`, once a dataset unless its sequences differ; `models` has the last one."""
+    """Return the model of a sequence, cached in `models`; only categories have several models."""
     from ...robots.catalog import is_category
 
     key = task.data, task.sequence if is_category(dataset.config.robot) else ""
@@ -126,7 +126,7 @@ def _model(
 
 
 def peak_memory() -> float | None:
-    """MiB that this process held at most since `_forget_peak`; None where nobody says."""
+    """Return the peak memory since `_forget_peak`, MiB; None if the system does not report it."""
     with suppress(OSError, ValueError, IndexError):
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM:"):

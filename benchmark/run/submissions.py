@@ -1,6 +1,7 @@
-"""Predictions of an outside method, in a CSV or an NPZ: untrusted, so strict and bounded.
+"""Score predictions of external methods, given as CSV or NPZ files.
 
-They become stored estimates like those of a method that ran here, and are scored the same way.
+The files are untrusted: parsing is strict and sizes are limited. Predictions are stored and scored
+in the same way as estimates of methods that gcbench runs.
 """
 
 from __future__ import annotations
@@ -57,14 +58,14 @@ sequence by its name; NAME.screw [J 6] beside it may hold axes"""
 MAX_BYTES = 2**28
 _COLUMNS = ["sequence", "frame", "joint", "displacement"]
 _KEYS = ("method", "inputs", "knowledge", "training", "version")
-_LISTED = 20  # missing targets
-_MAX_HEADER = 50
+_LISTED = 20  # missing targets in a message
+_MAX_HEADER = 50  # lines
 _MAX_TEXT = 200  # characters
 
 
 @dataclass(frozen=True)
 class Target:
-    """What has to be predicted for a sequence."""
+    """The required predictions of a sequence: their dataset and shape."""
 
     data: Data
     sequence: str
@@ -74,31 +75,31 @@ class Target:
 
 @dataclass(frozen=True)
 class Predictions:
-    """A file, read."""
+    """The content of a predictions file."""
 
     row: Row
     displacement: dict[str, Array]
-    """[T J] by key of `targets`; every one is there."""
+    """[T J], rad or m, for every key of `targets`."""
     screw: dict[str, Array]
-    """[J 6], where given."""
+    """[J 6] in the camera frame at frame 0, for the sequences that have one."""
 
 
 @dataclass(frozen=True)
 class ScoreConfig:
-    """What to score, and on what."""
+    """Options of scoring: predictions, data and folders."""
 
     predictions: Path
-    """CSV or NPZ."""
+    """File of predictions, CSV or NPZ."""
     suite: str = "mini"
-    """Name of a suite, or a TOML file, that the predictions are for."""
+    """Name or TOML file of the predicted suite. Missing sequences are rendered first."""
     data: tuple[Path, ...] = ()
-    """Datasets instead of a suite."""
+    """Dataset folders to use instead of a suite."""
     results: Path = Path("results")
-    """Where estimates and scores go."""
+    """Folder for estimates and scores."""
     keep_unobservable: bool = False
-    """Score sequences whose motion cannot be seen, too."""
+    """Also score sequences whose motion cannot be observed in the images."""
     suites: Path = SUITES
-    """Where suites are rendered."""
+    """Folder for the rendered datasets of suites."""
 
 
 def score(
@@ -107,17 +108,16 @@ def score(
     results: str | Path = "results",
     suite: str = "mini",
 ) -> Results:
-    """Score predictions of a method that ran elsewhere.
+    """Score the predictions of an external method.
 
     Args:
-        predictions: A CSV or an NPZ file; the message of the error for a wrong file describes the
-            formats.
-        data: One or more datasets that the predictions are for.
-        results: Folder where estimates and scores go. An earlier file of the same row is replaced.
-        suite: Name of a suite, or a TOML file, instead of `data`; missing sequences are rendered.
+        predictions: A CSV or an NPZ file. The error for an invalid file describes the formats.
+        data: One or more folders of the predicted datasets.
+        results: Folder for estimates and scores. Earlier predictions of the same row are replaced.
+        suite: Name or TOML file of a suite, used without `data`; missing sequences are rendered.
 
     Returns:
-        The runs, one for each dataset, with all scores as a pandas frame.
+        One run per dataset; `frame` has all scores as a pandas DataFrame.
 
     Raises:
         DatasetError: If the file is invalid or a prediction is missing, or a dataset cannot be
@@ -136,7 +136,7 @@ def score(
 
 
 def score_predictions(config: ScoreConfig) -> Results:
-    """Score predictions with all options; see `score`."""
+    """Score predictions; like `score`, with all options."""
     file, results = config.predictions, config.results
     if not file.is_file():
         raise DatasetError(f"{file}: no such file")
@@ -162,7 +162,7 @@ def score_predictions(config: ScoreConfig) -> Results:
 
 
 def refuse_other_source(run: Run, results: Path) -> None:
-    """Raises DatasetError where a method that ran here has that row: a file does not replace it."""
+    """Raise DatasetError if `results` has this row from a method that gcbench ran."""
     path = run_folder(results, run.row, run.dataset) / RUN
     if path.exists() and read_run(path).source != run.source:
         raise DatasetError(
@@ -172,7 +172,7 @@ def refuse_other_source(run: Run, results: Path) -> None:
 
 
 def targets(data: Sequence[Data]) -> dict[str, Target]:
-    """What to predict: by the sequence's name, or DATASET/NAME where there are several datasets."""
+    """Return the targets by name of the sequence, or by DATASET/NAME for several datasets."""
     out: dict[str, Target] = {}
     for d in data:
         for name in d.sequences:
@@ -183,7 +183,7 @@ def targets(data: Sequence[Data]) -> dict[str, Target]:
 
 
 def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
-    """The file. Raises DatasetError with the expected format."""
+    """Read a predictions file. Raises DatasetError with the expected format."""
     data = read_bounded(file, MAX_BYTES, DatasetError)
     try:
         return parse_arrays(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
@@ -192,8 +192,8 @@ def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
 
 
 def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
-    """A CSV. Raises ValueError."""
-    lines = io.StringIO(data.decode("utf-8-sig"), newline="")  # UnicodeDecodeError: a ValueError
+    """Parse a CSV. Raises ValueError."""
+    lines = io.StringIO(data.decode("utf-8-sig"), newline="")  # UnicodeDecodeError is a ValueError
     header: dict[str, str] = {}
     number, first = 0, ""
     for number, line in enumerate(lines, 1):
@@ -230,7 +230,7 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
 
 
 def parse_arrays(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
-    """An NPZ. Raises ValueError."""
+    """Parse an NPZ. Raises ValueError."""
     specs = {key: ArraySpec((), "U", 4 * _MAX_TEXT) for key in _KEYS}
     for key, target in wanted.items():
         specs[key] = ArraySpec((target.frames, target.joints), "iuf")
@@ -249,7 +249,7 @@ def parse_arrays(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
 
 
 def declared(header: Mapping[str, str]) -> Row:
-    """The row that a header declares. Raises ValueError."""
+    """Return the row that a header declares. Raises ValueError."""
     if missing := [key for key in _KEYS[:4] if not header.get(key)]:
         raise ValueError(f"the header does not say {', '.join(missing)}")
     if unknown := [key for key in header if key not in _KEYS]:
@@ -279,7 +279,7 @@ def _rows(lines: io.StringIO, number: int) -> Iterator[tuple[int, list[str]]]:
 
 
 def _require(given: Mapping[str, NDArray[np.bool_]]) -> None:
-    """Raises ValueError that lists what is missing; frame 0 is zero if it is."""
+    """Raise ValueError with the missing targets; frame 0 is optional and zero by default."""
     missing: list[str] = []
     number = 0
     for key, there in given.items():

@@ -1,11 +1,11 @@
-"""Suites: named lists of datasets as recipes, so that everyone renders the same data.
+"""Suites: named lists of dataset configurations, for reproducible benchmark data.
 
-A TOML file:
+The TOML format:
 
     name = "mine"
-    [defaults]             # fields of RenderConfig that all datasets share (optional)
+    [defaults]             # optional: fields of RenderConfig for all datasets
     seed = 5
-    [[dataset]]            # one or more: a name, a number of sequences, fields of RenderConfig
+    [[dataset]]            # repeated: name, number of sequences, fields of RenderConfig
     name = "ur5-studio"
     n = 20
     robot = "ur5"
@@ -47,7 +47,7 @@ class _SuiteFile:
 
 @dataclass(frozen=True)
 class _Entry:
-    """The fields of a [[dataset]] that are not those of a RenderConfig."""
+    """The fields of a [[dataset]] that do not belong to RenderConfig."""
 
     name: _Name
     n: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
@@ -55,7 +55,7 @@ class _Entry:
 
 @dataclass(frozen=True)
 class SuiteDataset:
-    """One dataset of a suite: sequences 0 .. n-1 of a config."""
+    """One dataset of a suite: sequences 0 .. n-1 of a configuration."""
 
     name: str
     n: int
@@ -72,13 +72,13 @@ class Suite:
 
 
 def shipped() -> tuple[str, ...]:
-    """Return the names of the suites that gcbench contains."""
+    """Return the names of the built-in suites."""
     names = (item.name for item in _folder().iterdir())
     return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
 
 def read_suite(name_or_file: str | Path) -> Suite:
-    """Read a suite by its name, or from a TOML file. Raises ConfigError that names the field."""
+    """Read a built-in suite or a TOML file. Raises ConfigError with the invalid field."""
     text = str(name_or_file)
     if text in shipped():
         return parse_suite((_folder() / f"{text}.toml").read_bytes(), text)
@@ -91,7 +91,7 @@ def read_suite(name_or_file: str | Path) -> Suite:
 
 
 def parse_suite(data: bytes, where: str) -> Suite:
-    """Parse a suite from TOML. Raises ConfigError that begins with `where`."""
+    """Parse a suite from TOML. Raises ConfigError whose message starts with `where`."""
     file = to_record(parse_toml(data, where), _SuiteFile, where, True, ConfigError)
     base = parse_config(file.defaults, where)
     datasets = tuple(_dataset(entry, base, where) for entry in file.dataset)
