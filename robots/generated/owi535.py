@@ -1,13 +1,13 @@
-"""The OWI-535 "Robotic Arm Edge", a toy arm: built from published facts, nothing is fetched.
+"""Generated model of the OWI-535 "Robotic Arm Edge", a toy arm; needs no download.
 
-Kinematics and keypoints are those that CRAVES (Zuo et al., CVPR 2019) publishes for this arm, the
-outer sizes those of the product; what lies between is modelled after its look. The base frame has
-x forward at rotation 0, y to the left, z up from the table. CRAVES' own frames are left-handed
-(Unreal Engine's), and its base looks along -y: a point (x, y, z) of its base is (-y, -x, z) here,
-and what it calls lateral points to the right.
+Kinematics and keypoints are those of CRAVES (Zuo et al., CVPR 2019); the outer dimensions are
+those of the product; details follow its appearance. In the base frame, x is forward at rotation
+0, y left, and z up from the table. The frames of CRAVES are left-handed (Unreal Engine), and its
+base faces -y: a point (x, y, z) of its base is (-y, -x, z) here, and its lateral axis points
+right.
 
-The gripper's two fingers are held by parallel cranks, all driven by one joint; the fingertips are
-closed at 0 and 45 mm apart at its limit.
+Parallel cranks, all driven by one joint, hold the two fingers of the gripper; the fingertips
+touch at joint value 0 and are 45 mm apart at the limit.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from ..model import (
 )
 
 SHOULDER, UPPER_ARM, FOREARM, HAND = 67.66, 89.68, 113.58, 75.0
-"""mm: table to shoulder, shoulder to elbow, elbow to wrist, wrist to grasp point."""
+"""mm: from table to shoulder, to elbow, to wrist, to grasp point."""
 LIMITS = {"rotation": (-130.0, 130.0), "base": (-90.0, 60.0), "elbow": (-60.0, 90.0),
           "wrist": (-45.0, 45.0)}  # fmt: skip
 """deg"""
 OPENING = 45.0
-"""mm between the fingertips at the gripper's limit."""
+"""Distance between the fingertips at the joint limit of the gripper, mm."""
 
-_CRANK = 30.0  # mm between a crank's two pivots
-_PIVOTS = ((20.0, 17.0), (31.0, 12.0))  # mm, in the hand, of the outer and inner left crank
-_CLOSED = -np.arcsin(7.5 / _CRANK)  # rad: the cranks' direction where the fingers meet
+_CRANK = 30.0  # distance between the pivots of a crank, mm
+_PIVOTS = ((20.0, 17.0), (31.0, 12.0))  # outer, inner left crank, hand frame, mm
+_CLOSED = -np.arcsin(7.5 / _CRANK)  # direction of the cranks, closed, rad
 GRIPPER = float(np.arcsin((OPENING / 2 - 7.5) / _CRANK) - _CLOSED)
-"""rad that the cranks turn from closed to open."""
+"""Angle of the cranks between closed and open, rad."""
 
 _M = 1e-3
 
@@ -65,7 +65,7 @@ Solids = list[tuple[Material, TriangleSurface]]
 
 
 def owi535() -> ArticulatedModel:
-    """The arm: joints rotation, base, elbow, wrist and gripper, all rad, and 17 keypoints."""
+    """Return the arm: joints rotation, base, elbow, wrist, gripper (all rad), and 17 keypoints."""
     model = ArticulatedModel.from_links("owi535", _links())
     names, parts, points = zip(*_keypoints(), strict=True)
     return replace(model, keypoint_names=names,
@@ -74,7 +74,7 @@ def owi535() -> ArticulatedModel:
 
 
 def _keypoints() -> list[tuple[str, str, tuple[float, float, float]]]:
-    """(name, part, point in mm): CRAVES' 17 in its order, in frames of ours."""
+    """Return (name, part, point in mm, part frame) of the 17 keypoints of CRAVES, in its order."""
     z = SHOULDER
     return [
         ("shoulder", "upper_arm", (0.0, 0.0, 0.0)),
@@ -98,7 +98,7 @@ def _keypoints() -> list[tuple[str, str, tuple[float, float, float]]]:
 
 
 def _links() -> list[Link]:
-    """Frames are aligned with the base's at joint value zero."""
+    """Return the links; at joint values of zero all frames are parallel to the base frame."""
     pitch, up = (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)
 
     def revolute(name: str, axis: tuple[float, float, float]) -> Joint:
@@ -129,7 +129,7 @@ def _links() -> list[Link]:
 
 def _link(name: str, parent: str | None, solids: Solids,
           origin: tuple[float, float, float] = (0.0, 0.0, 0.0), joint: Joint | None = None) -> Link:
-    """A link of solids in mm; `origin` is in the parent, mm. Without a joint it is fixed."""
+    """Return a link of solids in mm at `origin` in the parent, mm; fixed without a joint."""
     surfaces = tuple(TriangleSurface(s.vertices * _M, s.faces, s.normals, material=m)
                      for m, s in solids)
     return Link(name, parent, transform(None, np.array(origin) * _M), joint or Joint(), surfaces)
@@ -148,7 +148,7 @@ def _base() -> Solids:
         (BLACK, hull(np.concatenate([np.insert(0.93 * foot[foot[:, 0] > -56], 2, 9.0, axis=1),
                                      np.insert(circle((0, 0), 56), 2, 16.0, axis=1)]))),
         (BLACK, rod((0, 0, 15), (0, 0, 24), 54, 50, 64)),
-        # four D cells lie in two rows, under a lid with grips
+        # battery box for four D cells in two rows, and its lid
         (BLACK, block((-148.0, -47, 6), (-61.9, 47, 55.6), 2.5)),
         (BLACK, hull(np.concatenate([
             np.insert(round_corners([(-148, -44), (-108, -44), (-108, 44), (-148, 44)], 6), 2, 50.0,
@@ -157,7 +157,7 @@ def _base() -> Solids:
                       axis=1)]))),
         (YELLOW, block((-103, -30, 50), (-71, 30, 56.3), 1.5)),
         (BLACK, block((-98, -22, 50), (-76, 22, 57.0), 1.0)),
-        # the switch box's socket and cable stub
+        # socket of the switch box, and cable stub
         (GREY, block((-121, -49.5, 18), (-89, -44, 36), 1)),
     ]
     for y in (-1.0, 1.0):
@@ -170,7 +170,7 @@ def _base() -> Solids:
 
 
 def _turret() -> Solids:
-    """The housing of base and shoulder gears, on a disc; its frame is at the shoulder."""
+    """Return the housing of base and shoulder gears on a disc; the frame is at the shoulder."""
     side = round_corners([(-36, -33), (36, -33), (34, -10), (15, 15), (-15, 15), (-34, -10)],
                    (5, 5, 12, 14, 14, 12))
     panel = round_corners([(-30, -29), (30, -29), (28.5, -11), (19, -1), (-19, -1), (-28.5, -11)],
@@ -181,7 +181,7 @@ def _turret() -> Solids:
         (BLACK, plate(side, (-19.0, 19.0), axis="y")),
         (YELLOW, plate(panel, (-20.6, 20.6), axis="y")),
         (BLACK, rod((0, -22.8, 0), (0, 22.8, 0), 14)),
-        # the shoulder's motor looks out behind, the rotation's in front
+        # motors of the shoulder (rear) and of the rotation (front)
         (BLACK, rod((-28, 0, -16), (-45, 0, -16), 13.5, 12.5)),
         (STEEL, rod((-44, 0, -16), (-47, 0, -16), 9)),
         (BLACK, block((25, -13, -31), (43, 13, -12), 4)),
@@ -193,7 +193,7 @@ def _turret() -> Solids:
 
 
 def _upper_arm() -> Solids:
-    """Two side plates with posts, and gear covers at both joints."""
+    """Return two side plates with posts, and gear covers at both joints."""
     profile = bar((0, 0), (0, UPPER_ARM), 17.5, 17.5, 0.72)
     holes = [circle((0, 22.5), 4.2, 24), circle((0, 45), 6.4, 24), circle((0, 67.5), 4.2, 24)]
     solids: Solids = [(BLACK, plate(profile, (s * 23.4, s * 26.0), holes, "y"))
@@ -210,7 +210,7 @@ def _upper_arm() -> Solids:
 
 
 def _forearm() -> Solids:
-    """The elbow's gear box between yellow panels, and two side plates that hold the wrist."""
+    """Return the gear box of the elbow, its yellow panels, and the side plates of the wrist."""
     core = round_corners([(-30.2, -17), (58, -17), (62.6, -8), (62.6, 8), (58, 17), (-30.2, 17)],
                    (16.9, 5, 4, 4, 5, 16.9))
     panel = round_corners([(-25.5, -13), (55, -13), (58, -6), (58, 6), (55, 13), (-25.5, 13)],
@@ -238,13 +238,13 @@ def _forearm() -> Solids:
 
 
 def _wires(*points: tuple[float, float, float]) -> Solids:
-    """Three wires side by side along a line."""
+    """Return three parallel wires along a polyline."""
     return [(m, move_surface(rod(a, b, 0.9, sides=8), transform(None, (0, 2.1 * k, 0))))
             for k, m in enumerate(WIRES) for a, b in pairwise(points)]
 
 
 def _hand() -> Solids:
-    """The gear box of wrist and gripper, the lamp on it, and the arms that hold the cranks."""
+    """Return the gear box of wrist and gripper, its lamp, and the forks of the cranks."""
     core = round_corners([(-12.5, -11.5), (12, -11.5), (18, -12.5), (36, -12.5), (36, 12.5),
                           (18, 12.5), (12, 11.5), (-12.5, 11.5)], (11.4, 3, 3, 3, 3, 3, 3, 11.4))
     wide = round_corners([(15.5, -10), (34, -10), (34, 10), (15.5, 10)], 2.5)
@@ -252,10 +252,10 @@ def _hand() -> Solids:
         (BLACK, plate(core, (-14.6, 14.6), axis="y")),
         (YELLOW, plate(wide, (-16.6, 16.6), axis="y")),
         (BLACK, rod((0, -15.2, 0), (0, 15.2, 0), 8)),
-        # the gripper's motor, below
+        # motor of the gripper, below
         (BLACK, rod((4, 0, -15), (31, 0, -15), 9.0)),
         (STEEL, rod((2, 0, -15), (5, 0, -15), 6.0)),
-        # the lamp, above
+        # lamp, above
         (BLACK, block((14, -7, 10), (36, 7, 16), 2)),
         (BLACK, rod((15, 0, 19.2), (30, 0, 19.2), 5.2, 6.5)),
         (BLACK, rod((30, 0, 19.2), (43.2, 0, 19.2), 6.5)),
@@ -272,19 +272,19 @@ def _hand() -> Solids:
 
 
 def _crank(end: tuple[float, float], layer: float) -> Solids:
-    """Two bars from the pivot to `end`, above and below the finger's middle; +-`layer` mm."""
+    """Return two bars from the pivot to `end` mm, at z = +-`layer` mm."""
     profile = bar((0, 0), end, 3.6, 3.6, 0.8)
     return [(BLACK, plate(profile, (z * (layer - 1.2), z * (layer + 1.2))))
             for z in (-1.0, 1.0)]
 
 
 def _finger(sign: float) -> Solids:
-    """The left (1) or right (-1) finger; its frame is at the outer crank's pivot."""
+    """Return the left (sign 1) or right (-1) finger; the frame is at the outer crank's end."""
     x, y = _PIVOTS[0][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[0][1] + _CRANK * np.sin(_CLOSED)
     inner = _PIVOTS[1][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[1][1] + _CRANK * np.sin(_CLOSED)
 
     def placed(s: TriangleSurface) -> TriangleSurface:
-        """From the hand's frame, where the left finger is closed; mirrored for the right one."""
+        """Move from the hand frame, left finger closed; mirror for the right finger."""
         at_pivot = move_surface(s, transform(None, (-x, -y, 0.0)))
         return move_surface(at_pivot, np.eye(4), (1.0, sign, 1.0))
 

@@ -1,6 +1,6 @@
-"""Random articulated chains and loose rigid objects: models to learn from that nobody scores.
+"""Random articulated chains and loose rigid objects: training models, not scored.
 
-Plain by default, as robots are; a renderer that draws textures puts them on.
+The models have plain colours; a renderer can add textures.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from ..model import (
     move_surface,
 )
 
-_LOOSE = 0.25  # share of models that are loose bodies
-_BRANCH = 0.2  # share of links that hang on an earlier one
+_LOOSE = 0.25  # share of models of loose bodies
+_BRANCH = 0.2  # share of links that branch off an earlier link
 _SLIDES = 0.1  # share of prismatic joints in chains
 _AXES = np.eye(3)
 
 
 def random_object(number: int) -> ArticulatedModel:
-    """The model of a number: a chain of 2 to 6 links with joints between, or 1 to 4 loose bodies.
+    """Return random model `number`: a base with 2 to 6 jointed links, or 1 to 4 loose bodies.
 
-    m; a chain stands on the origin along z. Equal for equal numbers, unlike for others. Loose
-    bodies turn about any axis and slide along two others, each by joints of its own.
+    Lengths are in m. Equal numbers give equal models. A chain starts at the origin along z. Each
+    loose body has two prismatic joints and one revolute joint about a random axis.
     """
     rng = np.random.default_rng([zlib.crc32(b"random objects"), number])
     links = _loose(rng) if rng.random() < _LOOSE else _chain(rng)
@@ -42,7 +42,7 @@ def random_object(number: int) -> ArticulatedModel:
 
 def _append(links: list[Link], parent: int, pose: Array, joint: Joint,
             surfaces: Sequence[TriangleSurface] = ()) -> None:
-    """Add a link on link `parent`, with its pose [4 4] there; it and its joint get its number."""
+    """Add a link at `pose` [4 4] on link `parent`; name it and its joint by the link's index."""
     number = len(links)
     links.append(Link(f"part{number}", f"part{parent}", pose,
                       replace(joint, name=f"joint{number}"), tuple(surfaces)))
@@ -75,8 +75,8 @@ def _chain(rng: np.random.Generator) -> list[Link]:
 def _arm(
     rng: np.random.Generator, radius: float, axis: Array, palette: list[Material]
 ) -> tuple[list[TriangleSurface], Array]:
-    """Surfaces of a link and the pose of its end in its frame: often a housing around the joint,
-    with the beam beside it, as industrial arms have."""
+    """Return surfaces of a link and the pose of its end in its frame; often with a housing around
+    the joint and the beam beside it, as in industrial arms."""
     length = rng.uniform(2.0, 9.0) * radius
     side = np.zeros(3)
     shapes: list[TriangleSurface] = []
@@ -88,7 +88,7 @@ def _arm(
             side = axis * rng.choice((-1.0, 1.0)) * (long / 2.0 + radius / 2.0)
     beam = _beam(rng, radius, length)
     shapes.append(_painted(move_surface(beam, transform(translation=side)), palette, rng))
-    for _ in range(int(rng.integers(0, 3))):  # rings and boxes: the little that plain arms show
+    for _ in range(int(rng.integers(0, 3))):  # details: rings and boxes
         at = transform(translation=side + _up(rng.uniform(0.1, 0.9) * length))
         detail = cylinder(1.06 * radius, rng.uniform(0.1, 0.5) * radius)
         if rng.random() < 0.4:
@@ -98,7 +98,7 @@ def _arm(
 
 
 def _beam(rng: np.random.Generator, radius: float, length: float) -> TriangleSurface:
-    """A solid from the origin to `length` along z."""
+    """Return a solid from the origin to `length` along z."""
     kind = rng.integers(4)
     if kind == 0:
         made = cylinder(radius, length)
@@ -112,7 +112,7 @@ def _beam(rng: np.random.Generator, radius: float, length: float) -> TriangleSur
 
 
 def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> TriangleSurface:
-    """A lathe's work from the origin to `length` along z: a smooth profile between flat ends."""
+    """Return a solid of revolution from the origin to `length` along z, with flat ends."""
     z = np.linspace(0.0, 1.0, 25)
     waves = np.sin(np.pi * np.arange(1, 4) * z[:, None] + rng.uniform(0, 2 * np.pi, 3))
     r = 1.0 + waves @ (rng.uniform(0.0, 0.25, 3)) + rng.uniform(-0.4, 0.4) * z
@@ -127,7 +127,7 @@ def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> Tri
 
 
 def _loose(rng: np.random.Generator) -> list[Link]:
-    """Bodies near each other; two slides without surface carry the hinge of each."""
+    """Return loose bodies: two prismatic links without surface precede each revolute link."""
     links = [Link("part0")]
     palette = _palette(rng)
     for _ in range(int(rng.integers(1, 5))):
@@ -150,7 +150,7 @@ def _loose(rng: np.random.Generator) -> list[Link]:
 
 
 def _palette(rng: np.random.Generator) -> list[Material]:
-    """One to three colours: greys, whites, dark ones, or any."""
+    """Return one to three materials of light, dark or random colour."""
     out: list[Material] = []
     for k in range(int(rng.integers(1, 4))):
         kind = rng.random()
@@ -181,5 +181,5 @@ def _direction(rng: np.random.Generator) -> Array:
 
 
 def _along(axis: Array) -> Array:
-    """Pose that takes z to one of the three axes."""
+    """Return the pose that rotates z to a coordinate axis."""
     return transform(np.roll(np.eye(3), int(np.argmax(axis)) + 1, axis=1))

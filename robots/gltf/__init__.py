@@ -1,4 +1,4 @@
-"""glTF files, with skins, morph targets and animations, as articulated models."""
+"""Reader of glTF files with skins, morph targets and animations."""
 
 from __future__ import annotations
 

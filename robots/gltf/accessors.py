@@ -1,4 +1,4 @@
-"""The bytes of a glTF file and the arrays in them, every range checked."""
+"""Range-checked access to the buffers, accessors and images of a glTF file."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from .document import GltfDocument
 
 MAX_TOTAL_BYTES = 2**30
 MAX_TOTAL_NUMBERS = 2**26
-"""Of all accessors of a file together."""
+"""Limit on the sum over all accessors of a file."""
 _COMPONENTS = {5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"),
                5123: np.dtype("<u2"), 5125: np.dtype("<u4"), 5126: np.dtype("<f4")}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_ROWS = {"MAT2": 2, "MAT3": 3}  # columns of matrices begin at multiples of 4 bytes
+_ROWS = {"MAT2": 2, "MAT3": 3}  # matrix columns are aligned to 4 bytes
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How elements lie in a buffer view."""
+    """Layout of the elements in a buffer view."""
 
     dtype: np.dtype[np.generic]
     kind: str
-    """SCALAR, VEC2, ... MAT4."""
+    """Accessor type: SCALAR, VEC2, ... MAT4."""
     stride: int | None = None
-    """Bytes between elements; None: they are packed."""
+    """Bytes between the starts of two elements; None for packed elements."""
 
 
 class Accessors:
-    """Decodes the accessors and images of one document; files lie in the folder of the model."""
+    """Decoder of the accessors and images of one document; reads only below the model's folder."""
 
     def __init__(self, document: GltfDocument, path: Path) -> None:
         folder = path.resolve().parent
@@ -50,21 +50,21 @@ class Accessors:
         self._bytes = self._numbers = 0
 
     def kind(self, number: int) -> str:
-        """SCALAR, VEC2, ... MAT4."""
+        """Return the type of an accessor: SCALAR, VEC2, ... MAT4."""
         return str(self._gltf.accessors[number].type)
 
     def count(self, number: int) -> int:
         return int(self._gltf.accessors[number].count)
 
     def integers(self, number: int) -> NDArray[np.int64]:
-        """[N] or [N width] of an accessor of unsigned integers; raises ModelError for others."""
+        """Return an accessor of unsigned integers, [N] or [N width]; raise ModelError otherwise."""
         array = self._array(number)
         if array.dtype.kind != "u" or self._gltf.accessors[number].normalized:
             raise ModelError(f"accessors[{number}] should hold unsigned integers")
         return array.astype(np.int64)
 
     def floats(self, number: int) -> Array:
-        """[N] or [N width] of an accessor, normalised integers as what they mean."""
+        """Return an accessor, [N] or [N width]; normalised integers are scaled to 0..1 or -1..1."""
         array = self._array(number)
         out = array.astype(np.float64)
         if array.dtype.kind == "f":
@@ -75,7 +75,7 @@ class Accessors:
         return out
 
     def image(self, number: int) -> tuple[bytes, str]:
-        """The bytes of an image file, and its name for messages."""
+        """Return the bytes of an image file, and its name for messages."""
         image, name = self._gltf.images[number], f"images[{number}]"
         if image.bufferView is not None:  # pyright: ignore[reportUnnecessaryComparison]
             return bytes(self._view(image.bufferView)), name
@@ -157,12 +157,12 @@ class Accessors:
         return self._buffers[number]
 
     def _resource(self, uri: str, where: str) -> bytes:
-        """The bytes at a data URI, or in a file beside the model's (or below)."""
+        """Return the bytes of a data URI, or of a file in the model's folder or below it."""
         if uri[:5].lower() == "data:":
             data = _data_of_uri(uri, where)
         else:
             try:
-                name = f"./{uri}" if uri[:1].isspace() else uri  # such names begin with a space
+                name = f"./{uri}" if uri[:1].isspace() else uri  # "./" keeps a leading space
                 data = read_bounded(self._finder.find(name, None).path, MAX_FILE_BYTES)
             except MissingAssetError:
                 raise

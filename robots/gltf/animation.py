@@ -18,26 +18,26 @@ from .nodes import Z_UP, NodeTree, Rig
 
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
 _SAME = 1e-7
-"""Keys that differ less from the rest pose, each against its own size, do not move a node."""
+"""Largest relative difference from the rest value at which a track counts as constant."""
 _SIMILAR = 1e-6
 _FLAT = 1e-4
-"""A stretch with a smaller ratio of its axes has no nearest rotation to speak of."""
+"""Below this ratio of smallest to largest singular value, a nearest rotation is ill-defined."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """What one channel does to one node. K keys."""
+    """One animated property of one node, with K keys."""
 
     node: int
     path: str
     times: Array
     """[K] s"""
     values: Array
-    """[K C], or of a spline [K 3 C]: tangent that leads in, value, tangent that leads out"""
+    """[K C]; for a cubic spline [K 3 C]: in-tangent, value, out-tangent"""
     interpolation: str
 
     def at(self, times: Array) -> Array:
-        """[T C] at times [T] s; quaternions are unit."""
+        """Return the values [T C] at times [T] s; quaternions are normalised."""
         t = np.clip(times, self.times[0], self.times[-1])
         last = len(self.times) - 1
         k = np.searchsorted(self.times, t, side="right") - 1
@@ -60,7 +60,7 @@ class Track:
 
 @dataclass(frozen=True)
 class KeyedAnimation:
-    """An animation of a glTF file (model.Animation)."""
+    """Animation of a glTF file; implements `model.Animation`. P parts, M morph channels."""
 
     name: str
     duration: float
@@ -69,16 +69,16 @@ class KeyedAnimation:
     rig: Rig
     tracks: tuple[Track, ...]
     moves: NDArray[np.bool_]
-    """[P] whether the part moves at all"""
+    """[P] whether the part moves"""
     stretches: NDArray[np.bool_]
-    """[P] whether its motion may be more than rigid"""
+    """[P] whether the motion of the part may be non-rigid"""
     morph_weights: Array
-    """[M] at rest"""
+    """[M] weights at rest"""
     channels: Mapping[int, slice]
-    """The morph channels of each node that has some."""
+    """Morph channels by node number, for nodes with morph targets."""
 
     def at(self, times: Array) -> ModelState:
-        """The posture at times [T] s, held before the first key and after the last."""
+        """Return the state at times [T] s, constant before the first key and after the last."""
         times = np.asarray(times, np.float64)
         by_node: dict[int, dict[str, Array]] = {}
         morph = np.tile(self.morph_weights, (len(times), 1))
@@ -92,7 +92,7 @@ class KeyedAnimation:
         stretch = np.tile(np.eye(4), (*poses.shape[:2], 1, 1)) if self.stretches.any() else None
         rest = rig.world_from_part @ rig.part_from_node
         world: dict[int, Array] = {0: rest[0]}
-        turn: dict[int, Array] = {0: Z_UP}  # the product of rotations alone
+        turn: dict[int, Array] = {0: Z_UP}  # product of the rotations, without scale
         for p in range(1, len(rig.node)):
             n, above = int(rig.node[p]), int(rig.parent[p])
             if not self.moves[p]:
@@ -117,7 +117,7 @@ class KeyedAnimation:
 
 
 def _rotation_in(linear: Array, fallback: Array) -> Array:
-    """The rotation next to each linear map [... 3 3]; where it mirrors or is flat, the fallback."""
+    """Return the nearest rotation to each [... 3 3]; the fallback if it mirrors or is singular."""
     u, s, v = np.linalg.svd(linear)
     good = (np.linalg.det(linear) > 0.0) & (s[..., 2] > _FLAT * s[..., 0])
     return np.where(good[..., None, None], u @ v, fallback)
@@ -127,7 +127,7 @@ def read_animations(
     document: GltfDocument, accessors: Accessors, tree: NodeTree, parts: Rig,
     channels: Mapping[int, slice], morph_weights: Array,
 ) -> tuple[KeyedAnimation, ...]:
-    """The animations that move a part or a morph channel; raises ModelError."""
+    """Read the animations that move a part or a morph channel; raise ModelError."""
     found: list[KeyedAnimation] = []
     names: set[str] = set()
     for i, animation in enumerate(document.gltf.animations):
@@ -171,7 +171,7 @@ def _tracks(
             raise ModelError(f"{at}.sampler is {channel.sampler}, and there are "
                              f"{len(animation.samplers)} samplers")
         if target.node is None:
-            continue  # an extension's target, or none
+            continue  # no target node, or the target of an extension
         if target.path not in _KINDS:
             raise ModelError(f"{at} moves {target.path[:40]!r}; it may be {', '.join(_KINDS)}")
         if (target.node, target.path) in seen:
@@ -215,7 +215,7 @@ def _track(
 def _what_moves(
     tracks: Sequence[Track], tree: NodeTree, parts: Rig
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """[P] which parts move, and which in a way that may be more than rigid."""
+    """Return [P] which parts move, and [P] which of them may move non-rigidly."""
     moves, stretches = np.zeros((2, len(parts.node)), bool)
     world = parts.world_from_part @ parts.part_from_node
     by_node: dict[int, list[Track]] = {}
@@ -238,7 +238,7 @@ def _what_moves(
 
 
 def _rests(track: Track, value: Array) -> bool:
-    """Whether a track keeps a value [C]."""
+    """Return whether a track is constant at a value [C]."""
     keys, slopes = track.values, np.zeros(1)
     if keys.ndim == 3:
         keys, slopes = keys[:, 1], keys[:, [0, 2]]
@@ -247,13 +247,13 @@ def _rests(track: Track, value: Array) -> bool:
 
 
 def _unit(quaternions: Array) -> Array:
-    """[... 4] of length 1."""
+    """Return the quaternions [... 4] scaled to length 1."""
     length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     return quaternions / np.maximum(length, 1e-12)
 
 
 def slerp(a: Array, b: Array, u: Array) -> Array:
-    """From quaternions a [T 4] to b [T 4] by shares u [T 1] of the shorter arc."""
+    """Interpolate from quaternions a [T 4] to b [T 4] along the shorter arc; u [T 1] in 0..1."""
     dot = np.einsum("ti,ti->t", a, b)[:, None]
     b, dot = np.where(dot < 0.0, -b, b), np.minimum(np.abs(dot), 1.0)
     angle = np.arccos(dot)

@@ -1,7 +1,7 @@
-"""The JSON of a glTF 2.0 file, checked at the border: what comes out has the types it declares.
+"""Parser of the JSON of a glTF 2.0 file into pygltflib objects with checked types.
 
-The objects are pygltflib's. They are made here, field by field: pygltflib's own decoder takes
-anything for anything, needs 0.3 ms per object, and does not know the weights of nodes.
+The objects are built here field by field, because pygltflib's decoder does not check types, takes
+0.3 ms per object, and ignores the weights of nodes.
 """
 
 # pyright: reportUnknownLambdaType=false
@@ -27,7 +27,7 @@ DRAWN = frozenset({
     "KHR_materials_emissive_strength", "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp",
 })
-"""Extensions that a picture here shows."""
+"""Supported extensions."""
 SURFACES_ONLY = frozenset({
     "EXT_lights_image_based", "EXT_mesh_features", "EXT_structural_metadata",
     "KHR_lights_punctual", "KHR_materials_anisotropy", "KHR_materials_clearcoat",
@@ -37,33 +37,32 @@ SURFACES_ONLY = frozenset({
     "KHR_materials_variants", "KHR_materials_volume",
     "KHR_materials_volume_scatter", "KHR_xmp", "KHR_xmp_json_ld",
 })
-"""Extensions that only change how a surface shines, or say what it means: a picture can do without.
-"""
+"""Ignored extensions: they change only appearance or lighting, or hold metadata."""
 
 Counts = Mapping[str, int]
 Checker = Callable[[Any, str, Counts], Any]
-"""(value, where it stands, number of objects by kind) -> the value; raises ModelError."""
+"""(value, JSON path, number of objects by kind) -> checked value; raises ModelError."""
 
 
 @dataclass
 class Node(pygltflib.Node):
-    """pygltflib's, with the field that it lacks."""
+    """Node of pygltflib, with the missing field `weights`."""
 
     weights: list[float] | None = None
 
 
 @dataclass(frozen=True)
 class GltfDocument:
-    """A glTF file's objects, whose indices all exist, and the bytes that came with them."""
+    """Objects of a glTF file with valid indices, and the binary chunk."""
 
     gltf: pygltflib.GLTF2
     binary: bytes | None
-    """The binary chunk of a GLB file."""
+    """Binary chunk of a GLB file."""
     notes: tuple[str, ...]
 
 
 def read_gltf_document(data: bytes) -> GltfDocument:
-    """The document in the bytes of a .glb or .gltf file; raises ModelError."""
+    """Parse the bytes of a .glb or .gltf file; raise ModelError."""
     text, binary = _chunks(data) if data[:4] == b"glTF" else (data, None)
     if len(text) > MAX_JSON_BYTES:
         raise ModelError(f"has more than {MAX_JSON_BYTES} bytes of JSON")
@@ -87,7 +86,7 @@ def read_gltf_document(data: bytes) -> GltfDocument:
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
-    """The JSON and the binary chunk of a GLB file."""
+    """Return the JSON and the binary chunk of a GLB file."""
     if len(data) < 20:
         raise ModelError("is not a whole GLB file: it ends within its header")
     version, length = struct.unpack_from("<II", data, 4)
@@ -110,7 +109,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
 
 
 def _check_version_and_extensions(top: dict[str, Any]) -> list[str]:
-    """Refuse what would be misread; notes on what is left out."""
+    """Refuse unsupported versions and extensions; return notes on ignored extensions."""
     if "asset" not in top:
         raise ModelError("is not a glTF 2.0 file: it has no asset")
     asset: Any = top["asset"]
@@ -134,7 +133,7 @@ def _check_version_and_extensions(top: dict[str, Any]) -> list[str]:
 
 
 def index(kind: str) -> Checker:
-    """A number of an object of that kind."""
+    """Return a checker of indices of objects of `kind`."""
     def check(value: Any, where: str, counts: Counts) -> int:
         number = integer()(value, where, counts)
         if number >= counts[kind]:
@@ -208,7 +207,7 @@ def _attributes(value: Any, where: str, counts: Counts) -> dict[str, int]:
 
 
 def _object(make: Callable[..., Any], *required: str, **fields: Checker) -> Checker:
-    """An object of these fields; others are dropped, extensions stay as they are."""
+    """Return a checker that builds an object from `fields` and extensions; it ignores the rest."""
     known = {**fields, "extensions": dictionary}
 
     def check(value: Any, where: str, counts: Counts) -> Any:
@@ -258,7 +257,7 @@ _TOP: dict[str, Checker] = {
         type=_one_of("SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4"))),
     "animations": _list(_object(
         pygltflib.Animation, "channels", "samplers", name=_text,
-        # indices of samplers are the animation's own: checked where they are followed
+        # sampler indices are local to the animation; the animation reader checks them
         channels=_list(_object(
             pygltflib.AnimationChannel, "sampler", "target", sampler=integer(),
             target=_object(pygltflib.AnimationChannelTarget, "path",

@@ -1,15 +1,15 @@
-"""Joints for a glTF model: the format has none, only nodes and bones that may turn.
+"""Heuristic joints for glTF models, because the format has nodes and bones but no joints.
 
-Each bone or node that can be told to be a moving part gets one revolute joint through its origin:
+Each of these bones and nodes gets one revolute joint through its origin:
 
-* bones that move vertices, but for the roots of skeletons, which move everything;
-* nodes that an animation moves, and nodes with a mesh that hang on another node with a mesh;
-* in a file without any of these, the three largest meshes beside the largest one;
-* of a single mesh, the whole: it turns about the vertical.
+* bones that move vertices, except the roots of skeletons;
+* nodes that an animation moves, and nodes with a mesh below another node with a mesh;
+* in a file without any of these, up to three of the largest meshes, after the largest one;
+* in a file with a single mesh, the whole model, which turns about the vertical.
 
-A joint's axis is the frame's axis that is nearest to being perpendicular to the bone (the way to
-the next joint, or to the middle of what moves); something centred on its own origin, as a wheel,
-turns about its thinnest side.
+The joint axis is the frame axis most nearly perpendicular to the bone (the direction to the next
+joint, or to the centre of the moved surfaces). A part centred on its own origin, such as a wheel,
+turns about the axis of its smallest extent.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from ..geometry import Array
 from ..model import ArticulatedModel, Joint, JointType, deform_visual, forward_kinematics
 
 LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
-"""rad to each side: of a joint, and of one that moves little (a finger, a jaw)."""
-_SMALL = 0.1  # of the model's size
-_CENTRED = 0.15  # of what moves: a mesh whose middle is nearer to its origin turns like a wheel
+"""Joint limits, +-rad, of normal and of small parts (a finger, a jaw)."""
+_SMALL = 0.1  # size of a small part, relative to the model
+_CENTRED = 0.15  # largest offset of the centre from the origin of a wheel, relative to its size
 _MOST_LOOSE = 3
 MAX_JOINTS = 100
-"""Where more could move, those do that move most."""
-_SEEN = 0.2  # of the model's size
+"""Limit on joints per model; the parts with the largest surfaces are kept."""
+_SEEN = 0.2  # smallest size of a further loose mesh, relative to the model
 
 
 @dataclass(frozen=True)
 class _Boxes:
-    """World boxes around what each part and all that hangs on it shows. P parts."""
+    """World bounding boxes of each part with all parts below it. P parts."""
 
     low: Array
-    """[P 3] +inf where there is nothing"""
+    """[P 3] m, +inf for parts without surface"""
     high: Array
-    """[P 3]"""
+    """[P 3] m, -inf for parts without surface"""
 
     def size(self, part: int) -> float:
-        """m, diagonal; 0 for nothing"""
+        """Return the diagonal of a box, m; 0 for an empty one."""
         extent = self.high[part] - self.low[part]
         return float(np.linalg.norm(extent)) if (extent >= 0.0).all() else 0.0
 
@@ -51,18 +51,18 @@ def invent_joints(
     model: ArticulatedModel, bones: Collection[int], animated: Collection[int],
     meshes: Collection[int],
 ) -> tuple[dict[str, Joint], str]:
-    """Return the joints that the parts of a model without joints suggest, and a note.
+    """Propose joints for a model without joints.
 
     Args:
-        model: The model; it has no joints yet.
+        model: Model without joints.
         bones: Parts that are bones of skins.
         animated: Parts that an animation moves.
-        meshes: Parts that carry a mesh of their own.
+        meshes: Parts with a mesh of their own.
 
     Returns:
-        The joint of each part that moves, by part name; and a note for the model.
+        The joint of each moving part, by part name; and a note for the model.
     """
-    poses = forward_kinematics(model, np.zeros(0))  # nothing moves yet
+    poses = forward_kinematics(model, np.zeros(0))  # the model has no joints yet
     boxes = _boxes(model, poses)
     shown = [p for p in range(1, len(model.parent)) if boxes.size(p) > 0.0]
     chosen = _articulated(model, shown, bones, animated, meshes)
@@ -95,8 +95,8 @@ def _articulated(
     model: ArticulatedModel, shown: Sequence[int], bones: Collection[int],
     animated: Collection[int], meshes: Collection[int],
 ) -> list[int]:
-    """The parts that move against something."""
-    held = np.zeros(len(model.parent), bool)  # a mesh is above
+    """Return the parts that move relative to another part."""
+    held = np.zeros(len(model.parent), bool)  # below a part with a mesh
     under_bone = np.zeros(len(model.parent), bool)
     for p in range(1, len(model.parent)):
         above = int(model.parent[p])
@@ -110,7 +110,7 @@ def _articulated(
 def _axis(
     model: ArticulatedModel, poses: Array, boxes: _Boxes, part: int, chosen: Collection[int]
 ) -> Array:
-    """The axis [3] of a part's joint, in its frame; poses are [P 4 4]."""
+    """Return the joint axis [3] of a part in its frame; `poses` is world_from_part [P 4 4]."""
     pose = poses[part]
     origin, frame = pose[:3, 3], pose[:3, :3]
     middle = (boxes.low[part] + boxes.high[part]) / 2.0
@@ -127,7 +127,7 @@ def _axis(
         axis = int(np.argmin(np.round(extent / extent.max(), 3)))
     else:
         along = np.abs(bone) / length
-        # of two that are perpendicular, the one along which more is seen: the hinge of a door
+        # of the nearly perpendicular axes, take that of the largest extent: the hinge of a door
         square = along < along.min() + 0.1
         axis = int(np.argmax(np.where(square, np.round(extent / extent.max(), 3), -1.0)))
     return np.eye(3)[axis]

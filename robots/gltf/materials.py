@@ -18,30 +18,30 @@ from .accessors import Accessors
 from .document import GltfDocument, dictionary, index, integer, number, numbers
 
 MAX_TEXTURE_BYTES = 2**30
-"""Of all decoded textures of a file."""
+"""Limit on the sum over all decoded textures of a file."""
 INVISIBLE = 0.02
-"""Where a blended surface has less alpha, it is not there."""
+"""A blended surface with a lower alpha is not drawn."""
 _TILINGS: dict[int, Tiling] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
 _Info = pygltflib.TextureInfo | pygltflib.NormalMaterialTexture | pygltflib.OcclusionTextureInfo
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where on its textures a material's surface lies."""
+    """Texture coordinates of a material."""
 
     uv_set: int | None
-    """Of TEXCOORD; None: it has no texture"""
+    """n of TEXCOORD_n; None for a material without texture"""
     matrix: Array
-    """[2 3] from the file's coordinates (v downward) to those of the texture"""
+    """[2 3] texture from file coordinates (v downward)"""
 
     def uv(self, file_uv: Array) -> Array:
-        """[V 2] v upward, from the file's [V 2]."""
+        """Return coordinates [V 2] with v upward, from the file's [V 2]."""
         u, v = (file_uv @ self.matrix[:, :2].T + self.matrix[:, 2]).T
         return np.stack([u, 1.0 - v], 1)
 
 
 class Materials:
-    """Reads each material and image of one document once."""
+    """Cached reader of the materials and images of one document."""
 
     def __init__(self, document: GltfDocument, accessors: Accessors, allow_missing: bool) -> None:
         self._gltf, self._accessors, self._allow_missing = document.gltf, accessors, allow_missing
@@ -53,7 +53,7 @@ class Materials:
         self.notes: dict[str, None] = {}
 
     def placement(self, material: int | None) -> Placement:
-        """That of the colour's texture, or of the first that the material has."""
+        """Return the placement of the colour texture, or else of the material's first texture."""
         if material is not None:
             for info in self._infos(material):
                 if info is not None:
@@ -61,9 +61,7 @@ class Materials:
         return Placement(None, np.eye(2, 3))
 
     def material(self, material: int | None, has_uv: bool) -> tuple[Material, object]:
-        """The material, and a key that equal ones share. Without UVs its colour is its texture's
-        mean.
-        """
+        """Return the material (mean texture colour without UVs), and a key shared by equal ones."""
         if material is None:
             return Material("default", (1.0, 1.0, 1.0, 1.0), 1.0, 1.0), None
         if material not in self._materials:
@@ -78,12 +76,12 @@ class Materials:
         return found, (material, has_uv)
 
     def shows_alpha(self, material: int | None) -> bool:
-        """Whether alpha of the vertex colours means something."""
+        """Return whether the material uses the alpha of vertex colours."""
         return material is not None and self._gltf.materials[material].alphaMode in (
             "MASK", "BLEND")
 
     def _infos(self, material: int) -> list[_Info | None]:
-        """Colour, metallic-roughness, normal, occlusion and emission textures."""
+        """Return the colour, metallic-roughness, normal, occlusion and emission textures."""
         given = self._gltf.materials[material]
         pbr = given.pbrMetallicRoughness or pygltflib.PbrMetallicRoughness()
         color, metal = pbr.baseColorTexture, pbr.metallicRoughnessTexture
@@ -120,7 +118,7 @@ class Materials:
             color, picture = self._with_highlights(color, picture, glossy, where)
         unlit = "KHR_materials_unlit" in (given.extensions or {})
         mode = given.alphaMode or "OPAQUE"
-        if mode not in ("OPAQUE", "MASK", "BLEND"):  # of a later 2.x
+        if mode not in ("OPAQUE", "MASK", "BLEND"):  # from a later 2.x
             self.notes[f"alpha mode {mode[:40]!r} is taken as OPAQUE"] = None
             mode = "OPAQUE"
         if mode == "OPAQUE" and picture is not None and picture.shape[2] == 4:
@@ -145,7 +143,7 @@ class Materials:
             unlit, cutoff, mode == "BLEND")
 
     def _pictures(self, material: int) -> list[NDArray[np.uint8] | None]:
-        """Return the images of `_infos` that are placed as the first of them."""
+        """Return the images of `_infos`; None for those not placed like the first one."""
         place = self.placement(material)
         pictures: list[NDArray[np.uint8] | None] = []
         for info in self._infos(material):
@@ -164,8 +162,8 @@ class Materials:
         self, color: Sequence[float], picture: NDArray[np.uint8] | None,
         glossy: Mapping[str, Any], where: str,
     ) -> tuple[Sequence[float], NDArray[np.uint8] | None]:
-        """Base colour for a specular-glossiness material: what it scatters, and what it reflects
-        beyond what any dielectric does (metals scatter nothing).
+        """Return the base colour of a specular-glossiness material: the diffuse colour plus the
+        specular reflection above 4 %, the value of dielectrics.
         """
         shine = np.clip(numbers(3)(glossy.get("specularFactor", [1.0] * 3), where, {}), 0.0, 1.0)
         if "specularGlossinessTexture" not in glossy or picture is None:
@@ -236,7 +234,7 @@ class Materials:
 
 def _strength(picture: NDArray[np.uint8] | None, strength: float, rest: int
               ) -> NDArray[np.uint8] | None:
-    """A normal map (rest 0) with its slopes scaled, or an occlusion map (rest 255) made weaker."""
+    """Scale the slopes of a normal map (rest 0), or the effect of an occlusion map (rest 255)."""
     if picture is None or strength == 1.0:
         return picture
     out = picture[..., :3].astype(np.float32)
@@ -251,7 +249,7 @@ def _strength(picture: NDArray[np.uint8] | None, strength: float, rest: int
 
 
 def _uv_matrix(moved: Mapping[str, Any], where: str) -> Array:
-    """[2 3] of KHR_texture_transform: translation * rotation * scale."""
+    """Return [2 3] of a KHR_texture_transform: translation * rotation * scale."""
     x, y = numbers(2)(moved.get("offset", [0.0, 0.0]), where, {})
     turn = number(moved.get("rotation", 0.0), where, {})
     sx, sy = numbers(2)(moved.get("scale", [1.0, 1.0]), where, {})

@@ -1,4 +1,4 @@
-"""Meshes of a glTF file: triangles, what their vertices carry, and the visuals they become."""
+"""Triangles and vertex attributes of glTF meshes, and their conversion to visuals."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .materials import Materials
 
 _LIMITS = MeshLimits()
 MAX_VISITS = 20 * _LIMITS.triangles
-"""Vertices and corners of all primitives of all nodes, which bounds the time to read a file."""
+"""Limit on vertices and corners of all primitives of all nodes; it bounds the reading time."""
 MAX_MORPH_NUMBERS = 2**27
 
 
 @dataclass(frozen=True)
 class Patch:
-    """The triangles of one primitive, in the mesh's frame."""
+    """Triangles of one primitive in the mesh frame. V vertices, F faces, M morph targets."""
 
     vertices: Array
     """[V 3]"""
@@ -36,9 +36,9 @@ class Patch:
     """[V 2], v upward"""
     material: Material
     key: object
-    """Patches of equal keys have one material."""
+    """Patches with equal keys share one material."""
     joints: NDArray[np.int64] | None
-    """[V K] numbers within the skin"""
+    """[V K] indices of joints of the skin"""
     weights: Array | None
     """[V K], rows sum to 1"""
     displacement: Array | None
@@ -50,7 +50,7 @@ class Patch:
 
 
 class Meshes:
-    """Reads each primitive of one document once."""
+    """Cached reader of the primitives of one document."""
 
     def __init__(self, document: GltfDocument, accessors: Accessors, materials: Materials) -> None:
         self._gltf, self._accessors, self._materials = document.gltf, accessors, materials
@@ -59,7 +59,7 @@ class Meshes:
         self.notes: dict[str, None] = {}
 
     def patches(self, mesh: int) -> list[Patch]:
-        """The patches of a mesh for one more node; raises ModelError."""
+        """Return the patches of a mesh and count one more instance of it; raise ModelError."""
         if mesh not in self._patches:
             found: list[Patch] = []
             for i, primitive in enumerate(self._gltf.meshes[mesh].primitives):
@@ -80,7 +80,7 @@ class Meshes:
         return found
 
     def targets(self, mesh: int) -> int:
-        """The number of morph targets, equal in all primitives of a mesh."""
+        """Return the number of morph targets of a mesh, equal in all its primitives."""
         counts = {len(p.targets or ()) for p in self._gltf.meshes[mesh].primitives}
         if len(counts) > 1:
             raise ModelError(f"meshes[{mesh}] has primitives of {sorted(counts)} morph targets")
@@ -125,7 +125,7 @@ class Meshes:
                 raise ModelError("has too many morph targets to hold")
             zero = np.zeros((count, 3))
             displacement = np.stack([(zero if d is None else d)[source] for d in deltas])
-            # whether the file's normals were kept, not made here
+            # whether the normals are those of the file, not computed here
             kept = normals is not None and np.abs(
                 _filled(normals[source]) - new_normals).max() < 1e-3
             if kept and any(b is not None for b in bends):
@@ -148,7 +148,7 @@ class Meshes:
         return self._accessors.floats(accessor)
 
     def _colors(self, attributes: dict[str, int], count: int, alpha: bool) -> Array | None:
-        """Vertex colours [V 4]; without `alpha` they are opaque. None where all are white."""
+        """Return vertex colours [V 4], opaque without `alpha`; None if all are white."""
         if "COLOR_0" not in attributes:
             return None
         kind = self._accessors.kind(attributes["COLOR_0"])
@@ -179,7 +179,7 @@ class Meshes:
     def _bones(
         self, attributes: dict[str, int], count: int
     ) -> tuple[NDArray[np.int64] | None, Array | None]:
-        """Joints [V K] and weights [V K] of all sets; columns that nobody uses are left out."""
+        """Return joints [V K] and weights [V K] of all sets, without columns of zero weight."""
         joints: list[NDArray[np.int64]] = []
         weights: list[Array] = []
         for k in range(8):
@@ -198,14 +198,14 @@ class Meshes:
         bone, weight = np.concatenate(joints, 1), np.concatenate(weights, 1)
         weight = np.maximum(weight, 0.0)
         total = weight.sum(1, keepdims=True)
-        weight[:, :1] = np.where(total > 0.0, weight[:, :1], 1.0)  # nothing holds it: the first
+        weight[:, :1] = np.where(total > 0.0, weight[:, :1], 1.0)  # without weights: first joint
         weight = weight / np.where(total > 0.0, total, 1.0)
         used = weight.any(0)
         return np.where(weight > 0.0, bone, 0)[:, used], weight[:, used]
 
 
 def triangles_of(indices: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
-    """[F 3] of a list (mode 4), a strip (5) or a fan (6); glTF 2.0, section 3.7.2.1."""
+    """Return [F 3] of a list (mode 4), strip (5) or fan (6); glTF 2.0, section 3.7.2.1."""
     if mode == 4:
         return indices[:len(indices) // 3 * 3].reshape(-1, 3)
     count = max(len(indices) - 2, 0)
@@ -220,7 +220,7 @@ def skinned_visuals(
     patch: Patch, bone_part: NDArray[np.int64], part_from_mesh: Array, world_from_part: Array,
     channels: slice | None,
 ) -> list[Visual]:
-    """A skinned patch as visuals, one for each part that some of its triangles follow most.
+    """Split a skinned patch into visuals by the part of the dominant bone of each triangle.
 
     bone_part [B], part_from_mesh [B 4 4], world_from_part [P 4 4] at rest.
     """
@@ -242,7 +242,7 @@ def skinned_visuals(
 
 
 def bound_visual(patch: Patch, part: int, part_from_mesh: Array, channels: slice | None) -> Visual:
-    """A patch that follows one part wholly: scale that changes, or morphs under a scale."""
+    """Return a patch bound to one part by a skin, for animated scale or morphs under a scale."""
     patch = turn_inside_out(patch) if np.linalg.det(part_from_mesh[:3, :3]) < 0.0 else patch
     bone = np.zeros((len(patch.vertices), 1), np.int64)
     skin = Skin(np.array([part]), part_from_mesh[None], bone, np.ones(bone.shape))
@@ -250,12 +250,12 @@ def bound_visual(patch: Patch, part: int, part_from_mesh: Array, channels: slice
 
 
 def rigid_visual(patch: Patch, part: int, channels: slice | None) -> Visual:
-    """A patch whose mesh frame is the part's."""
+    """Return a patch whose mesh frame is the part frame as a visual."""
     return _visual(patch, part, patch.faces, None, channels)
 
 
 def move_patch(patch: Patch, part_from_mesh: Array) -> Patch:
-    """A patch without morphs in the part's frame; part_from_mesh [4 4] may scale and mirror."""
+    """Move a patch without morphs to the part frame; part_from_mesh [4 4] may scale and mirror."""
     linear = part_from_mesh[:3, :3]
     mirrored = np.linalg.det(linear) < 0.0
     return replace(
@@ -265,14 +265,14 @@ def move_patch(patch: Patch, part_from_mesh: Array) -> Patch:
 
 
 def turn_inside_out(patch: Patch) -> Patch:
-    """Inside out. What mirrors a surface that deforms turns it again: normals go with cofactors."""
+    """Reverse faces and normals; a mirroring skin reverses them back (cofactors map normals)."""
     bend = patch.normal_displacement
     return replace(patch, faces=patch.faces[:, ::-1], normals=-patch.normals,
                    normal_displacement=None if bend is None else -bend)
 
 
 def join_patches(patches: list[Patch]) -> list[Patch]:
-    """Patches of one part without skins or morphs, those of one material as one."""
+    """Join patches of one part, without skins or morphs, that share a material."""
     groups: dict[object, list[Patch]] = {}
     for patch in patches:
         groups.setdefault((patch.key, patch.uv is None, patch.color is None), []).append(patch)
@@ -293,14 +293,14 @@ def join_patches(patches: list[Patch]) -> list[Patch]:
 def dominant_bones(
     faces: NDArray[np.int64], bone: NDArray[np.int64], weight: Array, bones: int
 ) -> NDArray[np.int64]:
-    """[F] the bone with the largest weight, summed over a face's corners; of equals, the first."""
+    """Return [F] the bone with the largest sum of weights over a face's corners; ties: first."""
     out = np.zeros(len(faces), np.int64)
     step = max(1, 2**22 // bones)
     for start in range(0, len(faces), step):
         chunk = faces[start:start + step]
         row = np.arange(len(chunk))[:, None, None] * bones
         sums = np.bincount((row + bone[chunk]).ravel(), weight[chunk].ravel(), len(chunk) * bones)
-        # to float32's precision: which of two equal sums is larger must not hang on their order
+        # rounded to the precision of float32, so that ties do not depend on the order of summation
         out[start:start + step] = np.round(sums.reshape(-1, bones), 6).argmax(1)
     return out
 
@@ -308,7 +308,7 @@ def dominant_bones(
 def _visual(
     patch: Patch, part: int, faces: NDArray[np.int64], skin: Skin | None, channels: slice | None
 ) -> Visual:
-    """The chosen faces [F 3] of a patch, with the vertices that they use."""
+    """Return a visual of the chosen faces [F 3] of a patch and the vertices in use."""
     used = np.zeros(len(patch.vertices), bool)
     used[faces.ravel()] = True
     made_skin = made_morph = None
@@ -332,7 +332,7 @@ def _visual(
 
 
 def _bent(vertices: Array, faces: NDArray[np.int64], displacement: Array) -> Array:
-    """[M V 3] how the normals that were made for vertices at rest change with each target."""
+    """Return [M V 3] the change of the computed vertex normals with each morph target."""
     def made(points: Array) -> Array:
         flat, area = face_normals(points, faces)
         out = np.zeros_like(points)
@@ -345,6 +345,6 @@ def _bent(vertices: Array, faces: NDArray[np.int64], displacement: Array) -> Arr
 
 
 def _filled(normals: Array) -> Array:
-    """Unit normals [V 3]; those of nothing point up."""
+    """Return unit normals [V 3]; zero vectors become +z."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.where(length > 1e-12, normals / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))

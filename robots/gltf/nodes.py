@@ -1,8 +1,8 @@
-"""The nodes of a glTF file, and the parts that they become: rigid frames, and what scale leaves.
+"""Nodes of a glTF file, and their decomposition into rigid part frames and residual scale.
 
-A node's pose in the world is affine: scales of all the nodes above it are in it. A part's frame is
-rigid. The rule here: it stands at the node's origin, turned by the rotations of the node and all
-above it; what is left, `part_from_node`, belongs to the surfaces that the node carries.
+The world pose of a node is affine, because it includes the scales of all its ancestors. The frame
+of a part is rigid: its origin is that of the node, its rotation the product of the rotations of
+the node and its ancestors. The residual `part_from_node` is applied to the node's surfaces.
 """
 
 from __future__ import annotations
@@ -26,51 +26,51 @@ from ..geometry import (
 from .document import GltfDocument, Node
 
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""World (z up) from glTF's (y up)."""
+"""Rotation from glTF's y-up frame to the z-up world."""
 THIN = 1e-6
-"""What a scale of zero becomes at rest, beside the others: a frame must have an inverse."""
+"""Smallest scale at rest, relative to the largest axis, so that node frames are invertible."""
 
 
 @dataclass(frozen=True)
 class NodeTree:
-    """All nodes of a file, by their number in it. N nodes."""
+    """All N nodes of a file in file order."""
 
     names: tuple[str, ...]
     parent: NDArray[np.int64]
     """[N] -1 for roots"""
     order: tuple[int, ...]
-    """All nodes, parents before children; those of the scene first."""
+    """All nodes, parents before children, nodes of the scene first."""
     scene: frozenset[int]
-    """The nodes that are drawn."""
+    """Nodes of the drawn scene."""
     has_matrix: NDArray[np.bool_]
-    """[N] its pose is a matrix: it cannot be animated."""
+    """[N] whether the pose is a matrix, which cannot be animated"""
     translation: Array
     """[N 3]"""
     rotation: Array
-    """[N 4] unit quaternion (x, y, z, w); of a matrix, its nearest rotation"""
+    """[N 4] unit quaternion (x, y, z, w); for a matrix, the nearest rotation"""
     scale: Array
-    """[N 3] as in the file, zeros included; ones where there is a matrix"""
+    """[N 3] as in the file, zeros included; ones for a matrix"""
     linear: Array
-    """[N 3 3] rotation and scale (or the matrix), at rest, no scale smaller than THIN"""
+    """[N 3 3] rotation * scale (or the matrix) at rest, no scale smaller than THIN"""
     vanished: NDArray[np.bool_]
-    """[N] scaled to nothing by the node itself"""
+    """[N] whether the node's own scale is zero"""
 
 
 @dataclass(frozen=True)
 class Rig:
-    """The nodes that are parts, and their frames at rest. P parts; the first is the scene."""
+    """Nodes that are parts, and their frames at rest. P parts; the first is the scene."""
 
     names: tuple[str, ...]
     node: NDArray[np.int64]
-    """[P] number of the node; -1 for the scene"""
+    """[P] index of the node; -1 for the scene"""
     parent: NDArray[np.int64]
-    """[P]"""
+    """[P] index of the parent part; -1 for the scene"""
     world_from_part: Array
     """[P 4 4] rigid"""
     part_from_node: Array
-    """[P 4 4] linear: scale, mirroring and shear"""
+    """[P 4 4] scale, reflection and shear"""
     world_from_scene: Array
-    """[4 4] to z up (and to metres, where a file was in another unit)"""
+    """[4 4] to z up and metres"""
 
     @cached_property
     def part_of_node(self) -> dict[int, int]:
@@ -78,7 +78,7 @@ class Rig:
 
 
 def node_tree(document: GltfDocument) -> NodeTree:
-    """Raises ModelError if the nodes make no forest, or a transform is none."""
+    """Read the nodes; raise ModelError if they form no forest or a transform is invalid."""
     gltf = document.gltf
     nodes: Sequence[Node] = gltf.nodes  # pyright: ignore[reportAssignmentType]
     parent = np.full(len(nodes), -1, np.int64)
@@ -122,7 +122,7 @@ def _depth_first(nodes: Sequence[Node], roots: Iterable[int]) -> list[int]:
 
 
 def _pose(node: Node, n: int) -> tuple[Array, Array, Array, Array, bool]:
-    """Translation, quaternion, scale, linear part that has an inverse, whether it vanishes."""
+    """Return translation, quaternion, scale, invertible linear part, and if the scale is zero."""
     if node.matrix is None:
         q = np.array(node.rotation or (0.0, 0.0, 0.0, 1.0))
         length = float(np.linalg.norm(q))
@@ -146,7 +146,7 @@ def _pose(node: Node, n: int) -> tuple[Array, Array, Array, Array, bool]:
 
 
 def rig(tree: NodeTree, wanted: Iterable[int], scene_name: str, unit: float) -> Rig:
-    """The parts of the wanted nodes and all above them; `unit` m is the file's unit of length."""
+    """Return the parts of the wanted nodes and their ancestors; `unit` m is the file's unit."""
     keep: set[int] = set()
     for n in wanted:
         while n >= 0 and n not in keep:
@@ -162,7 +162,7 @@ def rig(tree: NodeTree, wanted: Iterable[int], scene_name: str, unit: float) -> 
         above = part[int(tree.parent[n])]
         world.append(world[above] @ transform(tree.linear[n], tree.translation[n]))
         turn.append(turn[above] @ rotation_from_quaternion(tree.rotation[n]))
-    turn[0] = np.eye(3)  # the scene's own frame is the world's
+    turn[0] = np.eye(3)  # the scene frame is the world frame
     poses = transform(np.array(turn), np.array(world)[:, :3, 3])
     return Rig(
         names, np.array([-1, *nodes], np.int64),
@@ -171,7 +171,7 @@ def rig(tree: NodeTree, wanted: Iterable[int], scene_name: str, unit: float) -> 
 
 
 def _unique(names: Sequence[str]) -> tuple[str, ...]:
-    """Printable names of at most 100 characters, each once."""
+    """Return unique printable names of at most 100 characters."""
     out: dict[str, None] = {}
     counts: dict[str, int] = {}
     for name in names:

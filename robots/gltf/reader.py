@@ -1,8 +1,8 @@
-"""Reads a glTF 2.0 file (.glb, .gltf) into an articulated model. Models are untrusted input.
+"""Reader of glTF 2.0 files (.glb, .gltf), which are untrusted input, as articulated models.
 
-Parts are nodes: those that carry meshes, the bones of skins, and all above them. Frames are rigid;
-scale goes into the surfaces, and where an animation changes it, into ModelState.stretch. glTF's y
-is up; the model's z is.
+Parts are the nodes with meshes, the bones of skins, and all ancestors of both. Frames are rigid;
+the surfaces include the scale, and ModelState.stretch includes an animated scale. glTF is y up,
+the model z up.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from .meshes import (
 from .nodes import Rig, node_tree, rig
 
 _SMALLEST, _LARGEST = 1e-3, 1e4
-"""m: the size of a model outside is taken for another unit, and noted."""
+"""m: a model of a size outside this range is read in another unit, with a note."""
 _MAX_MORPH_CHANNELS = 10_000
 
 
 def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel:
-    """Read the .glb or .gltf file at `path` with what lies in its folder.
+    """Read the .glb or .gltf file at `path`, and the files of its folder that it refers to.
 
-    With `allow_missing` an image that is nowhere is noted instead of stopping the load. Raises
-    ModelError (a GcbenchError) in one line for everything that a file can have wrong.
+    With `allow_missing` a missing image becomes a note of the model instead of an error.
+    Raises ModelError, with a message of one line, for any invalid file.
     """
     path = Path(path)
     if not path.is_file():
@@ -76,7 +76,7 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
 
 
 class _Reader:
-    """What one document holds, on its way to a model."""
+    """Conversion of one document to a model."""
 
     def __init__(self, document: GltfDocument, path: Path, allow_missing: bool) -> None:
         self.document = document
@@ -91,7 +91,7 @@ class _Reader:
             raise ModelError("has nothing to draw: no node of its scene carries a mesh")
 
     def model(self, name: str, unit: float) -> ArticulatedModel:
-        """The model, of which `unit` m is the unit of length."""
+        """Return the model; `unit` m is the file's unit of length."""
         gltf, tree = self.document.gltf, self.tree
         meshes = Meshes(self.document, self.accessors, self.materials)
         bones = {n: [int(j) for j in gltf.skins[cast("int", gltf.nodes[n].skin)].joints or ()]
@@ -121,7 +121,7 @@ class _Reader:
                         notes=tuple(dict.fromkeys(notes)))
 
     def _morphs(self, meshes: Meshes) -> tuple[dict[int, slice], Array]:
-        """The morph channels of each drawn node, and their weights at rest."""
+        """Return the morph channels of each drawn node, and their weights [M] at rest."""
         gltf = self.document.gltf
         channels: dict[int, slice] = {}
         weights: list[float] = []
@@ -187,7 +187,7 @@ class _Reader:
 
 
 def _inverse_binds(accessor: int | None, count: int, accessors: Accessors) -> Array:
-    """[B 4 4]"""
+    """Return the inverse bind matrices [B 4 4]."""
     if accessor is None:
         return np.tile(np.eye(4), (count, 1, 1))
     if accessors.kind(accessor) != "MAT4" or accessors.count(accessor) < count:
@@ -201,7 +201,7 @@ def _inverse_binds(accessor: int | None, count: int, accessors: Accessors) -> Ar
 
 
 def _links(parts: Rig) -> list[Link]:
-    """A link for each part, fixed to its parent."""
+    """Return a link for each part, fixed to its parent."""
     at_zero = parts.world_from_part.copy()
     at_zero[1:] = inverse(parts.world_from_part[parts.parent[1:]]) @ at_zero[1:]
     return [Link(name, parts.names[above] if above >= 0 else None, pose)
@@ -209,14 +209,14 @@ def _links(parts: Rig) -> list[Link]:
 
 
 def _own_motion(animation: KeyedAnimation, part_of_node: dict[int, int]) -> set[int]:
-    """The parts that the animation turns or shifts by tracks of their own."""
+    """Return the parts with rotation or translation tracks of their own that change."""
     return {part_of_node[track.node] for track in animation.tracks
             if track.path in ("rotation", "translation")
             and float(np.ptp(track.values, axis=0).max()) > 1e-6}
 
 
 def _size(model: ArticulatedModel) -> float:
-    """The diagonal, m, of the box around the model at rest."""
+    """Return the diagonal, m, of the bounding box of the model at rest."""
     poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
     points = [deform_visual(v, poses, None, model.morph_weights)[0] for v in model.visuals]
     low = np.min([p.min(0) for p in points], axis=0)
@@ -225,7 +225,7 @@ def _size(model: ArticulatedModel) -> float:
 
 
 def _licence(document: GltfDocument) -> str:
-    """What the file says of its author's rights, at most 200 characters."""
+    """Return the licence or copyright text of the file, at most 200 characters."""
     asset: Any = document.gltf.asset
     extras = cast("dict[str, Any]", asset.extras) if isinstance(asset.extras, dict) else {}
     found = [extras.get(key) for key in ("license", "licence")] + [asset.copyright]

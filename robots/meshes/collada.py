@@ -1,7 +1,7 @@
-"""COLLADA meshes. Units are applied; the up axis is not, as RViz and the ROS tools have it.
+"""Reader of COLLADA meshes. It applies the unit, but not the up axis.
 
-In a URDF a mesh's numbers are the link's, whatever `up_axis` says: RViz, MoveIt and Gazebo undo
-the rotation that a COLLADA importer puts at the root, and robots are modelled for that.
+The mesh coordinates of a URDF are link coordinates for every `up_axis`: RViz, MoveIt and Gazebo
+undo the root rotation of their COLLADA importer, and robot models rely on that.
 """
 
 # pycollada has no types
@@ -29,12 +29,12 @@ _MAX_DEPTH = 64
 
 
 def read_collada(data: bytes, asset: Asset, reader: AssetReader) -> list[TriangleSurface]:
-    """All triangles of a COLLADA file in metres; raises ModelError, or whatever pycollada does."""
+    """Return all triangles of a COLLADA file in metres; raise ModelError or a pycollada error."""
     import collada
     from collada.common import DaeError
 
     refuse_doctype(data)
-    if zipfile.is_zipfile(io.BytesIO(data)):  # pycollada would read another document from it
+    if zipfile.is_zipfile(io.BytesIO(data)):  # pycollada would read a file inside it
         raise ModelError("is a zip archive, not a COLLADA file")
     document = collada.Collada(io.BytesIO(data), ignore=[DaeError])
     document = _without_broken_bindings(document, asset, reader)
@@ -77,9 +77,9 @@ def read_collada(data: bytes, asset: Asset, reader: AssetReader) -> list[Triangl
 
 
 def _without_broken_bindings(document: Any, asset: Asset, reader: AssetReader) -> Any:
-    """The document again without bindings to missing materials: pycollada drops whole instances.
+    """Return the document without bindings to missing materials.
 
-    A wrong colour is a lesser evil than a part of the robot that is not there.
+    pycollada drops instances with such bindings; a wrong colour is better than a missing part.
     """
     import collada
     from collada.common import DaeError
@@ -99,7 +99,7 @@ def _without_broken_bindings(document: Any, asset: Asset, reader: AssetReader) -
 
 
 def _instances(roots: Any) -> Iterator[tuple[Array, Any, Any]]:
-    """World matrix, geometry and material bindings of each instance, in document order."""
+    """Yield world matrix, geometry and material bindings of each instance in document order."""
     from collada.scene import ControllerNode, GeometryNode, Node
 
     stack = [(root, np.eye(4), 0) for root in reversed(list(roots))]
@@ -135,7 +135,7 @@ def _surface(primitive: Any, material: Material | None) -> TriangleSurface | Non
     index = np.asarray(primitive.vertex_index, np.int64).reshape(-1, 3)
     if not len(index):
         return None
-    # Corners that agree in every index become one vertex.
+    # Corners with equal indices share one vertex.
     columns = [index.ravel()]
     normals, uv, color = primitive.normal, None, None
     if normals is not None and primitive.normal_index is not None:
@@ -163,7 +163,7 @@ def _surface(primitive: Any, material: Material | None) -> TriangleSurface | Non
 
 
 def _material(target: Any, asset: Asset, reader: AssetReader) -> Material | None:
-    """Flat colour or texture of a COLLADA material; None where there is none."""
+    """Return a COLLADA material as a flat colour or texture; None without an effect."""
     from collada.material import Map
 
     effect = getattr(target, "effect", None)
@@ -186,7 +186,7 @@ def _material(target: Any, asset: Asset, reader: AssetReader) -> Material | None
 
 
 def _alpha(effect: Any, rgba: Array) -> float:
-    """Opacity by the rule of COLLADA; nothing is meant to be invisible, so 0 counts as 1."""
+    """Return the opacity as COLLADA defines it; values near 0 are exporter errors and become 1."""
     from collada.material import OPAQUE_MODE
 
     share, mask = effect.transparency, effect.transparent

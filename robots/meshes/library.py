@@ -1,4 +1,4 @@
-"""Mesh files (STL, OBJ, DAE, PLY, glTF) of untrusted models, as surfaces in metres."""
+"""Reader of mesh files (STL, OBJ, DAE, PLY, glTF) of untrusted models; surfaces in metres."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .asset_reader import AssetReader, MeshLimits, quiet
 
 
 class MeshLibrary(AssetReader):
-    """Reads each mesh file of one model once."""
+    """Cached reader of the mesh files of one model."""
 
     def __init__(self, finder: AssetFinder, limits: MeshLimits | None = None) -> None:
         super().__init__(finder, limits)
         self._surfaces: dict[Path, tuple[TriangleSurface, ...]] = {}
 
     def surfaces(self, reference: str) -> tuple[TriangleSurface, ...]:
-        """Return the surfaces of the mesh that a URDF names by `reference`.
+        """Return the surfaces of the mesh file at a URDF `reference`.
 
         Raises:
             ModelError: If the file is missing, cannot be read or holds no triangles.

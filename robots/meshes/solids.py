@@ -1,7 +1,7 @@
-"""Closed solids with triangles that are counter-clockwise seen from outside.
+"""Closed solids; their triangles are counter-clockwise seen from outside.
 
-URDF's primitives are centred with their axis along z, and have analytic normals and texture
-coordinates. Generated models use hulls, rounded blocks, rods, and plates with holes.
+The primitives of URDF are centred, have their axis along z, and have analytic normals and texture
+coordinates. Hulls, rounded blocks, rods, and plates with holes serve generated models.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from ..geometry import Array, transform
 from ..model import TriangleSurface, clean_surface, move_surface
 
 SIDES = 32
-"""Facets around a full turn of the solids of generated models."""
+"""Facets per full turn of the solids of generated models."""
 _AROUND = 64
-"""Facets around a full turn of URDF's primitives: 0.12 % of the radius off the circle."""
+"""Facets per full turn of the primitives of URDF; error 0.12 % of the radius."""
 
 
 def box(size: Sequence[float]) -> TriangleSurface:
-    """A box of edge lengths `size` m."""
+    """Return a box of edge lengths `size` [3] m."""
     _positive("box", size)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float64)
     vertices, normals = np.zeros((6, 4, 3)), np.zeros((6, 4, 3))
@@ -38,14 +38,14 @@ def box(size: Sequence[float]) -> TriangleSurface:
 
 
 def sphere(radius: float) -> TriangleSurface:
-    """A sphere of `radius` m."""
+    """Return a sphere of `radius` m."""
     _positive("sphere", [radius])
     polar = np.linspace(np.pi, 0.0, _AROUND // 2 + 1)
     return revolve(radius * np.sin(polar), radius * np.cos(polar), np.sin(polar), np.cos(polar))
 
 
 def cylinder(radius: float, length: float) -> TriangleSurface:
-    """A closed cylinder of `radius` and `length` m."""
+    """Return a closed cylinder of `radius` and `length` m."""
     _positive("cylinder", [radius, length])
     h = length / 2.0
     parts = [
@@ -57,7 +57,7 @@ def cylinder(radius: float, length: float) -> TriangleSurface:
 
 
 def capsule(radius: float, length: float) -> TriangleSurface:
-    """A cylinder of `radius` and `length` m with half a sphere on either end."""
+    """Return a cylinder of `radius` and `length` m with a hemisphere at each end."""
     _positive("capsule", [radius])
     if length < 0:
         raise ModelError(f"capsule of length {length}: sizes must not be negative")
@@ -72,10 +72,10 @@ def capsule(radius: float, length: float) -> TriangleSurface:
 def revolve(
     r: ArrayLike, z: ArrayLike, normal_r: ArrayLike, normal_z: ArrayLike
 ) -> TriangleSurface:
-    """The profile (r, z), from below upwards on the outside, turned about the z axis."""
+    """Revolve the profile (r, z), ordered so that the outside goes upward, about the z axis."""
     r, z, nr, nz = (np.asarray(x, np.float64) for x in (r, z, normal_r, normal_z))
     r = np.where(np.abs(r) < 1e-12 * max(float(np.abs(r).max()), 1e-300), 0.0, r)
-    rings, columns = len(r), _AROUND + 1  # the seam has both u = 0 and u = 1
+    rings, columns = len(r), _AROUND + 1  # vertices at the seam: u = 0 and u = 1
     turn = np.linspace(0.0, 2.0 * np.pi, columns)
     c, s = np.cos(turn), np.sin(turn)
     c[-1], s[-1] = c[0], s[0]
@@ -87,7 +87,7 @@ def revolve(
     i, j = (x.ravel() for x in np.meshgrid(np.arange(rings - 1), np.arange(_AROUND), indexing="ij"))
     a, b, c0, d = i * columns + j, i * columns + j + 1, (i + 1) * columns + j + 1, (
         i + 1) * columns + j
-    below, above = r[i] > 0, r[i + 1] > 0  # no triangle of zero width at a pole
+    below, above = r[i] > 0, r[i + 1] > 0  # no degenerate triangles at poles
     faces = np.concatenate([np.stack([a, b, c0], -1)[below], np.stack([a, c0, d], -1)[above]])
     return TriangleSurface(
         vertices.reshape(-1, 3), faces, normals.reshape(-1, 3), uv.reshape(-1, 2))
@@ -108,7 +108,7 @@ def _positive(kind: str, sizes: Sequence[float]) -> None:
 
 
 def hull(points: ArrayLike) -> TriangleSurface:
-    """The convex hull of points [N 3]."""
+    """Return the convex hull of points [N 3]."""
     from scipy.spatial import ConvexHull
 
     p = np.asarray(points, np.float64)
@@ -121,7 +121,7 @@ def hull(points: ArrayLike) -> TriangleSurface:
 
 
 def block(low: ArrayLike, high: ArrayLike, radius: float = 0.0) -> TriangleSurface:
-    """A box between two corners [3], its edges rounded by `radius`."""
+    """Return a box between two corners [3], its edges rounded by `radius`."""
     a, b = np.asarray(low, np.float64) + radius, np.asarray(high, np.float64) - radius
     corners = np.stack(np.meshgrid(*np.stack([a, b], axis=1), indexing="ij"), -1).reshape(-1, 3)
     if radius == 0.0:
@@ -134,7 +134,7 @@ def block(low: ArrayLike, high: ArrayLike, radius: float = 0.0) -> TriangleSurfa
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None,
         sides: int = SIDES) -> TriangleSurface:
-    """A cylinder from one point [3] to another, or a cone if `end_radius` is another radius."""
+    """Return a cylinder between two points [3], or a cone if `end_radius` differs."""
     a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
     along = (b - a) / np.linalg.norm(b - a)
     across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
@@ -147,10 +147,10 @@ def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
 
 def plate(outline: ArrayLike, span: tuple[float, float], holes: Sequence[ArrayLike] = (),
           axis: str = "z") -> TriangleSurface:
-    """An outline [N 2] with holes [M 2], between the two ends of `span` along an axis.
+    """Extrude an outline [N 2] with holes [M 2] over the interval `span` of an axis.
 
     The outline is in (x, y) for the axis "z", in (x, z) for "y", in (y, z) for "x". All loops run
-    counter-clockwise and do not touch (else ModelError).
+    counter-clockwise and must not touch (else ModelError).
     """
     import mapbox_earcut
 
@@ -166,22 +166,22 @@ def plate(outline: ArrayLike, span: tuple[float, float], holes: Sequence[ArrayLi
     for k, (end, loop) in enumerate(zip(ends, loops, strict=True)):
         i = np.arange(end - len(loop), end)
         j = np.roll(i, -1)
-        i, j = (i, j) if k == 0 else (j, i)  # the wall of a hole looks into it
+        i, j = (i, j) if k == 0 else (j, i)  # walls of holes face inward
         walls += [np.stack([i, j, j + n], -1), np.stack([i, j + n, i + n], -1)]
     faces = np.concatenate([top[:, ::-1], top + n, *walls])
     if not _closed(faces):
         raise ModelError("the loops of a plate touch, or run the wrong way")
     vertices = np.concatenate([np.insert(points, 2, z, axis=1) for z in sorted(span)])
-    # cyclic permutations for x and z, a mirror for y: `move_surface` turns its triangles round
+    # cyclic permutations for x and z, a mirror for y: `move_surface` reverses its triangles
     order = {"x": [2, 0, 1], "y": [0, 2, 1], "z": [0, 1, 2]}[axis]
     solid = _solid(vertices, faces)
     return move_surface(solid, transform(np.eye(3)[:, order].T)) if axis != "z" else solid
 
 
 def round_corners(corners: ArrayLike, radius: ArrayLike) -> Array:
-    """A polygon [N 2], counter-clockwise, with its corners [C 2] rounded.
+    """Return a counter-clockwise polygon [N 2] with its corners [C 2] rounded.
 
-    `radius` is one for all or one a corner; a corner may turn left or right.
+    `radius` is a scalar or [C]; corners may be convex or concave.
     """
     p = np.asarray(corners, np.float64)
     r = np.broadcast_to(np.asarray(radius, np.float64), len(p))
@@ -201,15 +201,15 @@ def round_corners(corners: ArrayLike, radius: ArrayLike) -> Array:
 
 
 def circle(centre: ArrayLike, radius: float, sides: int = SIDES) -> Array:
-    """A circle [sides 2], counter-clockwise."""
+    """Return a counter-clockwise circle [sides 2]."""
     turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[:-1]
     return np.asarray(centre, np.float64) + radius * np.stack([np.cos(turn), np.sin(turn)], -1)
 
 
 def bar(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None,
         waist: float = 1.0) -> Array:
-    """The outline [N 2] of a bar with round ends about two points [2], as narrow as `waist` of its
-    ends in the middle."""
+    """Return the outline [N 2] of a bar with round ends about two points [2]; `waist` scales the
+    width in the middle."""
     a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
     length = float(np.linalg.norm(b - a))
     u = (b - a) / length
@@ -225,7 +225,7 @@ def bar(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
 
 
 def _closed(faces: NDArray[np.int64]) -> bool:
-    """Whether every edge is run through once in each direction."""
+    """Return whether every edge occurs once in each direction."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     there = {(int(a), int(b)) for a, b in edges}
     return len(there) == len(edges) and all((b, a) in there for a, b in there)

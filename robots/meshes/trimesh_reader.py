@@ -1,4 +1,4 @@
-"""STL, OBJ, PLY and glTF meshes, read by trimesh under our rules."""
+"""Reader of STL, OBJ, PLY and glTF meshes with trimesh, with checked sizes and references."""
 
 # trimesh has no complete types
 # pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
@@ -31,7 +31,7 @@ GLTF_EXTENSIONS = frozenset({
     "KHR_materials_specular", "KHR_materials_clearcoat", "KHR_materials_sheen",
     "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual",
 })
-"""Required extensions that a picture of flat materials can do without."""
+"""Required extensions that do not affect flat materials and are ignored."""
 
 
 def read_with_trimesh(
@@ -64,7 +64,7 @@ def read_with_trimesh(
             materials[key] = _material(mesh, asset.path.name)
         made = clean_surface(
             mesh.vertices, mesh.faces,
-            # asking a mesh for normals makes them; only those of the file are wanted
+            # reading `vertex_normals` may compute them; only those of the file are used
             mesh.vertex_normals if "vertex_normals" in mesh._cache else None, # pyright: ignore[reportPrivateUsage]
             getattr(mesh.visual, "uv", None), materials[key], _vertex_color(mesh))
         if made is not None:
@@ -73,7 +73,7 @@ def read_with_trimesh(
 
 
 def _material(mesh: Any, file: str) -> Material | None:
-    """Our material of a trimesh one; None where the file names none."""
+    """Convert a trimesh material; return None if the file names none."""
     from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
     given = getattr(mesh.visual, "material", None)
@@ -95,7 +95,7 @@ def _material(mesh: Any, file: str) -> Material | None:
         color = np.asarray(extra.get("kd", [0.5, 0.5, 0.5]), np.float64).reshape(-1)
         color = np.resize(color, 3)
         if given.image is not None:
-            color = np.ones(3)  # exporters write any Kd beside map_Kd; what is seen is the map
+            color = np.ones(3)  # Kd beside map_Kd is arbitrary; only the map is used
         alpha = _alpha_of_mtl(extra)
         return Material(str(given.name or ""), base_color([*color, alpha]), texture=None
                         if given.image is None else texture_from_image(given.image, file))
@@ -107,7 +107,7 @@ def _alpha_of_mtl(extra: dict[str, Any]) -> float:
         alpha = float(extra["d"][-1]) if "d" in extra else 1.0 - float(extra.get("tr", ["0"])[-1])
     except (ValueError, IndexError):
         return 1.0
-    # `d 0` or `Tr 1` for a whole mesh is an exporter that reads the letter the other way round
+    # `d 0` or `Tr 1` for a whole mesh comes from exporters that invert the meaning
     return alpha if 0.0 < alpha <= 1.0 else 1.0
 
 
@@ -123,7 +123,7 @@ def _resolver(asset: Asset, reader: AssetReader) -> Any:
     from trimesh.resolvers import Resolver
 
     class OurResolver(Resolver):
-        """Gives trimesh the bytes of what a mesh refers to, by our rules only."""
+        """Resolver of the references of a mesh that accepts only checked files."""
 
         def __init__(self) -> None:
             self.file_name = asset.path.name
@@ -153,7 +153,7 @@ def _resolver(asset: Asset, reader: AssetReader) -> Any:
 
 
 def _check_gltf(data: bytes, kind: str, limits: MeshLimits) -> None:
-    """Refuse by name what trimesh would misread or what would not fit into memory."""
+    """Refuse features that trimesh misreads, and sizes above the limits."""
     text = data
     if kind == "glb":
         if data[:4] != b"glTF" or len(data) < 20:

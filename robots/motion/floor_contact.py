@@ -1,4 +1,4 @@
-"""Rigid groups of a model, how low they reach, and where the ground under it is."""
+"""Rigid groups of a model, their lowest points, and the height of the ground below it."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..model import ArticulatedModel, forward_kinematics
 from .trajectory import joint_window
 
 FLOOR_TOLERANCE = 1e-3
-"""m that a part may be below the ground without touching it."""
+"""Depth below the ground, m, up to which a part does not count as touching it."""
 _SAMPLES = 50
-_UPRIGHT = 0.1  # share of random configurations in which an arm is wholly above its own foot
+_UPRIGHT = 0.1  # least share of random configurations with nothing below the root's group
 
 
 class RigidGroups:
-    """The surfaces of a model by rigid group: parts that fixed joints join, in the first's frame.
+    """Surfaces of a model by rigid group (parts connected by fixed joints).
 
-    A group is named by the index of its first part; groups without a surface are left out.
+    The index of its first part identifies a group; groups without a surface are omitted.
     """
 
     def __init__(self, model: ArticulatedModel) -> None:
         self.model = model
         self.group = np.arange(len(model.parent))
-        """[P] the group of each part."""
+        """[P] group of each part."""
         for p, parent in enumerate(model.parent):
             if parent >= 0 and model.joint[p] < 0:
                 self.group[p] = self.group[parent]
@@ -46,16 +46,16 @@ class RigidGroups:
 
     @cached_property
     def hulls(self) -> list[Array]:
-        """For each group, the points [H 3] that a plane can touch from outside."""
+        """The vertices [H 3] of the convex hull of each group."""
         return [hull_vertices(vertices) for vertices, _ in self.surfaces.values()]
 
     @cached_property
     def _tries(self) -> Array:
-        """[N P 4 4] the rest pose, and random ones."""
+        """Poses [N P 4 4] at rest and in random configurations."""
         return np.concatenate([rest_poses(self.model)[None], random_poses(self.model)])
 
     def lowest(self, world_from_part: ArrayLike) -> Array:
-        """[... G] height (m) of the lowest point of each group at poses [... P 4 4]."""
+        """Return the height [... G] m of the lowest point of each group at poses [... P 4 4]."""
         poses = np.asarray(world_from_part, np.float64)
         heights = np.full((*poses.shape[:-3], len(self.surfaces)), np.inf)
         for i, (group, hull) in enumerate(zip(self.surfaces, self.hulls, strict=True)):
@@ -64,13 +64,12 @@ class RigidGroups:
         return heights
 
     def ground_height(self, world_from_part: ArrayLike) -> float:
-        """Height (m) of the ground under the model that moves through poses [T P 4 4].
+        """Return the height (m) of the ground below a model that moves through poses [T P 4 4].
 
-        It is the lowest point of the root's rigid group where the model stands on that: where
-        nothing is lower in the rest pose, or in a tenth of random configurations (an arm may hang
-        over the edge of its table and can also rise above it; legs and wheels are always below
-        the body that they carry). Otherwise, or if that group has no surface, it is the lowest
-        point that any part reaches; 0 for a model without a surface.
+        It is the lowest point of the root's rigid group if the model stands on that group, i.e. if
+        nothing is lower at rest or in a tenth of random configurations (an arm can reach below
+        its table and rise above it; legs and wheels are always below their body). Otherwise, or
+        if that group has no surface, it is the lowest point of any part; 0 without a surface.
         """
         poses = np.asarray(world_from_part, np.float64)
         lowest = self.lowest(poses)
@@ -86,18 +85,18 @@ class RigidGroups:
 
 
 def ground_height(model: ArticulatedModel, world_from_part: ArrayLike) -> float:
-    """RigidGroups.ground_height, for a model that is asked about once."""
+    """Return `RigidGroups.ground_height` of a model."""
     return RigidGroups(model).ground_height(world_from_part)
 
 
 def rest_poses(model: ArticulatedModel) -> Array:
-    """root_from_part [P 4 4] with every joint at zero, or at the limit that is nearest to it."""
+    """Return root_from_part [P 4 4] with each joint at the value in its limits nearest to zero."""
     return forward_kinematics(model, np.clip(0.0, model.limits[:, 0], model.limits[:, 1]))
 
 
 def random_poses(model: ArticulatedModel) -> Array:
-    """root_from_part [50 P 4 4] of random configurations, always the same ones for a model."""
+    """Return root_from_part [50 P 4 4] of random configurations, the same at every call."""
     windows = np.array([joint_window(model, j) for j in range(len(model.joint_names))])
     low, high = windows.reshape(-1, 2).T
-    rng = np.random.default_rng(0)  # what follows from these is a property of the model
+    rng = np.random.default_rng(0)  # fixed: the ground height is a property of the model
     return forward_kinematics(model, rng.uniform(low, high, (_SAMPLES, len(low))))

@@ -1,8 +1,7 @@
-"""From the bytes of a URDF to yourdfpy's description of it, with everything checked on the way.
+"""Checked parser of the bytes of a URDF into the objects of yourdfpy.
 
-yourdfpy meets only elements that we know and numbers that are numbers, so that nothing in a file
-can make it raise. Collisions, inertias, transmissions and plug-ins are no part of a picture and
-are left out.
+yourdfpy receives only known elements and finite numbers, so that no file makes it raise.
+Collisions, inertias, transmissions and plug-ins do not affect images and are ignored.
 """
 
 # yourdfpy has no types
@@ -27,7 +26,7 @@ MAX_LINKS = 5000
 MAX_VISUALS = 20_000
 MAX_NAME = 256
 MAX_NUMBER = 1e6
-"""Of lengths, scales and angles; limits may be larger, because many files mean "none" by 1e16."""
+"""Limit on lengths, scales and angles; joint limits may be larger (1e16 often means "none")."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 GEOMETRIES: dict[str, dict[str, tuple[int, ...]]] = {
     "box": {"size": (3,)}, "sphere": {"radius": (1,)},
@@ -39,16 +38,16 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 
 @dataclass
 class UrdfDocument:
-    """A URDF that was found fit to be read."""
+    """A checked URDF."""
 
     robot: Robot
     notes: list[str] = field(default_factory=list)
 
 
 def read_urdf_document(data: bytes, default_name: str, allow_missing: bool = False) -> UrdfDocument:
-    """Check and parse a URDF; raises ModelError.
+    """Check and parse a URDF; raise ModelError.
 
-    yourdfpy has no capsules: they come as cylinders of visuals that are named "capsule".
+    yourdfpy has no capsules: a capsule becomes a cylinder in a visual named "capsule".
     """
     notes: list[str] = []
     clean = _clean_robot(parse_xml(data), default_name, allow_missing, notes)
@@ -100,7 +99,7 @@ def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]
 
 
 def _add_world(robot: Element, notes: list[str]) -> None:
-    """Add the link "world" where joints hang on it and no link is so named, as Drake does."""
+    """Add a missing link "world" if a joint refers to it, as Drake does."""
     names = {link.get("name") for link in robot.findall("link")}
     if "world" not in names and any(p.get("link") == "world"
                                     for p in robot.findall("joint/parent")):
@@ -186,7 +185,7 @@ def _numbers(
     element: Element, where: str, counts: dict[str, tuple[int, ...]], required: bool = False,
     largest: float = MAX_NUMBER,
 ) -> dict[str, str]:
-    """Attributes that hold as many finite numbers as `counts` allows, in plain spelling."""
+    """Return normalised attributes; each holds an allowed number (`counts`) of finite numbers."""
     out: dict[str, str] = {}
     for key, allowed in counts.items():
         text = element.get(key)

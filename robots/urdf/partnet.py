@@ -1,9 +1,9 @@
-"""Objects in the layout of PartNet-Mobility: where they lie, and what their parts are called.
+"""Objects of PartNet-Mobility: their location, their part names and their scored joints.
 
-The set is under research terms: the user has it, or gets it with a token of their own; nothing of
-it is kept here. What its files have that others do not (an empty root, y up, textures in
-`../images`, several groups a mesh, no inertia, helper links) is nothing that the reader of URDFs
-minds, as long as a file stays inside the object's own folder.
+The data set is under research terms: users provide a copy, or download it with their own token;
+this package includes none of it. The URDF reader supports the peculiarities of its files (an
+empty root, y up, textures in `../images`, several groups per mesh, no inertia, helper links);
+all files must be inside the folder of the object.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .reader import load_urdf
 URDF, NAMES = "mobility.urdf", "semantics.txt"
 DATASET_VARIABLE = "PARTNET_MOBILITY_DATASET"
 TOKEN = "SAPIEN_ACCESS_TOKEN"
-"""Environment variables, those of sapien."""
+"""Environment variables of sapien."""
 LICENCE = "PartNet-Mobility: research terms, not to be redistributed"
 _LARGEST = 2**20
 _DOOR = re.compile(r"(.*_)?door(_\d+)?")
@@ -34,12 +34,11 @@ _MOST_SCORED = 3
 
 
 def partnet_folder(number: str, directory: Path | None = None, download: bool = True) -> Path:
-    """The folder of an object: in `directory`, else in $PARTNET_MOBILITY_DATASET, else in
+    """Return the folder of an object, below `directory`, else $PARTNET_MOBILITY_DATASET, else
     `partnet-mobility-dataset`.
 
-    What is not there is downloaded by sapien, if it is installed and $SAPIEN_ACCESS_TOKEN is set
-    (unless `download` is False).
-    Raises GcbenchError that says what to do.
+    sapien downloads a missing object if `download` is True and $SAPIEN_ACCESS_TOKEN is set.
+    Raises GcbenchError with instructions if the object is missing.
     """
     own = os.environ.get(DATASET_VARIABLE)
     root = directory or Path(own or "partnet-mobility-dataset").expanduser()
@@ -57,7 +56,7 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
     try:
         from sapien.asset import download_partnet_mobility  # pyright: ignore
 
-        with redirect_stdout(io.StringIO()):  # it prints an address that has the token in it
+        with redirect_stdout(io.StringIO()):  # it prints a URL that contains the token
             download_partnet_mobility(number, token, str(root))
     except Exception as error:
         why = " ".join(str(error).replace(token, "...").split())[:200]
@@ -68,10 +67,10 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
 
 
 def load_object(folder: Path, allow_missing: bool = False) -> ArticulatedModel:
-    """The object in a folder; its parts and joints are called by what they mean.
+    """Load the object in a folder, with the part and joint names of semantics.txt.
 
-    Raises ModelError as `load_urdf`, MissingAssetError if meshes are missing (in the published set
-    some are) and that is not allowed.
+    Raises ModelError like `load_urdf`, and MissingAssetError if meshes are missing (as for some
+    objects of the published set) and `allow_missing` is False.
     """
     urdf = folder / URDF
     try:
@@ -87,9 +86,9 @@ def load_object(folder: Path, allow_missing: bool = False) -> ArticulatedModel:
 
 
 def rename_parts(model: ArticulatedModel, names: Mapping[str, str]) -> ArticulatedModel:
-    """The model with new part names by old ones; a joint is called like the part that it moves.
+    """Rename parts by `names` (old: new); each joint gets the new name of its child part.
 
-    Raises ModelError if two parts or joints would have one name.
+    Raises ModelError if two parts or two joints would have the same name.
     """
     parts = tuple(names.get(part, part) for part in model.part_names)
     joints = tuple(
@@ -103,9 +102,9 @@ def rename_parts(model: ArticulatedModel, names: Mapping[str, str]) -> Articulat
 
 
 def part_names(folder: Path) -> dict[str, str]:
-    """What semantics.txt calls each link: "door"; further ones "door_2", "door_3".
+    """Return the name of each link in semantics.txt: "door", then "door_2", "door_3".
 
-    Empty where there is no such file. A helper link is named after the one that it helps.
+    The result is empty if the file is missing. A helper link gets its link's name + "_helper".
     """
     path = folder / NAMES
     if not path.is_file():
@@ -127,7 +126,7 @@ def part_names(folder: Path) -> dict[str, str]:
 
 
 def scored_joints(model: ArticulatedModel) -> tuple[str, ...]:
-    """The hinges of an object's doors, if it has any: at most three; else its first drawer."""
+    """Return up to three hinge joints of doors; for an object without doors, its first drawer."""
     named = list(zip(model.joint_names, model.joint_types, strict=True))
     doors = [name for name, kind in named if kind != "prismatic" and _DOOR.fullmatch(name)]
     drawers = [name for name, kind in named if kind == "prismatic" and _DRAWER.fullmatch(name)]

@@ -1,4 +1,4 @@
-"""What the links of a URDF look like: geometries, materials, and which of them wins."""
+"""Geometry and materials of the links of a URDF."""
 
 # yourdfpy has no types
 # pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 def visuals_of_document(
     document: UrdfDocument, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
 ) -> tuple[list[Visual], list[str]]:
-    """The visuals of a model's parts, and notes; raises ModelError."""
+    """Return the visuals of all parts of a model, and notes; raise ModelError."""
     robot, notes = document.robot, list[str]()
     materials = _named_materials(robot.materials, robot.links)
     links: dict[str, Link] = {link.name: link for link in robot.links}
@@ -69,7 +69,7 @@ def visuals_of_document(
 
 
 def _surfaces(visual: Any, library: MeshLibrary) -> list[TriangleSurface]:
-    """The surfaces of one <visual>, in its own frame."""
+    """Return the surfaces of one <visual> in its own frame."""
     shape = visual.geometry
     if shape.box is not None:
         return [box(shape.box.size.tolist())]
@@ -85,7 +85,7 @@ def _surfaces(visual: Any, library: MeshLibrary) -> list[TriangleSurface]:
 
 
 def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:
-    """Materials by name: those of the robot, then the first definition inside a link."""
+    """Return materials by name; those of the robot precede definitions inside links."""
     inline = [v.material for link in links for v in link.visuals if v.material is not None]
     named: dict[str, Any] = {}
     for m in [*top, *inline]:
@@ -97,7 +97,7 @@ def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:
 def _material(
     given: Any, named: dict[str, Any], library: MeshLibrary, notes: list[str], link: str
 ) -> Material | None:
-    """The URDF's own material of a visual, None where it names none."""
+    """Return the material that the URDF gives a visual, or None."""
     if given is None:
         return None
     if given.color is None and given.texture is None:
@@ -123,19 +123,19 @@ def _material(
 
 
 def _dressed(s: TriangleSurface, own: Material | None) -> TriangleSurface:
-    """The surface with its final material: the mesh's own, else the URDF's, else vertex colours."""
+    """Assign the final material: that of the mesh, else of the URDF, else the vertex colour."""
     if s.material is not None:
         material = s.material
     elif own is not None:
         material = own
     else:
         material = Material() if s.vertex_color is None else Material(base_color=s.vertex_color)
-    if material.texture is not None and s.uv is None:  # nowhere to put it: its mean colour stays
+    if material.texture is not None and s.uv is None:  # use the mean colour
         mean = np.multiply(mean_color(material.texture), material.base_color).tolist()
         material = replace(material, texture=None, base_color=(mean[0], mean[1], mean[2], mean[3]))
     return replace(s, material=material)
 
 
 def pose_or_identity(matrix: Array | None) -> Array:
-    """The 4x4 of an <origin>, which may be absent."""
+    """Return the pose [4 4] of an <origin>; identity for None."""
     return np.eye(4) if matrix is None else np.asarray(matrix, np.float64)
