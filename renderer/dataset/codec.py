@@ -1,13 +1,13 @@
-"""Images of the dataset as PNG bytes, and back: the encodings of the dataset contract.
+"""Encode images of the dataset as PNG bytes and decode them, as the dataset contract specifies.
 
-The settings were measured (one 640x480 frame, one core, OpenCV 5): RGB of a noisy background takes
-6 ms and 332 KiB, of a plain one 1.5 ms and 11 KiB; flow 3 ms and 20 KiB, depth 1 ms, part and
-visibility 0.3 ms each. Without a search for repetitions a noisy RGB would take 5 ms and a plain one
-4 ms and 116 KiB; with zlib's own search 8 ms and 389 KiB.
+Measured costs (one 640x480 frame, one core, OpenCV 5): RGB with a noisy background takes 6 ms and
+332 KiB, with a plain one 1.5 ms and 11 KiB; flow 3 ms and 20 KiB, depth 1 ms, part and visibility
+0.3 ms each. Without run-length matching, a noisy RGB image takes 5 ms, and a plain one 4 ms and
+116 KiB; with zlib's default matching a noisy one takes 8 ms and 389 KiB.
 
-Decoding is strict. OpenCV would turn a palette, 1-bit or animated PNG silently into something of
-the right shape, print its complaints about a damaged one to stderr, and allocate whatever the
-header asks for: header and checksums are looked at here first.
+Decoding is strict. OpenCV converts a palette, 1-bit or animated PNG silently to the expected shape,
+prints errors of a damaged one to stderr, and allocates the size that the header states. Therefore
+header and checksums are verified here first.
 """
 
 from __future__ import annotations
@@ -20,43 +20,43 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import DatasetError, RenderError
 from ..types import MAX_PIXELS
 
 DEPTH_UNIT = 0.0001
-"""m per unit of the depth PNG, unless a sequence says otherwise."""
+"""m per unit of the depth PNG; a sequence may define another (`Meta.depth_unit`)."""
 
 _GREY, _RGB = 0, 2  # PNG colour types
 _FLOW_SCALE, _FLOW_ZERO = 64, 32768
 
 
 def _settings(strategy: int, png_filter: str) -> list[int]:
-    """imencode's parameters; an OpenCV before 4.12 has no choice of the filter and uses SUB."""
+    """Return the parameters of imencode. OpenCV before 4.12 always uses the filter SUB."""
     settings = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, strategy]
     if hasattr(cv2, "IMWRITE_PNG_FILTER"):
         settings += [cv2.IMWRITE_PNG_FILTER, getattr(cv2, f"IMWRITE_PNG_FILTER_{png_filter}")]
     return settings
 
 
-# A picture has no repetitions worth a search but runs of one colour.
+# Photographs contain runs of one colour, but few other repetitions.
 _PICTURE = _settings(cv2.IMWRITE_PNG_STRATEGY_RLE, "AVG")
 _FIELD = _settings(cv2.IMWRITE_PNG_STRATEGY_DEFAULT, "UP")
 _LABELS = _settings(cv2.IMWRITE_PNG_STRATEGY_RLE, "NONE")
 
 
 def encode_rgb(rgb: NDArray[np.uint8]) -> bytes:
-    """PNG of an sRGB image [H W 3]."""
+    """Encode an sRGB image [H W 3]."""
     return _encode(cv2.cvtColor(_checked(rgb, np.uint8, 3), cv2.COLOR_RGB2BGR), _PICTURE)
 
 
 def encode_depth(depth: NDArray[np.float32], unit: float = DEPTH_UNIT) -> bytes:
-    """PNG of depth [H W] in m, rounded to units of `unit` m; 0 stays 0, "no surface".
+    """Encode depth [H W] in m, rounded to units of `unit` m; 0 stays 0, "no surface".
 
-    Raises GcbenchError if a depth is negative, not a number or deeper than 65535 units.
+    Raises RenderError if a depth is negative, not a number or deeper than 65535 units.
     """
     units = np.rint(_checked(depth, np.float32) * np.float32(1.0 / unit))
     if not (units.min(initial=0) >= 0 and units.max(initial=0) <= 65535):
-        raise GcbenchError(
+        raise RenderError(
             f"depth from {depth.min():g} to {depth.max():g} m does not fit a depth image of "
             f"0..{65535 * unit:g} m; choose a larger depth_unit than {unit:g} m"
         )
@@ -64,52 +64,52 @@ def encode_depth(depth: NDArray[np.float32], unit: float = DEPTH_UNIT) -> bytes:
 
 
 def encode_part(part: NDArray[np.uint16], wide: bool = False) -> bytes:
-    """PNG of part numbers [H W]: 8 bits a pixel, or 16 where `wide` (above 255 parts).
+    """Encode part numbers [H W] with 8 bits per pixel, or 16 if `wide` (more than 255 parts).
 
-    Raises GcbenchError if a number does not fit.
+    Raises RenderError if a number does not fit.
     """
     labels = _checked(part, np.uint16)
     if wide:
         return _encode(labels, _LABELS)
     if labels.max(initial=0) > 255:
-        raise GcbenchError(f"part number {labels.max()} does not fit an 8-bit part image")
+        raise RenderError(f"part number {labels.max()} does not fit an 8-bit part image")
     return _encode(labels.astype(np.uint8), _LABELS)
 
 
 def widen_part(png: bytes) -> bytes:
-    """A 16-bit part image from one of `encode_part`."""
+    """Return the 16-bit version of an image of `encode_part`."""
     part = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
     return _encode(np.asarray(part, np.uint16), _LABELS)
 
 
 def encode_mask(mask: NDArray[np.bool_]) -> bytes:
-    """PNG of a mask [H W]: 8 bits, 0 or 255."""
+    """Encode a mask [H W] with 8 bits per pixel, 0 or 255."""
     return _encode(np.ascontiguousarray(mask, np.uint8) * np.uint8(255), _LABELS)
 
 
 def encode_visibility(visibility: NDArray[np.uint8]) -> bytes:
-    """PNG of a visibility image [H W]."""
+    """Encode a visibility image [H W]."""
     return _encode(_checked(visibility, np.uint8), _LABELS)
 
 
 def encode_flow(flow: NDArray[np.float32]) -> bytes:
-    """KITTI PNG of flow [H W 2] in px: red u, green v, blue 1 where valid.
+    """Encode flow [H W 2] px as in KITTI: red u, green v, blue 1 where valid.
 
-    NaN, and what does not fit (from 512 px on), is (0, 0, 0).
+    NaN, and flow of 512 px or more, is (0, 0, 0).
     """
-    with np.errstate(invalid="ignore"):  # NaN and inf become integers that are masked below
+    with np.errstate(invalid="ignore"):  # NaN and inf become integers, masked below
         units = np.rint(_checked(flow, np.float32, 2) * np.float32(_FLOW_SCALE))
         fits = cv2.inRange(units, (-32767, -32767), (32767, 32767))
-        # 2^15 added modulo 2^16; the detour over int32 makes negative numbers well defined.
+        # 2^15 added modulo 2^16; via int32, which defines the result for negative numbers.
         coded = units.astype(np.int32).astype(np.uint16) ^ np.uint16(_FLOW_ZERO)
     u, v = cv2.split(coded)
     valid = np.minimum(fits, 1).astype(np.uint16)
-    bgr = cv2.merge([valid, v * valid, u * valid])  # a mask on three channels would cost 8 ms
+    bgr = cv2.merge([valid, v * valid, u * valid])  # masking three channels at once takes 8 ms
     return _encode(bgr, _FIELD)
 
 
 def encode_normal(normal: NDArray[np.float32]) -> bytes:
-    """PNG of unit normals [H W 3]: red x, green y, blue z as 1 + round((n + 1) / 2 * 65534).
+    """Encode unit normals [H W 3]: red x, green y, blue z as 1 + round((n + 1) / 2 * 65534).
 
     NaN is (0, 0, 0).
     """
@@ -119,8 +119,9 @@ def encode_normal(normal: NDArray[np.float32]) -> bytes:
 def encode_coordinates(
     coordinates: NDArray[np.float32], part: NDArray[np.uint16], box: NDArray[np.float64]
 ) -> bytes:
-    """PNG of coordinates [H W 3] m: 1 + round(65534 * share) of the box [P 2 3] m of each pixel's
-    part number [H W]; NaN is (0, 0, 0).
+    """Encode coordinates [H W 3] m as 1 + round(65534 * share); NaN is (0, 0, 0).
+
+    `share` is the position in the box [P 2 3] m of each pixel's part number [H W].
     """
     low, size = _box_of(part, box)
     share = (_checked(coordinates, np.float32, 3) - low) / np.where(size > 0, size, 1.0)
@@ -128,56 +129,56 @@ def encode_coordinates(
 
 
 def decode_normal(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
-    """[H W 3], NaN where there is none."""
+    """Decode unit normals [H W 3]; NaN where there is no surface."""
     return (_decoded(_decode(png, size, where, _RGB, (16,))) * 2.0 - 1.0).astype(np.float32)
 
 
 def decode_shares(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
-    """[H W 3] coordinates as shares 0..1 of a box, NaN where there are none."""
+    """Decode coordinates [H W 3] as shares 0..1 of a box; NaN where there is no part."""
     return _decoded(_decode(png, size, where, _RGB, (16,))).astype(np.float32)
 
 
 def coordinates_in_boxes(
     share: NDArray[np.float32], part: NDArray[np.uint16], box: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """[H W 3] m from shares [H W 3] of the boxes [P 2 3] m of part numbers [H W]."""
+    """Return coordinates [H W 3] m: shares [H W 3] of the boxes [P 2 3] m of parts [H W]."""
     low, size = _box_of(part, box)
     return (low + share * size).astype(np.float32)
 
 
 def decode_rgb(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.uint8]:
-    """[H W 3] sRGB. `size` is (width, height) px; `where` names file and member in errors.
+    """Decode sRGB [H W 3]. `size` is (width, height) px; `where` names file and member in errors.
 
-    Raises GcbenchError if the PNG is damaged or not of this size and kind (all decoders).
+    Raises DatasetError if the PNG is damaged or not of this size and kind (all decoders).
     """
     bgr = _decode(png, size, where, _RGB, (8,))
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def decode_depth(png: bytes, size: tuple[int, int], where: str, unit: float) -> NDArray[np.float32]:
-    """[H W] m, 0 where there is no surface."""
+    """Decode depth [H W] m; 0 where there is no surface. `unit` is m per unit of the PNG."""
     raw = _decode(png, size, where, _GREY, (16,))
     return np.multiply(raw, np.float32(unit), dtype=np.float32)
 
 
 def decode_part(png: bytes, size: tuple[int, int], where: str, parts: int) -> NDArray[np.uint16]:
-    """[H W] part numbers in 0..parts; a larger one is an error."""
+    """Decode part numbers [H W] in 0..parts. Raises DatasetError for a larger one."""
     raw = _decode(png, size, where, _GREY, (8,) if parts <= 255 else (16,))
     if raw.max(initial=0) > parts:
-        raise GcbenchError(f"{where}: part number {raw.max()}, but there are {parts} parts")
+        raise DatasetError(f"{where}: part number {raw.max()}, but there are {parts} parts")
     return raw.astype(np.uint16)
 
 
 def decode_visibility(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.uint8]:
-    """[H W] 0..3."""
+    """Decode visibility [H W] in 0..3."""
     raw = _decode(png, size, where, _GREY, (8,))
     if raw.max(initial=0) > 3:
-        raise GcbenchError(f"{where}: visibility {raw.max()}, but only 0 to 3 have a meaning")
+        raise DatasetError(f"{where}: visibility {raw.max()}, but only 0 to 3 have a meaning")
     return raw
 
 
 def decode_flow(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
-    """[H W 2] px, NaN where invalid."""
+    """Decode flow [H W 2] px; NaN where invalid."""
     bgr = _decode(png, size, where, _RGB, (16,))
     flow = bgr[..., 2:0:-1].astype(np.float32)
     flow -= _FLOW_ZERO
@@ -187,14 +188,14 @@ def decode_flow(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.flo
 
 
 def _coded(share: NDArray[Any]) -> NDArray[np.uint16]:
-    """BGR codes 1..65535 of RGB values [H W 3] in 0..1 (clipped), 0 where one is NaN."""
+    """Return BGR codes 1..65535 of RGB values [H W 3] in 0..1 (clipped); 0 where one is NaN."""
     known = np.isfinite(share).all(axis=2, keepdims=True)
     units = np.rint(np.clip(np.where(known, share, 0.0), 0.0, 1.0) * 65534.0) + 1.0
     return np.where(known, units, 0.0)[..., ::-1].astype(np.uint16)
 
 
 def _decoded(bgr: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """RGB values [H W 3] in 0..1, NaN where a code is 0."""
+    """Return RGB values [H W 3] in 0..1; NaN where a code is 0."""
     code = bgr[..., ::-1].astype(np.float64)
     return np.where((code > 0).all(axis=2, keepdims=True), (code - 1.0) / 65534.0, np.nan)
 
@@ -202,13 +203,13 @@ def _decoded(bgr: NDArray[np.uint16]) -> NDArray[np.float64]:
 def _box_of(
     part: NDArray[np.uint16], box: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lower corner and size [H W 3] m of the box of each pixel's part; zeros for background."""
+    """Return lower corner and size [H W 3] m of the box of each pixel's part; background: 0."""
     boxes = np.concatenate([np.zeros((1, 2, 3)), box])[part]
     return boxes[..., 0, :], boxes[..., 1, :] - boxes[..., 0, :]
 
 
 def _checked(image: NDArray[Any], dtype: type[np.generic], channels: int = 0) -> NDArray[Any]:
-    """The image, contiguous. ValueError if it is not [H W] or [H W channels] of this dtype."""
+    """Return the image, contiguous. Raises ValueError for another shape or dtype."""
     shape_fits = image.ndim == 3 and image.shape[2] == channels if channels else image.ndim == 2
     if image.dtype != dtype or not shape_fits:
         raise ValueError(f"{image.dtype} image of shape {image.shape}; expected {dtype.__name__}")
@@ -222,12 +223,12 @@ def _encode(image: NDArray[Any], settings: list[int]) -> bytes:
 def _decode(
     png: bytes, size: tuple[int, int], where: str, color: int, bits: tuple[int, ...]
 ) -> NDArray[Any]:
-    """Pixels as OpenCV orders them (BGR), after the file has proven to be what is expected."""
+    """Return the pixels in OpenCV's order (BGR) after verifying the header and checksums."""
     width, height, depth, kind = _read_header(png, where)
     if (width, height) != size or width * height > MAX_PIXELS:
-        raise GcbenchError(f"{where}: {width}x{height} px, expected {size[0]}x{size[1]}")
+        raise DatasetError(f"{where}: {width}x{height} px, expected {size[0]}x{size[1]}")
     if kind != color or depth not in bits:
-        raise GcbenchError(
+        raise DatasetError(
             f"{where}: PNG of colour type {kind} with {depth} bits, "
             f"expected colour type {color} with {' or '.join(map(str, bits))} bits"
         )
@@ -237,14 +238,14 @@ def _decode(
         image = None
     shape = (height, width) if color == _GREY else (height, width, 3)
     if image is None or image.shape != shape or image.dtype.itemsize * 8 != depth:
-        raise GcbenchError(f"{where}: damaged PNG")
+        raise DatasetError(f"{where}: damaged PNG")
     return image
 
 
 def _read_header(png: bytes, where: str) -> tuple[int, int, int, int]:
-    """(width, height, bits, colour type) of a PNG whose chunks are all there and unharmed."""
+    """Return (width, height, bits, colour type) of a PNG whose chunks are complete and intact."""
     if png[:8] != b"\x89PNG\r\n\x1a\n":
-        raise GcbenchError(f"{where}: not a PNG")
+        raise DatasetError(f"{where}: not a PNG")
     header: tuple[int, int, int, int] | None = None
     at = 8
     while at + 12 <= len(png):
@@ -259,8 +260,8 @@ def _read_header(png: bytes, where: str) -> tuple[int, int, int, int]:
                 break
             header = struct.unpack_from(">IIBB", png, at + 8)
         elif kind == b"acTL":
-            raise GcbenchError(f"{where}: an animated PNG")
+            raise DatasetError(f"{where}: an animated PNG")
         elif kind == b"IEND" and end == len(png):
             return header
         at = end
-    raise GcbenchError(f"{where}: damaged PNG")
+    raise DatasetError(f"{where}: damaged PNG")

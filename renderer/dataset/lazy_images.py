@@ -1,4 +1,4 @@
-"""The images of a stored sequence, decoded when they are indexed."""
+"""Images of a stored sequence that are decoded when they are indexed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Decoder = Callable[..., NDArray[Item]]
 
 @dataclass(frozen=True)
 class LazyStack(Generic[Item]):
-    """Images of one kind: an int gives one, a slice a stacked array; nothing is kept.
+    """Images of one kind: an int gives one image, a slice a stacked array. Nothing is cached.
 
     `np.asarray(stack)` decodes them all.
     """
@@ -32,7 +32,7 @@ class LazyStack(Generic[Item]):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the stacked array."""
+        """Shape of the stacked array."""
         return (len(self.members), *self.item_shape)
 
     def __len__(self) -> int:
@@ -42,7 +42,7 @@ class LazyStack(Generic[Item]):
         return map(self._load, self.members)
 
     def __getitem__(self, index: int | slice, /) -> NDArray[Item]:
-        """Raises IndexError, or GcbenchError if an image is damaged."""
+        """Raises IndexError, or DatasetError if an image is damaged."""
         if not isinstance(index, slice):
             return self._load(self.members[index])
         members = self.members[index]
@@ -53,7 +53,7 @@ class LazyStack(Generic[Item]):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
-            raise ValueError("a lazy stack is decoded, which makes a new array")
+            raise ValueError("decoding a lazy stack creates a new array; copy=False is impossible")
         return self[:].astype(self.dtype if dtype is None else dtype, copy=False)
 
     def _load(self, member: str) -> NDArray[Item]:
@@ -62,7 +62,7 @@ class LazyStack(Generic[Item]):
 
 @dataclass(frozen=True)
 class CombinedStack(Generic[Item]):
-    """Images that two stacks of equal length tell together."""
+    """Images that are computed from the images of two stacks of equal length."""
 
     first: LazyStack[Any]
     second: LazyStack[Any]
@@ -71,7 +71,7 @@ class CombinedStack(Generic[Item]):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the stacked array."""
+        """Shape of the stacked array."""
         return self.first.shape
 
     def __len__(self) -> int:
@@ -81,7 +81,7 @@ class CombinedStack(Generic[Item]):
         return (self[t] for t in range(len(self)))
 
     def __getitem__(self, index: int | slice, /) -> NDArray[Item]:
-        """Raises IndexError, or GcbenchError if an image is damaged."""
+        """Raises IndexError, or DatasetError if an image is damaged."""
         if not isinstance(index, slice):
             return self.combine(self.first[index], self.second[index])
         chosen = range(*index.indices(len(self)))
@@ -90,5 +90,5 @@ class CombinedStack(Generic[Item]):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
-            raise ValueError("a lazy stack is decoded, which makes a new array")
+            raise ValueError("decoding a lazy stack creates a new array; copy=False is impossible")
         return self[:].astype(self.first.dtype if dtype is None else dtype, copy=False)

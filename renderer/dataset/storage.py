@@ -1,7 +1,7 @@
-"""One sequence on disk: written frame by frame, whole or not at all, and read back lazily.
+"""One sequence on disk: written frame by frame, completely or not at all, and read lazily.
 
-Written under a temporary name that does not end in `.zip`, flushed, renamed: a name that ends in
-`.zip` is whole. Equal sequences are equal bytes.
+The writer uses a temporary name without `.zip`, flushes the file and renames it: a file whose name
+ends in `.zip` is complete. Equal sequences give equal bytes.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from .schema import dump_meta, parse_meta
 from .state_arrays import check_state, dump_state, parse_state
 
 FOLDER = "sequences"
-"""Of a dataset, holds the sequences."""
-_AHEAD = 4  # frames that rendering may be ahead of encoding; bounds the memory
+"""Folder of the sequences in a dataset."""
+_AHEAD = 4  # frames that wait for encoding at most: bounds the memory
 
 
 def sequence_name(index: int) -> str:
-    """ "000007" for 7."""
+    """Return the name of a sequence: "000007" for 7."""
     return f"{index:06d}"
 
 
 def member_names(frames: int, layers: Collection[str] = ()) -> dict[str, list[str]]:
-    """The image members of a sequence of so many frames, by stack, in order."""
+    """Return the names of the image members of a sequence, by stack, in order."""
     every, forward, backward = range(frames), range(frames - 1), range(1, frames)
     stacks = {
         "rgb": every,
@@ -52,16 +52,16 @@ def member_names(frames: int, layers: Collection[str] = ()) -> dict[str, list[st
 
 
 class SequenceWriter:
-    """Writes DATASET/sequences/INDEX.zip; encodes in a thread while the next frame is rendered.
+    """Writer of DATASET/sequences/INDEX.zip. Encodes in a thread while the next frame is rendered.
 
-    `with SequenceWriter(dataset, index) as writer:` leaves nothing behind if the body raises.
+    `with SequenceWriter(dataset, index) as writer:` removes the file if the body raises.
     """
 
     def __init__(
         self, dataset: Path, index: int, depth_unit: float = codec.DEPTH_UNIT,
         coordinate_box: Array | None = None,
     ) -> None:
-        """`coordinate_box` [P 2 3] m is needed if the frames have coordinates."""
+        """`coordinate_box` [P 2 3] m is required if the frames have coordinates."""
         folder = dataset / FOLDER
         folder.mkdir(parents=True, exist_ok=True)
         name = sequence_name(index)
@@ -77,9 +77,9 @@ class SequenceWriter:
         self._members: set[str] = set()
 
     def add(self, frame: Frame) -> None:
-        """Encode the next frame, whose arrays must not change any more.
+        """Encode the next frame. Its arrays must not change afterwards.
 
-        Raises GcbenchError if a frame so far cannot be encoded (`codec.encode_depth`).
+        Raises RenderError if a frame cannot be encoded (`codec.encode_depth`).
         """
         while len(self._pending) >= _AHEAD:
             self._pending.popleft().result()
@@ -87,7 +87,7 @@ class SequenceWriter:
         self._frames += 1
 
     def finish(self, meta: Meta, state: State) -> Path:
-        """Write the rest, rename, and return the path of the finished sequence.
+        """Write the remaining members, rename the file, and return its path.
 
         Raises ValueError if meta and state do not belong to the frames.
         """
@@ -115,9 +115,9 @@ class SequenceWriter:
         return self.path
 
     def discard(self) -> None:
-        """Stop, and remove what was written; does nothing after `finish`."""
+        """Stop, and remove the unfinished file; does nothing after `finish`."""
         self._thread.shutdown(cancel_futures=True)
-        with suppress(OSError):  # no room for what is to be deleted
+        with suppress(OSError):  # the disk may be full
             self._archive.close()
         self._file.close()
         self._temporary.unlink(missing_ok=True)
@@ -134,7 +134,7 @@ class SequenceWriter:
         self.discard()
 
     def _encode(self, t: int, frame: Frame) -> None:
-        """In the thread: encode and append the members of one frame."""
+        """Encode and append the members of one frame; runs in the thread."""
         png = f"{t:06d}.png"
         self._add(f"rgb/{png}", codec.encode_rgb(frame.rgb))
         self._add(f"depth/{png}", codec.encode_depth(frame.depth, self._depth_unit))
@@ -151,7 +151,7 @@ class SequenceWriter:
                 raise ValueError("coordinates need the writer's coordinate_box")
             coded = codec.encode_coordinates(frame.coordinates, frame.part, self._box)
             self._add(f"coordinates/{png}", coded)
-        # How wide a label is follows from the number of parts, which is known at the end.
+        # `finish` knows the number of parts, and with it the width of a label.
         self._parts.append(codec.encode_part(frame.part, wide=bool(frame.part.max() > 255)))
 
     def _add(self, member: str, data: bytes) -> None:
@@ -160,16 +160,16 @@ class SequenceWriter:
 
 
 def read_meta(path: Path) -> Meta:
-    """The meta of the sequence at `path` alone. Raises GcbenchError like `open_sequence`."""
+    """Return only the meta of the sequence at `path`. Raises DatasetError like `open_sequence`."""
     archive = open_archive(path)
     return parse_meta(archive.read("meta.json", MAX_JSON), archive.where("meta.json"))
 
 
 def open_sequence(path: str | Path) -> Sequence:
-    """The sequence in a ZIP file or unpacked folder; images are decoded when indexed.
+    """Open the sequence in a ZIP file or unpacked folder. Images are decoded when indexed.
 
-    Raises GcbenchError, naming file and member, if something is missing, damaged, or not what
-    the contract says; images are checked when they are decoded.
+    Raises DatasetError with file and member if a member is missing, damaged or violates the
+    dataset contract. Images are checked when they are decoded.
     """
     archive = open_archive(Path(path))
     meta = parse_meta(archive.read("meta.json", MAX_JSON), archive.where("meta.json"))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, GcbenchError
 from ..types import Sequence
 from .reader import Dataset
 
@@ -39,10 +39,10 @@ class TorchDataset(TorchBase):
     def __init__(
         self, dataset: Dataset, pairs: bool = True, images: tuple[str, ...] = IMAGES
     ) -> None:
-        """Raises GcbenchError if there is no image of a name."""
+        """Raises ConfigError if there is no image of a name."""
         there = [*IMAGES, *(name for name in _LAYERS if name in dataset.config.layers)]
         if unknown := [name for name in images if name not in there]:
-            raise GcbenchError(f"no image {unknown[0]!r}; there are {', '.join(there)}")
+            raise ConfigError(f"no image {unknown[0]!r}; there are {', '.join(there)}")
         self.dataset, self.pairs, self.images = dataset, pairs, images
         self._steps = dataset.config.frames - 1 if pairs else 1
 
@@ -50,7 +50,7 @@ class TorchDataset(TorchBase):
         return len(self.dataset) * self._steps
 
     def __getitem__(self, index: int) -> dict[str, Any]:
-        """Raises IndexError, or GcbenchError if a file is damaged."""
+        """Raises IndexError, or DatasetError if a file is damaged."""
         if not -len(self) <= index < len(self):
             raise IndexError(index)
         number, frame = divmod(index % len(self), self._steps)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, RenderError
 from ...robots.files import lock_folder, remove_leftovers
 from ..dataset import (
     FILE,
@@ -77,11 +77,11 @@ class Summary:
 def plan_workers(cpu_count: int, requested: int | None) -> tuple[int, int]:
     """(processes, threads of the software rasterizer in each).
 
-    Raises GcbenchError for fewer than one process.
+    Raises ConfigError for fewer than one process.
     """
     workers = cpu_count if requested is None else requested
     if workers < 1:
-        raise GcbenchError(f"{workers} workers cannot render; ask for 1 or more")
+        raise ConfigError(f"{workers} workers cannot render; ask for 1 or more")
     return workers, max(1, cpu_count // workers)
 
 
@@ -158,7 +158,7 @@ def render_dataset(
     cpu_count = _cpu_count()
     plan_workers(cpu_count, workers)  # refuses before anything is written
     if n < 1:
-        raise GcbenchError(f"{n} sequences cannot be rendered; ask for 1 or more")
+        raise ConfigError(f"{n} sequences cannot be rendered; ask for 1 or more")
     try:
         out.mkdir(parents=True, exist_ok=True)
         with lock_folder(out):
@@ -175,7 +175,7 @@ def render_dataset(
                     _tidy(out)
             return _finish(out, provenance, len(todo), started)
     except OSError as error:
-        raise GcbenchError(f"{error.filename or out}: {error.strerror or error}") from error
+        raise RenderError(f"{error.filename or out}: {error.strerror or error}") from error
 
 
 def _render(
@@ -199,18 +199,18 @@ def _render(
 
 
 def _open(out: Path, config: RenderConfig) -> Provenance:
-    """What the dataset in `out` is, or will be. Raises GcbenchError if it is another one."""
+    """What the dataset in `out` is, or will be. Raises ConfigError if it is another one."""
     here = describe(config)
     if not sequence_paths(out):  # what failed before its first sequence binds nobody
         return here
     if not (out / FILE).exists():
-        raise GcbenchError(f"{out} holds sequences but no {FILE}; choose another --out folder")
+        raise ConfigError(f"{out} holds sequences but no {FILE}; choose another --out folder")
     there = read_provenance(out)
     # A field that is newer than the dataset has its default there.
     changed = differences(config_tree(parse_config(there.config, str(out / FILE))), here.config)
     changed += differences({"generator": there.generator}, {"generator": here.generator})
     if changed:
-        raise GcbenchError(
+        raise ConfigError(
             f"{out} holds a dataset of another configuration ({'; '.join(changed)}); "
             "choose another --out folder, or delete this one"
         )
@@ -222,12 +222,12 @@ def _open(out: Path, config: RenderConfig) -> Provenance:
 def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> Provenance:
     """The provenance with the model's, on disk before the first sequence is.
 
-    Raises GcbenchError if the model's file is not what it was.
+    Raises ConfigError if the model's file is not what it was.
     """
     now = json.loads(dump_json(asset))
     if provenance.assets and now not in provenance.assets:
         changed = "; ".join(differences(provenance.assets[0], now))
-        raise GcbenchError(
+        raise ConfigError(
             f"{out} was rendered with another model file ({changed}); choose another --out folder"
         )
     growing = replace(provenance, assets=provenance.assets or (now,), counts=None)

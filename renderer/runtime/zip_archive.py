@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
-from ...errors import DatasetError, GcbenchError
+from ...errors import DatasetError
 from ...robots.files import read_bounded
 
 MAX_MEMBER = 2**29
@@ -46,7 +46,7 @@ class Archive:
         return f"{self.path}: {member}"
 
     def require(self, members: Iterable[str]) -> None:
-        """Raises GcbenchError that names the first member that is missing."""
+        """Raises DatasetError that names the first member that is missing."""
         for member in members:
             there = (
                 member in self.entries
@@ -54,21 +54,21 @@ class Archive:
                 else (self.path / member).is_file()
             )
             if not there:
-                raise GcbenchError(f"{self.where(member)}: missing")
+                raise DatasetError(f"{self.where(member)}: missing")
 
     def read(self, member: str, limit: int = MAX_MEMBER) -> bytes:
-        """The member's bytes. Raises GcbenchError if missing, over `limit` bytes, or damaged."""
+        """The member's bytes. Raises DatasetError if missing, over `limit` bytes, or damaged."""
         self.require([member])
         try:
             if self.entries is None:
                 return read_bounded(self.path / member, limit, DatasetError)
             return self._read_entry(member, self.entries[member], limit)
         except OSError as error:
-            raise GcbenchError(f"{self.where(member)}: {error.strerror}") from error
+            raise DatasetError(f"{self.where(member)}: {error.strerror}") from error
 
     def _read_entry(self, member: str, entry: _Entry, limit: int) -> bytes:
         if entry.size > limit:
-            raise GcbenchError(f"{self.where(member)}: larger than {limit} bytes")
+            raise DatasetError(f"{self.where(member)}: larger than {limit} bytes")
         with self.path.open("rb") as file:
             file.seek(entry.offset)
             header = file.read(30)
@@ -78,20 +78,20 @@ class Archive:
                 data = file.read(entry.size)
                 if len(data) == entry.size and zlib.crc32(data) == entry.crc:
                     return data
-        raise GcbenchError(f"{self.where(member)}: damaged")
+        raise DatasetError(f"{self.where(member)}: damaged")
 
 
 def open_archive(path: Path) -> Archive:
     """The archive at `path`, a ZIP file or a folder.
 
-    Raises GcbenchError if there is none, or if the ZIP is damaged or not of the contract's kind.
+    Raises DatasetError if there is none, or if the ZIP is damaged or not of the contract's kind.
     """
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
             return Archive(path, None)
         if not stat.S_ISREG(mode):
-            raise GcbenchError(f"{path}: neither a ZIP file nor a folder")
+            raise DatasetError(f"{path}: neither a ZIP file nor a folder")
         with zipfile.ZipFile(path) as file:
             members = file.infolist()
             end = 22 + len(file.comment)
@@ -99,9 +99,9 @@ def open_archive(path: Path) -> Archive:
             # Of a file that is cut off, zipfile would open the last ZIP inside: state.npz.
             raise zipfile.BadZipFile("its end is missing")
     except OSError as error:
-        raise GcbenchError(f"{path}: {error.strerror or error}") from error
+        raise DatasetError(f"{path}: {error.strerror or error}") from error
     except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
-        raise GcbenchError(f"{path}: not a whole ZIP file ({error})") from error
+        raise DatasetError(f"{path}: not a whole ZIP file ({error})") from error
     size = path.stat().st_size
     entries: dict[str, _Entry] = {}
     for info in members:
@@ -123,15 +123,15 @@ def _check_member(path: Path, info: zipfile.ZipInfo, size: int, seen: Iterable[s
     parts = PurePosixPath(name).parts
     where = f"{path}: {name!r}"
     if name.startswith("/") or "\\" in name or ".." in parts or not name.isprintable():
-        raise GcbenchError(f"{where}: not a name for a member")
+        raise DatasetError(f"{where}: not a name for a member")
     if name in seen:
-        raise GcbenchError(f"{where}: there twice")
+        raise DatasetError(f"{where}: there twice")
     if info.flag_bits & 1:
-        raise GcbenchError(f"{where}: encrypted")
+        raise DatasetError(f"{where}: encrypted")
     if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
-        raise GcbenchError(f"{where}: compressed; members are stored (zip -0)")
+        raise DatasetError(f"{where}: compressed; members are stored (zip -0)")
     if info.header_offset < 0 or info.header_offset + info.file_size > size:
-        raise GcbenchError(f"{where}: larger than the file")
+        raise DatasetError(f"{where}: larger than the file")
 
 
 class ArchiveWriter:

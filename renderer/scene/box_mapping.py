@@ -10,16 +10,16 @@ from ...robots.geometry import Array
 Faces = NDArray[np.int32]
 
 _SIDES = np.array([[1, 2], [0, 2], [0, 1]])
-"""The two coordinates that are left when looking along x, y, z."""
+"""The two coordinates that remain in a projection along x, y, z."""
 _OFFSETS = np.array([[0.0, 0.0], [0.37, 0.61], [0.71, 0.23]])
-"""Tiles by which each axis is shifted, so that the sides of a box do not mirror each other."""
+"""Shift of each axis in tiles: adjacent sides of a box do not mirror each other."""
 
 
 def box_projection(vertices: Array, faces: Faces, normals: Array,
                    scale: float) -> tuple[Array, Faces, Array, Array]:
-    """vertices [V' 3], faces [F 3], normals [V' 3] and uv [V' 2], where a tile is `scale` m wide.
+    """Return vertices [V' 3], faces [F 3], normals [V' 3] and uv [V' 2] of a mesh.
 
-    See `box_split`, from vertices [V 3], faces [F 3] and normals [V 3].
+    A tile is `scale` m wide. See `box_split`.
     """
     old, split, uv = box_split(vertices, faces, scale)
     return vertices[old], split, normals[old], uv
@@ -27,10 +27,10 @@ def box_projection(vertices: Array, faces: Faces, normals: Array,
 
 def box_split(vertices: Array, faces: Faces,
               scale: float) -> tuple[NDArray[np.intp], Faces, Array]:
-    """The vertex [V'] that each new one is, faces [F 3] and uv [V' 2]; a tile is `scale` m wide.
+    """Return the old number [V'] of each new vertex, faces [F 3] and uv [V' 2].
 
-    Each face is projected along the axis that its own normal is nearest to. Vertices [V 3] that
-    faces [F 3] of different axes share are split, unused ones dropped; faces keep their order.
+    A tile is `scale` m wide. Each face is projected along the axis nearest to its normal. Vertices
+    [V 3] that faces of different axes share are split, unused ones removed; faces keep their order.
     """
     if not scale > 0:
         raise ValueError(f"the size of a tile must be positive, not {scale}")

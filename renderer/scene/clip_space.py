@@ -1,8 +1,8 @@
-"""OpenGL's clip space from our frames.
+"""Transformations from camera, world and light frames to OpenGL's clip space.
 
-OpenGL's pixel centres lie at j + 0.5; `clip_from_cam` is the place where ours (at j) become them.
-It also draws images upside down, so that they are read with row 0 on top; that turns
-counter-clockwise triangles clockwise.
+OpenGL's pixel centres are at j + 0.5, those of this package at j: `clip_from_cam` converts them.
+It also draws images upside down, so that row 0 of the buffer is the top row; this reverses the
+winding of triangles.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .scene import Light
 
 
 def clip_from_cam(camera: Camera, near: float, far: float) -> Array:
-    """OpenGL clip space from our camera frame: row 0 at the bottom of OpenGL's window."""
+    """Return clip_from_cam [4 4]; image row 0 is at the bottom of OpenGL's window."""
     w, h, k = camera.width, camera.height, camera.intrinsics
     clip = np.zeros((4, 4))
     clip[0] = 2.0 / w * np.append(k[0], 0.0)  # u_gl = u + 0.5, from 0 at the left edge
@@ -29,22 +29,22 @@ def clip_from_cam(camera: Camera, near: float, far: float) -> Array:
 
 
 def box_corners(points: Array) -> Array:
-    """[8 3] of the bounding box of points [N 3]."""
+    """Return the corners [8 3] of the bounding box of points [N 3]."""
     low, high = points.min(0), points.max(0)
     return np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
 
 
 def clip_from_world(camera: Camera, points: Array) -> Array:
-    """Clip space whose near and far planes enclose world points [N 3] in front of the camera."""
+    """Return clip_from_world [4 4] whose near and far planes enclose world points [N 3]."""
     z = apply(camera.cam_from_world, points)[:, 2] if len(points) else np.ones(1)
     far = max(float(z.max()) * 1.01, 1e-3)
-    # Room walls lie behind the camera too: then a thousandth of the depth is near enough.
+    # Some room walls are behind the camera: the near plane is then at 0.001 of the far one.
     near = max(float(z.min()) * 0.9, far * 1e-3)
     return clip_from_cam(camera, near, far) @ camera.cam_from_world
 
 
 def clip_from_light(light: Light, points: Array) -> Array:
-    """Orthographic clip space of a light that just encloses `points` [N 3]."""
+    """Return the orthographic clip space [4 4] of a light that tightly encloses points [N 3]."""
     z = light.direction / np.linalg.norm(light.direction)
     x = np.cross(z, [0.0, 0.0, 1.0] if abs(z[2]) < 0.99 else [0.0, 1.0, 0.0])
     x /= np.linalg.norm(x)

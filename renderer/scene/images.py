@@ -1,8 +1,8 @@
 """Procedural images for surfaces and backgrounds.
 
-Every kind ends with grain on all scales: optical flow needs a gradient everywhere, also inside the
-cells of a checkerboard. All fields are random grids enlarged by `cv2.resize`, octave upon octave,
-which costs little more than the last enlargement.
+Every kind has grain on all scales, because optical flow needs a gradient everywhere, also inside
+the cells of a checkerboard. All fields are random grids that `cv2.resize` enlarges octave by
+octave; the total cost is close to that of the last enlargement.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import ConfigError
 
 TextureImage = NDArray[np.uint8]
 Field = NDArray[np.float32]
@@ -23,38 +23,38 @@ _TABLE = 1024  # entries of one period of a colour table
 
 def draw_texture(kind: str, size: tuple[int, int], rng: np.random.Generator,
                  tileable: bool) -> TextureImage:
-    """An sRGB image [h w 3] of `size` (h, w) px; a tileable one repeats without a seam.
+    """Draw an sRGB image [h w 3] of `size` (h, w) px; a tileable one repeats without a seam.
 
-    Raises GcbenchError for a kind that is not in KINDS.
+    Raises ConfigError for a kind that is not in KINDS.
     """
     if kind not in KINDS:
-        raise GcbenchError(f"no texture kind {kind!r}: choose from {', '.join(KINDS)}")
+        raise ConfigError(f"no texture kind {kind!r}: choose from {', '.join(KINDS)}")
     return KINDS[kind](size, rng, tileable)
 
 
 def _enlarge(grid: Field, size: tuple[int, int], tileable: bool) -> Field:
-    """`grid` [gh gw c] with smooth values between at `size` (h, w)."""
+    """Return `grid` [gh gw c] enlarged to `size` (h, w) by cubic interpolation."""
     (gh, gw), (h, w) = grid.shape[:2], size
     if not tileable:
-        return _resized(grid, h, w)
-    # Wrap around by as many cells as are a whole number of pixels, at least the two of the kernel.
+        return _resize(grid, h, w)
+    # Pad by a number of cells that is a whole number of pixels: at least the two of the kernel.
     py, px = gh // gcd(gh, h), gw // gcd(gw, w)
     py, px = py * -(-2 // py), px * -(-2 // px)
     y, x = py * h // gh, px * w // gw
     wrapped = np.pad(grid, ((py, py), (px, px), (0, 0)), mode="wrap")
-    return _resized(wrapped, h + 2 * y, w + 2 * x)[y:y + h, x:x + w]
+    return _resize(wrapped, h + 2 * y, w + 2 * x)[y:y + h, x:x + w]
 
 
-def _resized(grid: Field, h: int, w: int) -> Field:
+def _resize(grid: Field, h: int, w: int) -> Field:
     large = cv2.resize(grid, (w, h), interpolation=cv2.INTER_CUBIC)
     return np.asarray(large, np.float32).reshape(h, w, -1)
 
 
 def _octaves(size: tuple[int, int], cells: tuple[int, int], rng: np.random.Generator,
              tileable: bool, channels: int = 1, persistence: float = 0.6) -> Field:
-    """Noise [h w c], mean 0 and deviation near 1, from `cells` (rows, columns) down to ~2-4 px.
+    """Draw noise [h w c], mean 0, deviation about 1, from `cells` (rows, columns) to ~2-4 px.
 
-    `persistence` is the strength of each octave, in units of that of the next coarser one.
+    `persistence` is the amplitude of each octave relative to the next coarser one.
     """
     (h, w), (gh, gw) = size, cells
     field = rng.random((gh, gw, channels), np.float32) - 0.5
@@ -68,7 +68,7 @@ def _octaves(size: tuple[int, int], cells: tuple[int, int], rng: np.random.Gener
 
 
 def _colors(n: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """sRGB colours [n 3] in 0..255, dark and light in turn, away from black and white."""
+    """Draw sRGB colours [n 3] in 0..255, alternately dark and light, never black or white."""
     dark = (np.arange(n) + rng.integers(2)) % 2 == 0
     value = np.where(dark, rng.uniform(0.22, 0.48, n), rng.uniform(0.6, 0.85, n))
     hsv = np.stack([rng.uniform(0, 360, n), rng.uniform(0.05, 0.6, n), value], -1)
@@ -76,25 +76,25 @@ def _colors(n: int, rng: np.random.Generator) -> NDArray[np.float32]:
     return np.asarray(rgb[0] * 255, np.float32)
 
 
-def _grained(image: TextureImage, rng: np.random.Generator, tileable: bool,
+def _add_grain(image: TextureImage, rng: np.random.Generator, tileable: bool,
              cells: tuple[int, int] = (8, 8), strength: float = 9.0) -> TextureImage:
-    """`image` with brightness noise of about `strength` grey levels."""
+    """Add brightness noise of about `strength` grey levels to an image."""
     noise = _octaves((image.shape[0], image.shape[1]), cells, rng, tileable, persistence=0.85)
-    grain = cv2.convertScaleAbs(noise, alpha=strength, beta=128)  # 128 is no change
+    grain = cv2.convertScaleAbs(noise, alpha=strength, beta=128)  # 128 means no change
     return np.asarray(cv2.addWeighted(image, 1, cv2.merge([grain] * 3), 1, -128), np.uint8)
 
 
 def _noise(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
     n = int(rng.integers(2, 7))
     field = _octaves(size, (n, n), rng, tileable, 3, persistence=rng.uniform(0.6, 0.9))
-    # Channels move together for the most part: independent ones look like a broken television.
+    # Channels vary mostly together: independent channels would give saturated colour noise.
     mix = rng.uniform(15, 40) * (0.8 + rng.uniform(-0.5, 0.5, (3, 3)) * [1, 0.6, 0.6])
     mix[:, 1:] *= 0.4
     base = rng.uniform(80, 175, (3, 1))
     color = cv2.transform(field, np.hstack([mix, base]).astype(np.float32))
-    # Saturated areas would be flat: grain comes after a squeeze into 16..239.
+    # Clip to 16..239 before the grain is added: saturated areas would be flat.
     image = np.clip(color, 16, 239).astype(np.uint8)
-    return _grained(image, rng, tileable, strength=6)
+    return _add_grain(image, rng, tileable, strength=6)
 
 
 def _checker(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
@@ -102,7 +102,7 @@ def _checker(size: tuple[int, int], rng: np.random.Generator, tileable: bool) ->
     even = np.add.outer(np.arange(n), np.arange(n)) % 2
     cells = _colors(2, rng)[even] + rng.uniform(-18, 18, (n, n, 1))
     image = cv2.resize(cells.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST)
-    return _grained(np.asarray(image, np.uint8), rng, tileable)
+    return _add_grain(np.asarray(image, np.uint8), rng, tileable)
 
 
 def _stripes(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
@@ -118,7 +118,7 @@ def _stripes(size: tuple[int, int], rng: np.random.Generator, tileable: bool) ->
     along_y = round(cycles * np.sin(angle) * h / min(h, w)) or int(along_x == 0)
     x, y = np.arange(w) * along_x * _TABLE // w, np.arange(h) * along_y * _TABLE // h
     index = (y[:, None] + x[None]) % _TABLE
-    return _grained(np.take(table, index, 0), rng, tileable, strength=11)
+    return _add_grain(np.take(table, index, 0), rng, tileable, strength=11)
 
 
 def _wood(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> TextureImage:
@@ -128,7 +128,7 @@ def _wood(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Te
     plank = np.arange(h) * planks // h
     tone = np.array([rng.uniform(110, 205), rng.uniform(0.6, 0.8), rng.uniform(0.55, 0.85)])
     light = np.array([tone[0], tone[0] * tone[1], tone[0] * tone[1] * tone[2]])
-    # A year's ring darkens slowly and ends at once; each plank has its own brightness.
+    # An annual ring darkens gradually and ends abruptly; each plank has its own brightness.
     ring = 1 - rng.uniform(0.2, 0.45) * np.linspace(0, 1, _TABLE) ** 2
     tables = np.outer(rng.uniform(0.8, 1.15, planks), ring)[..., None] * light
     wobble = _octaves((h, w), (4, 1), rng, tileable, persistence=0.4)[..., 0]
@@ -138,7 +138,7 @@ def _wood(size: tuple[int, int], rng: np.random.Generator, tileable: bool) -> Te
     image = np.take(tables.reshape(-1, 3).clip(0, 255).astype(np.uint8), index, 0)
     for joint in np.flatnonzero(np.diff(plank, prepend=-1)) if planks > 1 else ():
         image[joint:joint + max(1, h // 200)] //= 2
-    image = _grained(image, rng, tileable, cells=(max(h // 8, 1), 8), strength=8)
+    image = _add_grain(image, rng, tileable, cells=(max(h // 8, 1), 8), strength=8)
     return image if lying else np.ascontiguousarray(image.swapaxes(0, 1))
 
 
@@ -148,7 +148,7 @@ def _clutter(size: tuple[int, int], rng: np.random.Generator, tileable: bool) ->
     n = 90
     colors = _colors(n, rng).tolist()
     copies = [(x, y) for x in (-w, 0, w) for y in (-h, 0, h)] if tileable else [(0, 0)]
-    for i in range(n):  # large things first, small ones on top
+    for i in range(n):  # large shapes first, small ones on top
         radius = min(h, w) * (0.03 + 0.3 * (1 - i / n) ** 2)
         turn = rng.normal(0, 0.1) if rng.random() < 0.7 else rng.uniform(0, np.pi)
         c, s = np.cos(turn), np.sin(turn)
@@ -160,12 +160,11 @@ def _clutter(size: tuple[int, int], rng: np.random.Generator, tileable: bool) ->
             for copy in copies:
                 cv2.fillPoly(image, [np.rint((points + copy) * 16).astype(np.int32)], color,
                              cv2.LINE_AA, shift=4)
-    return _grained(image, rng, tileable, strength=10)
+    return _add_grain(image, rng, tileable, strength=10)
 
 
 def _shapes(radius: float, rng: np.random.Generator) -> list[NDArray[np.float64]]:
-    """Outlines [n 2] px of one thing about the origin: a box, disc, splinter, line or row of books.
-    """
+    """Draw outlines [n 2] px about the origin: a box, disc, polygon, line or row of boxes."""
     box = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
     kind = rng.choice(5, p=[0.3, 0.2, 0.15, 0.15, 0.2])
     if kind == 0:

@@ -1,4 +1,4 @@
-"""How a model moves in a sequence: by its joints, drawn at random, or as one of its animations."""
+"""Motion of a model in a sequence: random joint motion, or one of its animations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import GcbenchError
+from ...errors import ConfigError
 from ...robots.geometry import Array, apply, hull_vertices
 from ...robots.model import Animation, ArticulatedModel, JointType, forward_kinematics
 from ...robots.motion import (
@@ -22,12 +22,12 @@ from .config import RenderConfig
 from .posed_model import PosedModel, pose_parts
 
 NONE = "none"
-"""`--animation none`: the model's joints move, although it has an animation."""
+"""`--animation none`: the joints move even if the model has an animation."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How the model moves, and where its floor is."""
+    """Motion of a model, and the height of its floor."""
 
     trajectory: JointTrajectory
     posed: PosedModel
@@ -36,7 +36,7 @@ class Motion:
     touches: bool
     """Whether the model touches itself or the floor in a frame."""
     record: Mapping[str, Any]
-    """What was drawn, beside the joints' motion."""
+    """Drawn values in addition to the joint motion, for `meta.json`."""
 
     @property
     def world_from_part(self) -> Array:
@@ -45,9 +45,9 @@ class Motion:
 
 
 def find_animation(model: ArticulatedModel, name: str) -> Animation | None:
-    """The animation that a config means: the first if it names none, None if its joints move.
+    """Return the animation with a name, the first one for "", or None if the joints move.
 
-    Raises GcbenchError that lists what exists.
+    Raises ConfigError with the existing names.
     """
     if name == NONE or (not name and not model.animations):
         return None
@@ -55,11 +55,11 @@ def find_animation(model: ArticulatedModel, name: str) -> Animation | None:
         if not name or animation.name == name:
             return animation
     names = ", ".join(repr(a.name) for a in model.animations) or "none in this model"
-    raise GcbenchError(f"--animation {name!r}: there are {names} (and none: the joints move)")
+    raise ConfigError(f"--animation {name!r}: there are {names} (and none: the joints move)")
 
 
 def remove_joints(model: ArticulatedModel) -> ArticulatedModel:
-    """The model without joints: what moves it is an animation, and nobody can be asked for them."""
+    """Return the model without joints: an animation moves it, so that no joint is scored."""
     parts = len(model.parent)
     return replace(
         model, joint_names=(), joint_child=np.zeros(0, np.int64), limits=np.zeros((0, 2)),
@@ -68,7 +68,7 @@ def remove_joints(model: ArticulatedModel) -> ArticulatedModel:
 
 
 class MotionSampler:
-    """Draws motions of one model and config."""
+    """Sampler of motions for one model and configuration."""
 
     def __init__(
         self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
@@ -77,13 +77,13 @@ class MotionSampler:
         self.model, self.scored, self.config, self.animation = model, scored, config, animation
         rigid = tuple(v for v in model.visuals if not v.deforms)
         self._deforms = len(rigid) < len(model.visuals)
-        # A skin folds into itself wherever it bends: only what is rigid can collide.
+        # A bending skin intersects itself: only rigid surfaces are checked for collisions.
         checked = replace(model, visuals=rigid) if self._deforms else model
         self.checker = CollisionChecker(checked) if rigid and animation is None else None
         self._hulls = _hulls(replace(model, visuals=rigid))
 
     def draw(self, rng: np.random.Generator) -> Motion:
-        """A motion of as many frames as the config says."""
+        """Draw a motion with the number of frames of the configuration."""
         if self.animation is not None:
             return self._play(rng, self.animation)
         config, ranges = self.config, self.config.randomization.motion
@@ -93,13 +93,13 @@ class MotionSampler:
                 ranges.total, ranges.total_prismatic, ranges.max_step, ranges.fps),
         )
         motion = self._motion(trajectory)
-        if motion.touches:  # a rack that is out before a closed door, most likely
+        if motion.touches:  # probably a rack that is out while its door is closed
             inside = retract_slides(self.model, self.scored, trajectory)
             motion = motion if inside is trajectory else self._motion(inside)
         return motion
 
     def _motion(self, trajectory: JointTrajectory) -> Motion:
-        world_from_part = _still(forward_kinematics(self.model, trajectory.positions))
+        world_from_part = _freeze_static(forward_kinematics(self.model, trajectory.positions))
         posed = pose_parts(self.model, world_from_part)
         floor, touches = np.inf, False
         if self.checker:
@@ -111,7 +111,7 @@ class MotionSampler:
         return Motion(trajectory, posed, floor, touches, {})
 
     def outline(self, posed: PosedModel, frames: slice = slice(None)) -> Array:
-        """World points [N 3] m that bound the model in some of its frames."""
+        """Return world points [N 3] m that bound the model in some of its frames."""
         poses = posed.world_from_part[frames]
         numbers = range(*frames.indices(len(posed.world_from_part)))
         poses = poses[0] if len(poses) == 1 else poses
@@ -122,13 +122,13 @@ class MotionSampler:
         return np.concatenate([*rigid, *moved])
 
     def _play(self, rng: np.random.Generator, animation: Animation) -> Motion:
-        """The animation at its own speed from a random time on; one that is too short is looped."""
+        """Play the animation at its own speed from a random time; a short one is looped."""
         fps, frames = self.config.randomization.motion.fps, self.config.frames
         times = np.arange(frames) / fps
         spare = animation.duration - times[-1]
         start = float(rng.random() * (spare if spare >= 0 else animation.duration))
         posture = animation.at(animation_times(times, start, animation.duration))
-        world_from_part = _still(posture.world_from_part)
+        world_from_part = _freeze_static(posture.world_from_part)
         posed = PosedModel(self.model, replace(posture, world_from_part=world_from_part))
         record = {"name": animation.name, "start": start, "duration": animation.duration}
         trajectory = JointTrajectory(times, np.zeros((frames, 0)))
@@ -138,21 +138,21 @@ class MotionSampler:
         return float(self.outline(posed)[:, 2].min())
 
 
-def _still(world_from_part: Array) -> Array:
-    """Poses [T P 4 4] in which what stands still does so to the last bit: its flow is zero."""
+def _freeze_static(world_from_part: Array) -> Array:
+    """Return poses [T P 4 4] in which a part at rest is exactly constant: its flow is zero."""
     still = np.ptp(world_from_part, axis=0).max(axis=(1, 2)) < 1e-12
     return np.where(still[:, None, None], world_from_part[:1], world_from_part)
 
 
 def animation_times(times: Array, start: float, duration: float) -> Array:
-    """[T] s of an animation that begins at `start`, looped where it ends before the sequence."""
+    """Return times [T] s in an animation from `start` on; looped if shorter than the sequence."""
     at = start + times - times[0]
     loops = duration > 0 and at[-1] > duration * (1 + 1e-9)
     return np.mod(at, duration) if loops else np.minimum(at, duration)
 
 
 def _hulls(model: ArticulatedModel) -> list[tuple[int, Array]]:
-    """Each part's convex hull vertices [N 3] m in its frame: enough to find bounding boxes."""
+    """Return the convex hull vertices [N 3] m of each part in its frame, for bounding boxes."""
     return [
         (part, hull_vertices(np.concatenate([v.vertices for v in model.visuals if v.part == part])))
         for part in sorted({v.part for v in model.visuals})

@@ -1,4 +1,4 @@
-"""A model in motion: where its vertices are in each frame, of parts and of what deforms."""
+"""A model in motion: the vertices of its rigid and deforming surfaces in each frame."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ...robots.model import ArticulatedModel, ModelState, Visual, deform_visual,
 from .clip_space import box_corners
 
 _Cached = TypeVar("_Cached")
-_REMEMBERED = 2**28  # bytes of vertices that are kept for the next question
+_CACHE_BYTES = 2**28  # bytes of cached vertices
 
 
 class PosedModel:
-    """A model in a posture of T instants. Vertices are computed when they are asked for.
+    """A model in a posture of T instants. Vertices are computed on demand and cached.
 
-    Triangles are numbered through all visuals in their order, vertices too.
+    Triangles and vertices are numbered consecutively over all visuals, in their order.
     """
 
     def __init__(self, model: ArticulatedModel, posture: ModelState) -> None:
@@ -36,12 +36,12 @@ class PosedModel:
         return self.posture.world_from_part
 
     def surfaces(self, t: int) -> tuple[tuple[Array, Array], ...]:
-        """World vertices [V 3] m and normals [V 3] of each visual that deforms, at instant t."""
-        return self._remembered(self._surfaces, t, lambda: tuple(
+        """Return world vertices [V 3] m and normals [V 3] of each deforming visual at instant t."""
+        return self._cached(self._surfaces, t, lambda: tuple(
             self._deformed(visual, t) for visual in self.deforming))
 
     def vertices(self, t: int) -> Array:
-        """[V 3] m (world): the vertices of all visuals at instant t."""
+        """Return the vertices [V 3] m (world) of all visuals at instant t."""
         def found() -> Iterator[Array]:
             yield np.zeros((0, 3))
             moved = iter(self.surfaces(t))
@@ -49,25 +49,25 @@ class PosedModel:
                 pose = self.world_from_part[t, v.part]
                 yield next(moved)[0] if v.deforms else apply(pose, v.vertices)
 
-        return self._remembered(self._vertices, t, lambda: np.concatenate([*found()]))
+        return self._cached(self._vertices, t, lambda: np.concatenate([*found()]))
 
     @cached_property
     def bounds(self) -> Array:
-        """World points [N 3] m around everything that deforms, at all instants."""
+        """World points [N 3] m that bound all deforming visuals at all instants."""
         boxes = [box_corners(vertices) for t in range(len(self.world_from_part))
                  for vertices, _ in self.surfaces(t)]
         return np.concatenate([np.zeros((0, 3)), *boxes])
 
     @cached_property
     def faces(self) -> NDArray[np.int64]:
-        """[F 3] corners of the triangles, as rows of `vertices`."""
+        """[F 3] vertex numbers of the triangles: rows of `vertices`."""
         starts = np.cumsum([0, *(len(v.vertices) for v in self.model.visuals)])
         found = [v.faces + start for v, start in zip(self.model.visuals, starts, strict=False)]
         return np.concatenate([np.zeros((0, 3), np.int64), *found])
 
     @cached_property
     def face_deforms(self) -> NDArray[np.bool_]:
-        """[F] whether the triangle moves otherwise than its part."""
+        """[F] whether the triangle deforms relative to its part."""
         faces = [len(v.faces) for v in self.model.visuals]
         return np.repeat(np.array([v.deforms for v in self.model.visuals], bool), faces)
 
@@ -76,31 +76,31 @@ class PosedModel:
         stretch = None if p.stretch is None else p.stretch[t]
         return deform_visual(visual, p.world_from_part[t], stretch, p.morph[t])
 
-    def _remembered(
+    def _cached(
         self, cache: OrderedDict[int, _Cached], t: int, make: Callable[[], _Cached]
     ) -> _Cached:
         if t not in cache:
             size = 48 * max(sum(len(v.vertices) for v in self.model.visuals), 1)
-            while len(cache) >= max(4, _REMEMBERED // size):
+            while len(cache) >= max(4, _CACHE_BYTES // size):
                 cache.popitem(last=False)
             cache[t] = make()
         return cache[t]
 
 
 def pose_parts(model: ArticulatedModel, world_from_part: Array) -> PosedModel:
-    """The model with its parts in poses [T P 4 4], its morph weights and its scale at rest."""
+    """Return the model with parts in poses [T P 4 4], with morph weights and scale at rest."""
     weights = np.broadcast_to(model.morph_weights, (len(world_from_part), len(model.morph_weights)))
     return PosedModel(model, ModelState(world_from_part, None, weights))
 
 
 def rest(model: ArticulatedModel) -> PosedModel:
-    """The model (one instant) with every joint at zero."""
+    """Return the model (one instant) with every joint at zero."""
     poses = forward_kinematics(model, np.zeros((1, len(model.joint_names))))
     return pose_parts(model, poses)
 
 
 def rest_in_part(model: ArticulatedModel) -> Array:
-    """[V 3] m: every vertex at rest, in the frame of its visual's part."""
+    """Return every vertex [V 3] m at rest, in the frame of its visual's part."""
     still = rest(model)
     vertices, end = still.vertices(0).copy(), 0
     for v in model.visuals:

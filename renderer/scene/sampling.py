@@ -1,6 +1,5 @@
-"""All randomness of a sequence, in named streams: instance, motion, camera, lights, materials,
-textures, background, image. Factors do not see each other's draws, so that datasets can differ in
-one only.
+"""All randomness of a sequence, in one stream per factor: instance, motion, camera, lights,
+materials, textures, background, image. Streams are independent: datasets can differ in one factor.
 """
 
 from __future__ import annotations
@@ -33,19 +32,19 @@ from .scene import Light, Scene
 
 @dataclass(frozen=True)
 class Streams:
-    """Generators by factor for one sequence; equal for equal (config, index), in any order."""
+    """Random generators of one sequence by factor: functions of (config, index, factor) only."""
 
     config: RenderConfig
     index: int
 
     def rng(self, factor: str, attempt: int = 0) -> np.random.Generator:
-        """A fresh generator; `attempt` counts the draws that observability refused."""
+        """Return a new generator; `attempt` counts the draws that observability rejected."""
         index = self.index if factor in self.config.vary else 0
         return named_rng(self.config.seed, self.config.stream, index, factor, attempt)
 
 
 def _direction(azimuth: float, elevation: float) -> Array:
-    """Unit vector [3] from angles about z and above the horizon, rad."""
+    """Return the unit vector [3] at an angle about z and one above the horizon, rad."""
     level = np.cos(elevation)
     return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
 
@@ -54,7 +53,7 @@ def draw_camera(
     rng: np.random.Generator, config: CameraConfig, width: int, height: int,
     points: Array, floor: float,
 ) -> Camera:
-    """A camera on a shell around the robot whose points in the first frame are [N 3] m (world).
+    """Draw a camera on a shell around the robot with points [N 3] m (world) in the first frame.
 
     The distance makes the projected bounding box fill the drawn share of the image's smaller
     side; jitter of the look-at point is reduced until the box lies inside the image.
@@ -70,7 +69,7 @@ def draw_camera(
     away = _direction(azimuth, elevation)
 
     if center[2] + 1.5 * size * away[2] < floor:
-        away = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])  # never under the floor
+        away = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])  # never below the floor
     for scale in (1.0, 0.5, 0.25, 0.0):
         target = center + scale * jitter
         world_from_cam = look_at(target + away, target, float(roll))
@@ -79,7 +78,7 @@ def draw_camera(
         x, y, z = np.ascontiguousarray(local.T)  # minima over rows are several times faster
 
         def box(distance: float, x: Array = x, y: Array = y, z: Array = z) -> Array:
-            """Least and greatest (u, v) if the camera is this far from the target."""
+            """Return the least and greatest (u, v) for a distance of the camera from the target."""
             u, v = k[:2] @ np.stack([x, y, z + distance]) / (z + distance)
             return np.array([[u.min(), v.min()], [u.max(), v.max()]])
 
@@ -101,7 +100,7 @@ def draw_camera(
 
 
 def draw_lights(rng: np.random.Generator, config: LightsConfig) -> tuple[tuple[Light, ...], float]:
-    """Directional lights, and the ambient light's radiance."""
+    """Draw directional lights, and the radiance of the ambient light."""
     number = int(rng.integers(max(config.number[0], 1), max(config.number[1], 1) + 1))
     shares = rng.dirichlet(np.full(number, 3.0)) * rng.uniform(*config.intensity)
     lights: list[Light] = []
@@ -117,7 +116,7 @@ def draw_lights(rng: np.random.Generator, config: LightsConfig) -> tuple[tuple[L
 def draw_materials(
     rng: np.random.Generator, config: MaterialsConfig, model: ArticulatedModel
 ) -> tuple[Material, ...]:
-    """The model's materials, one per visual, each distinct one changed by its own draw."""
+    """Return materials, one per visual; each distinct material is changed by its own draw."""
     drawn: dict[tuple[object, ...], Material] = {}
     out: list[Material] = []
     for visual in model.visuals:
@@ -145,9 +144,9 @@ def draw_textures(
     rng: np.random.Generator, config: TexturesConfig, model: ArticulatedModel,
     materials: tuple[Material, ...], size: float,
 ) -> tuple[tuple[Material, ...], Array, dict[str, str]]:
-    """Materials with drawn textures, tile sizes [visuals] m (0: none drawn), and kinds by part.
+    """Return materials with drawn textures, tile sizes [visuals] m (0: none), and kinds by part.
 
-    `size` is the robot's, in m. A drawn texture replaces the colour of everything on its part.
+    `size` is that of the robot, m. A drawn texture replaces the colour of all surfaces of its part.
     """
     tile = np.zeros(len(materials))
     out, kinds = list(materials), dict[str, str]()
@@ -162,7 +161,7 @@ def draw_textures(
         image = draw_image((kind,), images, shape, child, tileable=True)
         kinds[model.part_names[part]] = config.folder or kind
         for k, visual in enumerate(model.visuals):
-            # what alpha cuts into shape keeps its own texture, and so its holes
+            # a surface with holes from its alpha channel keeps its texture
             if visual.part == part and out[k].alpha_cutoff is None:
                 m = out[k]
                 out[k] = Material(m.name, (1.0, 1.0, 1.0, 1.0), m.metallic, m.roughness, image)
@@ -174,7 +173,7 @@ def draw_background(
     rng: np.random.Generator, config: BackgroundConfig, camera: Camera, floor: float,
     center: Array, reach: float,
 ) -> tuple[NDArray[np.uint8] | None, tuple[RoomSurface, ...], str]:
-    """A backdrop picture [H W 3], or a room's surfaces; and the name of what was drawn."""
+    """Draw a background image [H W 3] or the surfaces of a room; also return its name."""
     is_room, kind = rng.random() < config.room, str(rng.choice(config.kinds))
     if is_room:
         setting = RoomSetting(floor, center, camera.world_from_cam[:3, 3], reach)
@@ -191,7 +190,7 @@ def draw_background(
 def draw_imperfections(
     rng: np.random.Generator, config: ImageConfig
 ) -> tuple[float, int, float, float]:
-    """Noise (grey levels), its seed, blur (px) and exposure (stops)."""
+    """Draw noise (grey levels), its seed, blur (px) and exposure (stops)."""
     noise, blur, exposure = (
         float(rng.uniform(*r)) for r in (config.noise, config.blur, config.exposure)
     )
@@ -202,9 +201,9 @@ def draw_scene(
     streams: Streams, model: ArticulatedModel, trajectory: JointTrajectory, camera: Camera,
     points: Array, floor: float,
 ) -> tuple[Scene, dict[str, Any]]:
-    """Everything that motion and camera leave open, and a record of what was drawn.
+    """Draw the scene for a motion and a camera; also return a record of the drawn values.
 
-    `points` [N 3] m (world) outline the robot over all frames.
+    `points` [N 3] m (world) bound the robot over all frames.
     """
     config = streams.config.randomization
     low, high = points.min(0), points.max(0)
