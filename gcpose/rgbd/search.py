@@ -174,7 +174,7 @@ def try_other_chains(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hyp
         if is_explained(tracker, best, tuned.doubtful):
             break
         other = best_other_chain(tracker, coarse, best)
-        if score(other, settings) >= tuned.jump_cost * score(best, settings):
+        if hypothesis_cost(other, settings) >= tuned.jump_cost * hypothesis_cost(best, settings):
             break
         best = other
     return best
@@ -228,10 +228,10 @@ def motion_difference(one: Hypothesis, two: Hypothesis, settings: RgbdSettings) 
 
 def best_of(found: list[Hypothesis], settings: RgbdSettings) -> Hypothesis:
     """Return the hypothesis with the lowest score."""
-    return min(found, key=lambda h: score(h, settings))
+    return min(found, key=lambda h: hypothesis_cost(h, settings))
 
 
-def score(hypothesis: Hypothesis, settings: RgbdSettings) -> float:
+def hypothesis_cost(hypothesis: Hypothesis, settings: RgbdSettings) -> float:
     """Return the cost with a penalty for static joints, variances by frame; lower is better.
 
     All scored joints move, and motion can often be shared among joints at equal cost.
