@@ -222,7 +222,7 @@ def test_a_killed_run_continues(data: Path, tmp_path: Path, calls: Path) -> None
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 130
     assert b"Traceback" not in said
-    assert b"stopped; the same command continues" in said
+    assert b"run the same command again to continue" in said
     assert run(data, results, "Hangs").estimated == 2
 
 

@@ -66,8 +66,9 @@ def test_each_verifies(category: str, count: int, tmp_path: Path) -> None:
             with SequenceWriter(tmp_path, index, rendered.depth_unit) as writer:
                 for frame in rendered.frames:
                     writer.add(frame)
-                writer.finish(rendered.meta, rendered.state)
-            assert rendered.meta.asset["instance"] == f"{category}:{index}"
+                meta, state = rendered.finish()
+                writer.finish(meta, state)
+            assert meta.asset["instance"] == f"{category}:{index}"
         write_provenance(tmp_path, describe(renderer.config))
     finally:
         renderer.close()
