@@ -150,6 +150,7 @@ def one_line(capsys: Lines) -> str:
         ("show nowhere.zip", "nowhere.zip"),
         ("show nowhere --open --gif x.gif", "--out PAGE.html"),
         ("robots fly", "fly"),
+        ("export nowhere --format exr", "kitti, bop, coco"),
         ("robots fetch", "--all"),
         ("robots fetch ur6", "ur5, ur5-textured, iiwa14, irb2400"),
         ("robots fetch microwave", "an object has nothing to fetch"),

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .driver import Format, export
+from .driver import export
 
-__all__ = ["Format", "export"]
+__all__ = ["export"]

@@ -15,7 +15,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 from ... import __version__
 from ...errors import ConfigError, DatasetError, GcbenchError
@@ -25,7 +25,6 @@ from ..runtime import Archive, dump_json, frame_bar, open_archive
 from ..types import Sequence
 from .journal import Journal, SequenceRecord
 
-Format = Literal["kitti", "bop", "coco", "webdataset", "tapvid", "rerun"]
 WRITERS: dict[str, str] = {
     "kitti": "kitti:Kitti",
     "bop": "bop:Bop",
@@ -74,7 +73,7 @@ class Exported:
 
 
 def export(
-    dataset: str | Path, format: Format, out: Path, sequences: str = "", progress: bool = True
+    dataset: str | Path, format: str, out: Path, sequences: str = "", progress: bool = True
 ) -> Exported:
     """Write a dataset in the format of another benchmark or tool.
 
@@ -92,13 +91,15 @@ def export(
 
     Raises:
         DatasetError: there is no dataset, or the format cannot hold it.
-        ConfigError: `out` exists, or there are no such sequences.
+        ConfigError: there is no such format, `out` exists, or there are no such sequences.
 
     Example:
         >>> from pathlib import Path
         >>> gb.export_dataset("data/ur5", "kitti", Path("ur5-kitti"), "0", progress=False).sequences
         1
     """
+    if format not in WRITERS:
+        raise ConfigError(f"--format {format}: choose one of {', '.join(WRITERS)}")
     data = open_dataset(dataset)
     names = select_sequences(data, sequences)
     if out.exists() or out.is_symlink():

@@ -78,7 +78,7 @@ def fetch_robot(name: str) -> Path | None:
 
 def robots_table(robots: Sequence[RobotInfo]) -> str:
     """Return a line of text for each robot, below a header."""
-    rows = [tuple(f.name for f in fields(RobotInfo)), *map(astuple, robots)]
+    rows = [tuple(f.name for f in fields(RobotInfo)), *(astuple(robot) for robot in robots)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
