@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from .benchmark.run import EvalConfig, evaluate, score
     from .gcpose.method import GCPose
     from .renderer.dataset import Dataset, open_dataset
-    from .renderer.doctor import examine as doctor
-    from .renderer.export import export as export_dataset
+    from .renderer.doctor import doctor
+    from .renderer.export import export_dataset
     from .renderer.generate import render_dataset, render_sequence
     from .renderer.scene import RenderConfig
     from .renderer.show import show
@@ -69,8 +69,8 @@ _HOMES = {
     "renderer.generate": "render_dataset render_sequence",
     "renderer.verify": "VerifyReport verify_dataset",
     "renderer.show": "show",
-    "renderer.export": "export_dataset=export",
-    "renderer.doctor": "doctor=examine",
+    "renderer.export": "export_dataset",
+    "renderer.doctor": "doctor",
     "gcpose.method": "GCPose",
     "benchmark.results": "Results",
     "benchmark.run": "EvalConfig evaluate score",
@@ -83,12 +83,9 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     for home, names in _HOMES.items():
-        for entry in names.split():
-            public, _, inside = entry.partition("=")
-            if name == public:
-                value = getattr(import_module(f".{home}", __name__), inside or name)
-                globals()[name] = value
-                return value
+        if name in names.split():
+            globals()[name] = value = getattr(import_module(f".{home}", __name__), name)
+            return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -10,13 +10,8 @@ import sys
 import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from . import __version__
-from .errors import ConfigError, GcbenchError
-
-if TYPE_CHECKING:
-    from .benchmark.results import Results
+import gcbench as gb
 
 HELP = """\
 gcbench: synthetic videos of articulated objects with exact ground truth, and their benchmark.
@@ -47,14 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(HELP.format(commands="\n".join(lines)), end="")
         return 0
     if args[0] == "--version":
-        print(f"gcbench {__version__}")
+        print(f"gcbench {gb.__version__}")
         return 0
     try:
         words = 2 if args[:2] == ["robots", "fetch"] else 1
         code = _run(" ".join(args[:words]), args[words:])
         sys.stdout.flush()  # raises BrokenPipeError here, if at all
         return code
-    except GcbenchError as error:
+    except gb.GcbenchError as error:
         print(f"gcbench: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -69,10 +64,10 @@ def _run(name: str, args: Sequence[str]) -> int:
     """Run a command; one that takes no `args` has its own arguments as options."""
     function = COMMANDS.get(name)
     if function is None:
-        raise ConfigError(f"no command {name!r}; there are {', '.join(COMMANDS)}")
+        raise gb.ConfigError(f"no command {name!r}; there are {', '.join(COMMANDS)}")
     if "args" in function.__annotations__:
         return function(args)
-    from .renderer.runtime import command_line
+    from gcbench.renderer.runtime import command_line
 
     return command_line.command(name, function)(args)
 
@@ -91,11 +86,10 @@ def render(args: Sequence[str]) -> int:
       gcbench render --robot ur5 --randomize none --n 3
       gcbench render --robot microwave --n 50
     """
-    from . import render_dataset
-    from .renderer.generate import command
+    from gcbench.renderer.generate import command
 
     options = command.render_options(args, render.__doc__)
-    print(render_dataset(options.config, options.n, options.out, options.workers).describe())
+    print(gb.render_dataset(options.config, options.n, options.out, options.workers).describe())
     return 0
 
 
@@ -112,11 +106,9 @@ def verify(dataset: Path, /, workers: int = os.cpu_count() or 1) -> int:
         dataset: Folder of a dataset, or one sequence (ZIP or folder).
         workers: Processes that check sequences side by side.
     """
-    from . import verify_dataset
-
     if workers < 1:
-        raise ConfigError(f"{workers} workers cannot verify; give 1 or more")
-    report = verify_dataset(dataset, workers=workers)
+        raise gb.ConfigError(f"{workers} workers cannot verify; give 1 or more")
+    report = gb.verify_dataset(dataset, workers=workers)
     print(report.table())
     return 0 if report.ok else 1
 
@@ -141,15 +133,9 @@ def show(
         mp4: MP4 of the same.
         open: Open the page in the browser.
     """
-    from . import show as write
-
     if open and not out and (contact_sheet or gif or mp4):
-        raise ConfigError("--open needs a page: add --out PAGE.html")
-    written = write(path, out, contact_sheet, gif, mp4, index)
-    print(*written, sep="\n")
-    if open:
-        webbrowser.open(written[0].resolve().as_uri())
-    return 0
+        raise gb.ConfigError("--open needs a page: add --out PAGE.html")
+    return _present(gb.show(path, out, contact_sheet, gif, mp4, index), open)
 
 
 def export(dataset: Path, /, format: str, out: Path | None = None, sequences: str = "") -> int:
@@ -170,10 +156,8 @@ def export(dataset: Path, /, format: str, out: Path | None = None, sequences: st
         out: Folder of the export, which must not exist. Default: DATASET-FORMAT.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
     """
-    from . import export_dataset
-
     out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
-    done = export_dataset(dataset, format, out, sequences)
+    done = gb.export_dataset(dataset, format, out, sequences)
     print(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
     return 0
 
@@ -189,10 +173,9 @@ def robots() -> int:
       gcbench robots fetch ur5
       gcbench robots fetch --all
     """
-    from . import list_robots
-    from .robots.catalog import robots_table
+    from gcbench.robots.catalog import robots_table
 
-    print(robots_table(list_robots()))
+    print(robots_table(gb.list_robots()))
     return 0
 
 
@@ -210,14 +193,12 @@ def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> int:
         names: Robots of `gcbench robots`. Objects are generated, or yours.
         all: Fetch all robots.
     """
-    from . import fetch_robot, list_robots
-
     if not names and not all:
-        raise ConfigError("name the robots to fetch, or give --all")
+        raise gb.ConfigError("name the robots to fetch, or give --all")
     if all:
-        names = tuple(r.name for r in list_robots() if r.source not in ("generated", "yours"))
+        names = tuple(r.name for r in gb.list_robots() if r.source not in ("generated", "yours"))
     for name in names:
-        print(f"{name}: {fetch_robot(name) or 'generated, nothing to fetch'}")
+        print(f"{name}: {gb.fetch_robot(name) or 'generated, nothing to fetch'}")
     return 0
 
 
@@ -229,9 +210,7 @@ def doctor() -> int:
     Example:
       gcbench doctor
     """
-    from . import doctor as examine
-
-    report = examine()
+    report = gb.doctor()
     print(report.text)
     return 0 if report.ok else 2
 
@@ -248,12 +227,10 @@ def evaluate(args: Sequence[str]) -> int:
       gcbench eval --method icp icp@true-parts hold-still --data data/ur5 --inputs rgbd
       gcbench eval --method my_method.py:MyMethod --suite my_suite.toml --knowledge free
     """
-    from . import EvalConfig
-    from . import evaluate as run
-    from .renderer.runtime import command_line
+    from gcbench.renderer.runtime import command_line
 
-    _print_results(run(command_line.parse_options(args, "eval", EvalConfig, evaluate.__doc__)))
-    return 0
+    options = command_line.parse_options(args, "eval", gb.EvalConfig, evaluate.__doc__)
+    return _print_results(gb.evaluate(options))
 
 
 def score(args: Sequence[str]) -> int:
@@ -267,21 +244,21 @@ def score(args: Sequence[str]) -> int:
       gcbench score --predictions mine.csv
       gcbench score --predictions mine.npz --data data/ur5 data/iiwa14
     """
-    from .benchmark.run import ScoreConfig, score_predictions
-    from .renderer.runtime import command_line
+    from gcbench.benchmark.run import ScoreConfig, score_predictions
+    from gcbench.renderer.runtime import command_line
 
     options = command_line.parse_options(args, "score", ScoreConfig, score.__doc__)
-    _print_results(score_predictions(options))
-    return 0
+    return _print_results(score_predictions(options))
 
 
-def _print_results(results: "Results") -> None:
-    from .benchmark.report import leaderboard_text
+def _print_results(results: "gb.Results") -> int:
+    from gcbench.benchmark.report import leaderboard_text
 
     print(leaderboard_text(results.runs))
     for line in results.failures:
         print(f"failed: {line}")
     print(*dict.fromkeys(folder.path for folder in results.runs), sep="\n")
+    return 0
 
 
 def report(
@@ -302,9 +279,11 @@ def report(
         pictures: Draw the worst and the median sequence of each row (needs a renderer).
         open: Open the page in the browser.
     """
-    from . import report as write
+    return _present(gb.report(results, out, pictures), open)
 
-    written = write(results, out, pictures)
+
+def _present(written: Sequence[Path], open: bool) -> int:
+    """Name the files; open the first, which is a page, in the browser."""
     print(*written, sep="\n")
     if open:
         webbrowser.open(written[0].resolve().as_uri())
@@ -326,13 +305,13 @@ def train(args: Sequence[str]) -> int:
     if args and args[0] in ("-h", "--help"):
         args = ["flow", *args]
     if not args or args[0] != "flow":
-        raise ConfigError("name the network to train: gcbench train flow")
-    from .gcpose.training.config import TrainConfig
-    from .renderer.runtime import command_line
+        raise gb.ConfigError("name the network to train: gcbench train flow")
+    from gcbench.gcpose.training.config import TrainConfig
+    from gcbench.renderer.runtime import command_line
 
     options = command_line.parse_options(args[1:], "train flow", TrainConfig, train.__doc__)
-    from .gcpose.training.errors import errors_table
-    from .gcpose.training.loop import train as run
+    from gcbench.gcpose.training.errors import errors_table
+    from gcbench.gcpose.training.loop import train as run
 
     for path, errors in run(options).items():
         print(f"{path}: px on moving parts\n{errors_table(errors)}")

@@ -34,7 +34,7 @@ class Diagnosis:
     """Whether something renders."""
 
 
-def examine() -> Diagnosis:
+def doctor() -> Diagnosis:
     """Check what renders on this machine, and look for packages and meshes.
 
     Tries every EGL device, and draws a frame on the one that is used.

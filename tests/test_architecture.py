@@ -219,10 +219,14 @@ def test_no_file_imports_itself_through_others() -> None:
 
 
 def test_imports_of_ours_are_relative() -> None:
-    """An absolute one would find another installation's, when two are about."""
+    """An absolute one would find another installation's, when two are about.
+
+    `__main__` is run as a part of `gcbench`, which Python has found and imported before it.
+    """
     wrong = [
         f"{name_of(f)}:{node.lineno}"
         for f in FILES
+        if f.name != "__main__.py"
         for node in ast.walk(ast.parse(f.read_text()))
         if (
             isinstance(node, ast.ImportFrom)

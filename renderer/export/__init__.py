@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .driver import export
+from .driver import export_dataset
 
-__all__ = ["export"]
+__all__ = ["export_dataset"]

@@ -72,7 +72,7 @@ class Exported:
     frames: int
 
 
-def export(
+def export_dataset(
     dataset: str | Path, format: str, out: Path, sequences: str = "", progress: bool = True
 ) -> Exported:
     """Write a dataset in the format of another benchmark or tool.

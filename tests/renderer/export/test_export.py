@@ -22,7 +22,7 @@ from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
 from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.export import kitti as export_kitti
-from gcbench.renderer.export.driver import WRITERS, export, select_sequences
+from gcbench.renderer.export.driver import WRITERS, export_dataset, select_sequences
 from gcbench.renderer.export.webdataset import known
 from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.runtime.zip_archive import Archive, open_archive
@@ -92,14 +92,14 @@ def test_what_fails_leaves_nothing_behind(
         monkeypatch.setattr(
             "gcbench.renderer.export.driver.open_dataset", lambda _: dataclasses.replace(
                 dataset, config=dataclasses.replace(dataset.config, frames=1)))
-        export(dataset.path, "kitti", out, progress=False)
+        export_dataset(dataset.path, "kitti", out, progress=False)
     assert [p.name for p in out.parent.iterdir()] == [other.name]
     monkeypatch.undo()
     with pytest.raises(GcbenchError, match="not a dataset"):
-        export(tmp_path, "kitti", out, progress=False)
+        export_dataset(tmp_path, "kitti", out, progress=False)
     (tmp_path / "file").touch()
     with pytest.raises(GcbenchError, match="cannot write to"):
-        export(dataset.path, "kitti", tmp_path / "file" / "out", progress=False)
+        export_dataset(dataset.path, "kitti", tmp_path / "file" / "out", progress=False)
 
 
 def test_ctrl_c_leaves_nothing_behind(
@@ -125,17 +125,17 @@ def test_what_was_stopped_is_continued(
         pytest.importorskip({"rerun": "rerun", "coco": "pycocotools"}[format])
     data = toy if format == "bop" else dataset
     monkeypatch.setattr("gcbench.renderer.export.webdataset.SHARD", 6)
-    whole = export(data.path, format, tmp_path / "whole", progress=False).folder
+    whole = export_dataset(data.path, format, tmp_path / "whole", progress=False).folder
     for stop in range(len(data.names)):
         out = tmp_path / str(stop)
         calls = interrupt(monkeypatch, format, data, stop)
         with pytest.raises(KeyboardInterrupt):
-            export(data.path, format, out, progress=False)
+            export_dataset(data.path, format, out, progress=False)
         assert not out.exists() and out.with_name(f".{stop}.part").exists() == (stop > 0)
         monkeypatch.undo()
         monkeypatch.setattr("gcbench.renderer.export.webdataset.SHARD", 6)
         calls = interrupt(monkeypatch, format, data, None)
-        done = export(data.path, format, out, progress=False)
+        done = export_dataset(data.path, format, out, progress=False)
         assert calls == list(data.names[stop:])
         assert (done.sequences, done.frames) == (len(data.names), sum(map(len, data)))
         names = sorted(p.relative_to(whole) for p in whole.rglob("*"))
@@ -179,15 +179,15 @@ def half(self, line, before=journal.Journal._append):
         os.kill(os.getpid(), signal.SIGKILL)
     before(self, line)
 journal.Journal._append = half
-driver.export(sys.argv[1], "webdataset", Path(sys.argv[2]), progress=False)
+driver.export_dataset(sys.argv[1], "webdataset", Path(sys.argv[2]), progress=False)
 """
     out, whole = tmp_path / "out", tmp_path / "whole"
     killed = subprocess.run([sys.executable, "-c", code, str(dataset.path), str(out)])
     assert killed.returncode == -signal.SIGKILL
     lines = (tmp_path / ".out.part" / "journal.jsonl").read_bytes().split(b"\n")
     assert len(lines) == 3 and lines[2]  # what it exports, a sequence, half of another
-    export(dataset.path, "webdataset", out, progress=False)
-    export(dataset.path, "webdataset", whole, progress=False)
+    export_dataset(dataset.path, "webdataset", out, progress=False)
+    export_dataset(dataset.path, "webdataset", whole, progress=False)
     assert [p.name for p in sorted(tmp_path.iterdir())] == ["out", "whole"]
     for path in whole.iterdir():
         assert path.read_bytes() == (out / path.name).read_bytes()
@@ -199,15 +199,15 @@ def test_another_export_is_not_continued(
     interrupt(monkeypatch, "tapvid", dataset, 2)
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        export(dataset.path, "tapvid", out, progress=False)
+        export_dataset(dataset.path, "tapvid", out, progress=False)
     monkeypatch.undo()
     assert (tmp_path / ".out.part" / "000000.npz").exists()
-    export(dataset.path, "kitti", out, sequences="1", progress=False)
+    export_dataset(dataset.path, "kitti", out, sequences="1", progress=False)
     assert sorted(p.name for p in out.iterdir()) == ["export.json", "training"]
     part = tmp_path / ".new.part"
     part.mkdir()
     with lock_folder(part), pytest.raises(GcbenchError, match="another gcbench is writing to"):
-        export(dataset.path, "kitti", tmp_path / "new", progress=False)
+        export_dataset(dataset.path, "kitti", tmp_path / "new", progress=False)
     assert part.exists()
 
 
@@ -219,7 +219,7 @@ def test_a_missing_package_is_named(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pycocotools", None)
     with pytest.raises(GcbenchError, match=r"coco needs pycocotools: pip install 'gcbench\[export"):
-        export(dataset.path, "coco", tmp_path / "out", progress=False)
+        export_dataset(dataset.path, "coco", tmp_path / "out", progress=False)
 
 
 # -- KITTI ------------------------------------------------------------------------------------
@@ -234,7 +234,7 @@ def read_kitti_flow(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_kitti(dataset: Dataset, tmp_path: Path) -> None:
-    out = export(dataset.path, "kitti", tmp_path / "k", progress=False).folder / "training"
+    out = export_dataset(dataset.path, "kitti", tmp_path / "k", progress=False).folder / "training"
     rows = list(csv.DictReader((out / "pairs.csv").read_text().splitlines()))
     assert len(rows) == SEQUENCES * (FRAMES - 1)
     for row in rows:
@@ -290,7 +290,7 @@ def mask_of(coco, annotation) -> np.ndarray:
 
 def test_coco(dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     coco = pytest.importorskip("pycocotools.coco")
-    out = export(dataset.path, "coco", tmp_path / "c", progress=False).folder
+    out = export_dataset(dataset.path, "coco", tmp_path / "c", progress=False).folder
     data = coco.COCO(str(out / "annotations" / "instances.json"))
     assert capsys.readouterr().out  # pycocotools talks
     assert len(data.imgs) == SEQUENCES * FRAMES
@@ -315,7 +315,7 @@ def test_coco(dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.gl
 def test_coco_keypoints(toy: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     coco = pytest.importorskip("pycocotools.coco")
-    out = export(toy.path, "coco", tmp_path / "c", progress=False).folder
+    out = export_dataset(toy.path, "coco", tmp_path / "c", progress=False).folder
     data = coco.COCO(str(out / "annotations" / "keypoints.json"))
     assert capsys.readouterr().out
     assert data.cats[1]["keypoints"] == list(toy[0].meta.keypoint_names)
@@ -339,7 +339,7 @@ def test_webdataset(
 ) -> None:
     wds = pytest.importorskip("webdataset")
     monkeypatch.setattr("gcbench.renderer.export.webdataset.SHARD", 5)
-    out = export(dataset.path, "webdataset", tmp_path / "w", progress=False).folder
+    out = export_dataset(dataset.path, "webdataset", tmp_path / "w", progress=False).folder
     shards = sorted(str(path) for path in out.glob("*.tar"))
     assert [Path(s).name for s in shards] == [f"arm-{k:06d}.tar" for k in range(3)]
     samples = list(wds.WebDataset(shards, shardshuffle=False).decode())
@@ -369,7 +369,7 @@ def test_webdataset(
 
 @pytest.mark.gl
 def test_webdataset_has_the_layers(toy: Dataset, tmp_path: Path) -> None:
-    out = export(toy.path, "webdataset", tmp_path / "w", progress=False).folder
+    out = export_dataset(toy.path, "webdataset", tmp_path / "w", progress=False).folder
     with tarfile.open(out / "toy-000000.tar") as shard:
         files = {m.name: shard.extractfile(m).read() for m in shard.getmembers()}
     for name in toy.names:
@@ -413,7 +413,7 @@ def silhouette(mesh: trimesh.Trimesh, k: np.ndarray, r: np.ndarray, t: np.ndarra
 
 @pytest.mark.gl
 def test_bop(toy: Dataset, tmp_path: Path) -> None:
-    out = export(toy.path, "bop", tmp_path / "b", progress=False).folder
+    out = export_dataset(toy.path, "bop", tmp_path / "b", progress=False).folder
     infos = json.loads((out / "models" / "models_info.json").read_text())
     meshes = {k: trimesh.load(out / "models" / f"obj_{int(k):06d}.ply", process=False)
               for k in infos}
@@ -481,7 +481,7 @@ def test_bop(toy: Dataset, tmp_path: Path) -> None:
 def test_bop_counts_the_parts_of_each_instance(tmp_path: Path) -> None:
     config = RenderConfig(robot="microwave", frames=2, width=160, height=120)
     render_dataset(config, 2, tmp_path / "data", workers=1, progress=False)
-    out = export(tmp_path / "data", "bop", tmp_path / "b", progress=False).folder
+    out = export_dataset(tmp_path / "data", "bop", tmp_path / "b", progress=False).folder
     infos = json.loads((out / "models" / "models_info.json").read_text())
     used: list[set[int]] = []
     for sequence in open_dataset(tmp_path / "data"):
@@ -498,7 +498,7 @@ def test_bop_counts_the_parts_of_each_instance(tmp_path: Path) -> None:
 
 def test_bop_needs_the_model(dataset: Dataset, tmp_path: Path) -> None:
     with pytest.raises(GcbenchError, match="no robot 'arm'"):
-        export(dataset.path, "bop", tmp_path / "b", progress=False)
+        export_dataset(dataset.path, "bop", tmp_path / "b", progress=False)
 
 
 # -- Rerun ------------------------------------------------------------------------------------
@@ -521,7 +521,7 @@ def columns_of(recording: Path) -> dict[str, dict[str, list]]:
 def test_rerun(dataset: Dataset, toy: Dataset, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     for data in (dataset, toy):
-        out = export(data.path, "rerun", tmp_path / data.path.name, progress=False).folder
+        out = export_dataset(data.path, "rerun", tmp_path / data.path.name, progress=False).folder
         assert sorted(p.stem for p in out.glob("*.rrd")) == list(data.names)
         for sequence in data:
             check_recording(columns_of(out / f"{sequence.meta.index:06d}.rrd"), sequence)
@@ -570,7 +570,7 @@ def check_recording(found: dict[str, dict[str, list]], sequence: Sequence) -> No
 
 @pytest.mark.gl
 def test_tapvid_has_the_tracks_of_the_dataset(toy: Dataset, tmp_path: Path) -> None:
-    out = export(toy.path, "tapvid", tmp_path / "t", progress=False).folder
+    out = export_dataset(toy.path, "tapvid", tmp_path / "t", progress=False).folder
     for name in toy.names:
         sequence = toy[name]
         with np.load(out / f"{name}.npz", allow_pickle=False) as video:
@@ -584,7 +584,7 @@ def test_tapvid_has_the_tracks_of_the_dataset(toy: Dataset, tmp_path: Path) -> N
 
 def test_tapvid_follows_parts(dataset: Dataset, tmp_path: Path) -> None:
     """A point's next place is where the flow of its pixel leads; what is seen shows its part."""
-    out = export(dataset.path, "tapvid", tmp_path / "t", progress=False).folder
+    out = export_dataset(dataset.path, "tapvid", tmp_path / "t", progress=False).folder
     followed = 0
     for name in dataset.names:
         sequence = dataset[name]
