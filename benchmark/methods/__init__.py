@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
-from .registry import Declaration, declare, identify, load, locate, plan_rows, split, with_options
+from .registry import (
+    Declaration,
+    declaration_of,
+    load_method,
+    method_identity,
+    method_source,
+    plan_rows,
+    split_oracles,
+    with_options,
+)
 
 __all__ = [
-    "Declaration", "declare", "identify", "load", "locate", "plan_rows", "split", "with_options",
+    "Declaration", "declaration_of", "load_method", "method_identity", "method_source",
+    "plan_rows", "split_oracles", "with_options",
 ]

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from ...errors import ConfigError, MethodError
 from ...renderer.runtime import dump_json
 from ...renderer.types import Inputs, Knowledge, Method, Observation
-from ..protocol import ORACLES, allowed
-from ..results import INPUTS, KNOWLEDGE, Row
+from ..protocol import ORACLES, are_compatible
+from ..results import INPUTS, KNOWLEDGE, LABEL, Row, is_label
 
 GROUP = "gcbench.methods"
 """Group of the entry points of other packages: name = module:attribute."""
@@ -49,11 +49,11 @@ _FORMER_SOURCES = {
 """Names of methods by their module:attribute in earlier versions. Results folders of these versions
 store the keys; do not remove an entry."""
 _SOURCE = re.compile(r"[\w./~-]+:[A-Za-z_][\w.]*")
-_HOW = """\
-A method is a class, without arguments, of: name (str), version (str), training (str), inputs
-(a tuple of {inputs}), knowledge (a tuple of {knowledge}) and
-estimate(observation) -> Estimate; see gcbench.renderer.types.observation"""
-HOW = " ".join(_HOW.format(inputs=", ".join(INPUTS), knowledge=", ".join(KNOWLEDGE)).split())
+_FORM = (
+    "A method is a class with the attributes name, version, training (str), inputs (a tuple of "
+    f"{', '.join(INPUTS)}), knowledge (a tuple of {', '.join(KNOWLEDGE)}) and the function "
+    "estimate(observation) -> gcbench.Estimate; its constructor needs no arguments"
+)
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,13 @@ class Declaration:
     """Settings of the method as a JSON object; empty without settings."""
 
 
-def available() -> dict[str, str]:
+def registered_methods() -> dict[str, str]:
     """Return module:attribute by name, also of installed packages; built-in methods come first."""
     others = {e.name: e.value for e in metadata.entry_points(group=GROUP)}
     return {**others, **METHODS}
 
 
-def split(name: str) -> tuple[str, tuple[str, ...]]:
+def split_oracles(name: str) -> tuple[str, tuple[str, ...]]:
     """Split METHOD@ORACLE+ORACLE into method and oracles. Raises MethodError if one is unknown."""
     method, at, flags = name.partition("@")
     oracles = tuple(dict.fromkeys(flags.split("+"))) if at else ()
@@ -86,29 +86,23 @@ def split(name: str) -> tuple[str, tuple[str, ...]]:
     return method, oracles
 
 
-def identify(name: str) -> str:
-    """Return the identity of a method, which `run.json` stores: stable when its module moves.
+def method_identity(name: str) -> str:
+    """Return the identity of a method, with its options, as `run.json` stores it.
 
-    Args:
-        name: A registered name, module:attribute or FILE.py:attribute, with or without options
-            (see `with_options`).
-
-    Returns:
-        The registered name, also for the current or an earlier module:attribute of a registered
-        method. The source of an unregistered method is returned unchanged. Options are kept.
+    This is the registered name, also for a current or earlier module:attribute of a registered
+    method; the source of another method is returned unchanged.
     """
     source, mark, options = name.partition("?")
-    names = _FORMER_SOURCES | {path: key for key, path in available().items()}
+    names = _FORMER_SOURCES | {path: key for key, path in registered_methods().items()}
     return names.get(source, source) + mark + options
 
 
-def locate(name: str) -> str:
+def method_source(name: str) -> str:
     """Return the module:attribute or FILE.py:attribute of a method.
 
-    Raises:
-        MethodError: If `name` is neither registered nor of that form. Lists the registered names.
+    Raises MethodError with the registered names if there is no such method.
     """
-    table, name = available(), identify(name)
+    table, name = registered_methods(), method_identity(name)
     if name in table:
         return table[name]
     if _SOURCE.fullmatch(name):
@@ -124,58 +118,54 @@ def with_options(source: str, options: dict[str, str]) -> str:
     return f"{source}?{urlencode(options)}" if options else source
 
 
-def load(source: str) -> Method:
-    """Load and construct a method.
+def load_method(source: str) -> Method:
+    """Load and construct a method from its name or source, with options (see `with_options`).
 
-    Args:
-        source: A name, module:attribute or FILE.py:attribute, with options (see `with_options`).
-            Modules are also searched in the current folder.
-
-    Raises:
-        MethodError: If the method is missing or invalid, or does not take the options.
+    Modules are also searched in the current folder. Raises MethodError if the method is missing or
+    invalid, or does not take the options.
     """
     name, _, query = source.partition("?")
-    source, options = locate(name), dict(parse_qsl(query))
+    source, options = method_source(name), dict(parse_qsl(query))
     where, _, attribute = source.rpartition(":")
-    module = _file(Path(where)) if where.endswith(".py") else _module(where, source)
+    module = _import_file(Path(where)) if where.endswith(".py") else _import_module(where, source)
     found: Any = module
     for part in attribute.split("."):
         if not hasattr(found, part):
             names = [n for n in vars(module) if not n.startswith("_")]
-            raise MethodError(f"{source}: no {part!r} there; there are {', '.join(names)}")
+            raise MethodError(f"{source}: {where} has no {part!r}; it has {', '.join(names)}")
         found = getattr(found, part)
     if isinstance(found, type) or not hasattr(found, "estimate"):
         if not callable(found):
-            raise MethodError(f"{source}: not a method. {HOW}")
-        found = _made(cast("Callable[..., Any]", found), options, source)
+            raise MethodError(f"{source}: not a method. {_FORM}")
+        found = _construct(cast("Callable[..., Any]", found), options, source)
     elif options:
-        raise MethodError(f"{source} takes no --{', --'.join(options)}: it is made already")
-    declare(found, source)
+        raise MethodError(f"{source} is an object and takes no --{', --'.join(options)}")
+    declaration_of(found, source)
     return found
 
 
-def _made(method: Callable[..., Any], options: dict[str, str], source: str) -> Any:
+def _construct(method: Callable[..., Any], options: dict[str, str], source: str) -> Any:
     try:
-        accepted = inspect.signature(method).parameters
+        parameters = inspect.signature(method).parameters
     except ValueError:
-        accepted = {}
-    made: dict[str, Any] = dict(options)
-    if "settings" in accepted and "set" in options:
-        changes = parse_changes(made.pop("set"))
-        made["settings"] = accepted["settings"].default.override(changes)
-    if "segment" in accepted and "segment" not in made:
-        made["segment"] = _segment
-    if unknown := [name for name in made if name not in accepted]:
-        raise MethodError(f"{source} takes no --{unknown[0]}; leave it out")
-    return method(**made)
+        parameters = {}
+    arguments: dict[str, Any] = dict(options)
+    if "settings" in parameters and "set" in options:
+        changes = _parse_changes(arguments.pop("set"))
+        arguments["settings"] = parameters["settings"].default.override(changes)
+    if "segment" in parameters:
+        arguments.setdefault("segment", _segment)
+    if unknown := [name for name in arguments if name not in parameters]:
+        raise MethodError(f"{source} has no option --{unknown[0]}; leave it out")
+    return method(**arguments)
 
 
 def _segment(observation: Observation) -> NDArray[np.uint8] | None:
     """Segment with the method _SEGMENTER, for methods with a parameter `segment`."""
-    return load(_SEGMENTER).estimate(observation).part
+    return load_method(_SEGMENTER).estimate(observation).part
 
 
-def parse_changes(text: str) -> dict[str, str]:
+def _parse_changes(text: str) -> dict[str, str]:
     """Parse "NAME=VALUE NAME=VALUE ...". Raises ConfigError for anything else."""
     out: dict[str, str] = {}
     for item in text.split():
@@ -186,30 +176,25 @@ def parse_changes(text: str) -> dict[str, str]:
     return out
 
 
-def _settings(method: Any) -> dict[str, Any]:
-    """Return the settings of a method as a JSON object; empty without settings."""
-    as_dict = getattr(getattr(method, "settings", None), "as_dict", None)
-    return json.loads(dump_json(as_dict())) if callable(as_dict) else {}
-
-
-def declare(method: Any, source: str) -> Declaration:
+def declaration_of(method: Any, source: str) -> Declaration:
     """Return the declaration of a method. Raises MethodError with the invalid attribute."""
     if not callable(getattr(method, "estimate", None)):
-        raise MethodError(f"{source}: no estimate(observation). {HOW}")
+        raise MethodError(f"{source}: no function estimate(observation). {_FORM}")
     for name in ("name", "version", "training"):
         value = getattr(method, name, None)
-        if not isinstance(value, str) or not re.fullmatch(r"[^\x00-\x1f\x7f@]{1,200}", value):
-            raise MethodError(f"{source}: {name} is {value!r}, expected a line of text. {HOW}")
+        if not is_label(value):
+            raise MethodError(f"{source}: {name} is {value!a}, expected {LABEL}. {_FORM}")
     for name, known in (("inputs", INPUTS), ("knowledge", KNOWLEDGE)):
         values = getattr(method, name, None)
-        if isinstance(values, str) or not isinstance(values, tuple | list) or not values:
-            raise MethodError(f"{source}: {name} is {values!r}, expected a tuple of {known}")
+        if not isinstance(values, tuple | list) or not values:
+            raise MethodError(f"{source}: {name} is {values!a}, expected a tuple of {known}")
         if wrong := [v for v in cast("list[Any]", values) if v not in known]:
-            raise MethodError(f"{source}: {name} has {wrong[0]!r}; there are {', '.join(known)}")
+            raise MethodError(f"{source}: no {name} {wrong[0]!a}; there are {', '.join(known)}")
+    settings = getattr(getattr(method, "settings", None), "as_dict", dict[str, Any])
     return Declaration(
         method.name, method.version, method.training, tuple(method.inputs),
         tuple(method.knowledge), str(getattr(method, "hint", "")),
-        _settings(method),
+        json.loads(dump_json(settings())),
     )  # fmt: skip
 
 
@@ -223,11 +208,11 @@ def plan_rows(
 
     Raises MethodError for an unsupported request.
     """
-    for asked, supported, what in (
+    for requested, supported, what in (
         (inputs, declared.inputs, "inputs"),
         (knowledge, declared.knowledge, "knowledge"),
     ):
-        if missing := [value for value in asked if value not in supported]:
+        if missing := [value for value in requested if value not in supported]:
             hint = f"; {declared.hint}" if declared.hint and what == "inputs" else ""
             raise MethodError(
                 f"{declared.name} does not support {what} {missing[0]}; "
@@ -237,16 +222,16 @@ def plan_rows(
         Row(declared.name, declared.version, i, k, declared.training, oracles)
         for i in inputs or declared.inputs
         for k in knowledge or declared.knowledge
-        if allowed(i, k)
+        if are_compatible(i, k)
     ]
     if not rows:
-        raise MethodError(f"{declared.name}: inputs and knowledge do not go together")
+        raise MethodError(f"{declared.name}: it supports no such pair of inputs and knowledge")
     if oracles and all(row.inputs == "none" for row in rows):
-        raise MethodError(f"{declared.name} sees no images, so that an oracle is nothing to it")
+        raise MethodError(f"{declared.name} gets no images; leave out @{'+'.join(oracles)}")
     return rows
 
 
-def _module(name: str, source: str) -> ModuleType:
+def _import_module(name: str, source: str) -> ModuleType:
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)  # last, so that files here hide no installed package
@@ -255,12 +240,10 @@ def _module(name: str, source: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name and (name == error.name or name.startswith(error.name + ".")):
             raise MethodError(f"{source}: no module {error.name!r}") from error
-        raise MethodError(
-            f"{source}: needs the package {error.name!r}, which is missing"
-        ) from error
+        raise MethodError(f"{source} needs the package {error.name!r}; install it") from error
 
 
-def _file(path: Path) -> ModuleType:
+def _import_file(path: Path) -> ModuleType:
     path = path.expanduser()
     if not path.is_file():
         raise MethodError(f"{path}: no such file")

@@ -51,7 +51,7 @@ def wrap(angle: Array) -> Array:
     return np.where(inside, angle, (angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def covered(displacement: Array | None, joints: int) -> NDArray[np.bool_]:
+def is_covered(displacement: Array | None, joints: int) -> NDArray[np.bool_]:
     """Return [J] True where the estimate [T J] is valid in every frame; all False for None."""
     if displacement is None:
         return np.zeros(joints, bool)
@@ -60,11 +60,11 @@ def covered(displacement: Array | None, joints: int) -> NDArray[np.bool_]:
     return np.asarray(good.all(0), bool)
 
 
-def no_motion_where_missing(displacement: Array | None, truth: Array) -> Array:
+def fill_missing(displacement: Array | None, truth: Array) -> Array:
     """Return the estimate [T J] with zeros for each joint that is not `covered`."""
     if displacement is None:
         return np.zeros_like(truth)
-    return np.where(covered(displacement, truth.shape[1]), displacement, 0.0)
+    return np.where(is_covered(displacement, truth.shape[1]), displacement, 0.0)
 
 
 def difference(estimate: Array, truth: Array, prismatic: NDArray[np.bool_]) -> Array:

@@ -21,7 +21,7 @@ Oracle = Literal["true-parts", "true-flow"]
 ORACLES: tuple[Oracle, ...] = get_args(Oracle)
 
 
-def allowed(inputs: Inputs, knowledge: Knowledge) -> bool:
+def are_compatible(inputs: Inputs, knowledge: Knowledge) -> bool:
     """Return whether the two are compatible: no images require no knowledge, and vice versa."""
     return (inputs == "none") == (knowledge == "none")
 
@@ -37,7 +37,7 @@ def observe(
 
     Knowledge `model` requires `model`. Raises ConfigError for an invalid combination.
     """
-    if not allowed(inputs, knowledge):
+    if not are_compatible(inputs, knowledge):
         raise ConfigError(f"inputs {inputs} and knowledge {knowledge} do not go together")
     if unknown := set(oracles) - set(ORACLES):
         raise ConfigError(f"no oracle {min(unknown)!r}; there are {', '.join(ORACLES)}")
@@ -52,7 +52,7 @@ def observe(
     depth = sequence.depth[0 : len(sequence)] if has_depth else None
     noise = DEPTH_NOISE if inputs == "rgbd-noise" else 0.0
     if depth is not None and noise:
-        depth = noisy(depth, noise, sequence.meta.seed, sequence.meta.index)
+        depth = add_noise(depth, noise, sequence.meta.seed, sequence.meta.index)
     return Observation(
         rgb=None if inputs == "none" else sequence.rgb[0 : len(sequence)],
         depth=depth,
@@ -71,7 +71,9 @@ def observe(
     )
 
 
-def noisy(depth: NDArray[np.float32], sigma: float, seed: int, index: int) -> NDArray[np.float32]:
+def add_noise(
+    depth: NDArray[np.float32], sigma: float, seed: int, index: int
+) -> NDArray[np.float32]:
     """Depth [T H W] m with Gaussian noise on surface pixels; a function of (seed, index)."""
     rng = np.random.default_rng([seed, index, _NOISE_STREAM])
     noise = rng.standard_normal(depth.shape, np.float32) * np.float32(sigma)

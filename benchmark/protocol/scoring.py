@@ -64,7 +64,7 @@ def joint_results(
 ) -> list[Result]:
     """Score each joint; `blank` holds the fields that all lines share."""
     given = None if estimate is None else estimate.displacement
-    moved = metrics.no_motion_where_missing(given, truth.displacement)
+    moved = metrics.fill_missing(given, truth.displacement)
     screw = None if estimate is None else estimate.screw
     prismatic = truth.prismatic
     sign, how = metrics.signs(moved, truth.displacement, prismatic, axes_known, screw, truth.screw)
@@ -101,7 +101,7 @@ def _joint_metrics(
     """
     prismatic, joints = truth.prismatic, len(truth.joint_names)
     scale = np.where(prismatic, 1.0, np.degrees(1.0))
-    covered = metrics.covered(None if estimate is None else estimate.displacement, joints)
+    covered = metrics.is_covered(None if estimate is None else estimate.displacement, joints)
     out: dict[str, tuple[Array, str | None]] = {
         "final_error": (error[-1], None),
         "mean_error": (metrics.over_frames(error), None),

@@ -49,7 +49,7 @@ class Picture:
     """Reason for a missing image."""
 
 
-def chosen(lines: Sequence[Line]) -> list[Picture]:
+def select_pictures(lines: Sequence[Line]) -> list[Picture]:
     """Select the worst and the median sequence of each line; the pictures have no images yet."""
     out: list[Picture] = []
     for number, line in enumerate(lines):
@@ -65,7 +65,7 @@ def chosen(lines: Sequence[Line]) -> list[Picture]:
     return out
 
 
-def draw(
+def draw_pictures(
     lines: Sequence[Line], pictures: Sequence[Picture], progress: bool = True
 ) -> list[Picture]:
     """Return the pictures, in the same order, with images or the reason for a missing image."""
@@ -103,7 +103,7 @@ def final_estimate(line: Line, sequence: Video, name: str) -> dict[str, float]:
     stored = read_stored(line.run.estimate_path(name), shape_of(sequence)).estimate
     given = None if stored is None else stored.displacement
     screw = None if stored is None else stored.screw
-    moved = metrics.no_motion_where_missing(given, truth.displacement)
+    moved = metrics.fill_missing(given, truth.displacement)
     known = line.row.knowledge in AXES_KNOWN
     sign, _ = metrics.signs(
         moved, truth.displacement, truth.prismatic, known, screw, truth.screw

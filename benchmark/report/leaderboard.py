@@ -154,8 +154,8 @@ def build_leaderboard(folders: Iterable[RunFolder]) -> Leaderboard:
     _check_same(scored)
     lines = [line for folder in scored for line in _lines_of(folder)]
     lines.sort(key=lambda line: (
-        line.dataset.rpartition("/")[0], paper.order(line.robot), *line.group, line.summary.mean,
-        line.row.folder,
+        line.dataset.rpartition("/")[0], paper.paper_order(line.robot), *line.group,
+        line.summary.mean, line.row.folder,
     ))  # fmt: skip
     unfinished = tuple(folder for folder in folders if folder not in scored)
     differences: dict[tuple[int, int], Difference] = {}

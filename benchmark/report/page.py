@@ -15,7 +15,7 @@ from ...robots.files import write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
 from ..results import EstimateShape, Results, RunFolder, read_stored
 from .formats import leaderboard_csv, one_line, to_latex, to_markdown
-from .gallery import Picture, chosen, draw
+from .gallery import Picture, draw_pictures, select_pictures
 from .leaderboard import (
     CURVE_THRESHOLDS,
     SECONDARY,
@@ -82,7 +82,7 @@ def report(
         board = read_leaderboard([Path(results)] if isinstance(results, str | Path)
                                  else [Path(folder) for folder in results])
     out = Path(out)
-    found = draw(board.lines, chosen(board.lines), progress) if pictures else []
+    found = draw_pictures(board.lines, select_pictures(board.lines), progress) if pictures else []
     contents = (
         report_page(board, found),
         to_markdown("Leaderboard", leaderboard_tables(board), __version__),

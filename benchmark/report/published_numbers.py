@@ -12,7 +12,7 @@ from ..results import Row
 
 
 @dataclass(frozen=True)
-class Printed:
+class PublishedCell:
     """One cell of a table of the paper."""
 
     table: int
@@ -60,16 +60,16 @@ _ROBOTS = {
     NOISY: ((2.9758, 89.6), (2.2413, 94.0), (3.2217, 87.0), (4.6583, 85.0)),
 }
 
-PRINTED: tuple[Printed, ...] = (
-    *(Printed(1, method, robot, 0, mean, std)
+PUBLISHED: tuple[PublishedCell, ...] = (
+    *(PublishedCell(1, method, robot, 0, mean, std)
       for method, cells in _OBJECTS.items()
       for robot, (mean, std) in zip(OBJECTS, cells, strict=True)),
-    *(Printed(1, f"{method} ({ACROSS})", "oven", 0, mean, std)
+    *(PublishedCell(1, f"{method} ({ACROSS})", "oven", 0, mean, std)
       for method, (mean, std) in _ACROSS.items()),
-    *(Printed(2, method, OWI, joint, mean, std)
+    *(PublishedCell(2, method, OWI, joint, mean, std)
       for method, cells in _OWI.items()
       for joint, (mean, std) in enumerate(cells, 1)),
-    *(Printed(3, method, robot, 0, mean, pcp5=pcp5)
+    *(PublishedCell(3, method, robot, 0, mean, pcp5=pcp5)
       for method, cells in _ROBOTS.items()
       for robot, (mean, pcp5) in zip(ARMS, cells, strict=True)),
 )  # fmt: skip
@@ -90,7 +90,7 @@ _COUNTERPARTS = {
 """Names in the paper by (method, inputs, table). Table 1 does not state the inputs of GC-Pose."""
 
 
-def order(robot: str) -> int:
+def paper_order(robot: str) -> int:
     """Return the position of a robot in the tables of the paper; unknown robots come last."""
     known = (*ARMS, OWI, *OBJECTS)
     return known.index(robot) if robot in known else len(known)
@@ -107,6 +107,6 @@ def counterpart(row: Row, table: int) -> str:
     return _COUNTERPARTS.get((row.method, row.inputs, table), "")
 
 
-def printed(table: int, robot: str | None = None) -> tuple[Printed, ...]:
+def published_cells(table: int, robot: str | None = None) -> tuple[PublishedCell, ...]:
     """Return the cells of a table, for one robot or for all."""
-    return tuple(p for p in PRINTED if p.table == table and robot in (None, p.robot))
+    return tuple(p for p in PUBLISHED if p.table == table and robot in (None, p.robot))

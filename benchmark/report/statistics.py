@@ -122,7 +122,7 @@ class Difference:
     ci_high: float
 
     @property
-    def told_apart(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the interval leaves out zero; one cluster alone has no interval."""
         return self.clusters > 1 and (self.ci_low > 0.0 or self.ci_high < 0.0)
 
@@ -176,7 +176,7 @@ def shared_ranks(
     """
     ranks = [1] * number
     for (a, b), difference in differences.items():
-        if difference.told_apart:
+        if difference.is_significant:
             ranks[a if difference.mean > 0.0 else b] += 1
     return ranks
 

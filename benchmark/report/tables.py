@@ -66,12 +66,13 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
 def _leaderboard_row(board: Leaderboard, k: int) -> TableRow:
     line, unit = board.lines[k], board.lines[k].unit
     s, seconds = line.summary, line.means.get("seconds_per_frame")
-    interval = f"{value(s.ci_low, unit)} to {value(s.ci_high, unit)}"
+    interval = f"{format_error(s.ci_low, unit)} to {format_error(s.ci_high, unit)}"
     return TableRow((
         str(board.ranks[k]), board.labels[k] + (" (best sign)" if line.best_sign else ""),
-        line.row.training, str(s.sequences), value(s.mean, unit),
-        interval if line.has_interval else MISSING, value(s.std, unit), value(s.median, unit),
-        value(s.p90, unit), percent(s.pcp[PCP5]), percent(s.coverage),
+        line.row.training, str(s.sequences), format_error(s.mean, unit),
+        interval if line.has_interval else MISSING, format_error(s.std, unit),
+        format_error(s.median, unit), format_error(s.p90, unit), format_percent(s.pcp[PCP5]),
+        format_percent(s.coverage),
         MISSING if seconds is None else f"{seconds:.3g}",
     ))  # fmt: skip
 
@@ -109,17 +110,17 @@ def paper_tables(board: Leaderboard) -> list[Table]:
     return out
 
 
-def value(x: float, unit: str) -> str:
+def format_error(x: float, unit: str) -> str:
     """Return a number with the usual decimals of its unit, without the unit: 3 for deg, 4 for m."""
     return f"{x:.{4 if unit == 'm' else 3}f}"
 
 
 def _mean_std(summary: ErrorSummary, unit: str) -> str:
     """As in "0.123 ± 0.045"."""
-    return f"{value(summary.mean, unit)} ± {value(summary.std, unit)}"
+    return f"{format_error(summary.mean, unit)} ± {format_error(summary.std, unit)}"
 
 
-def percent(x: float) -> str:
+def format_percent(x: float) -> str:
     """Return "97.5 %" for 97.5."""
     return f"{x:.1f} %"
 
@@ -131,10 +132,10 @@ def _by_dataset(named: Sequence[tuple[Line, str]], table: int, title: str, unit:
         head = dataset.rpartition("/")[2]
         cells = {label: _mean_std(line.summary, unit) for line, label in mine}
         columns.append(_Column(head, "mean ± std", cells))
-        cells = {label: percent(line.summary.pcp[PCP5]) for line, label in mine}
+        cells = {label: format_percent(line.summary.pcp[PCP5]) for line, label in mine}
         columns.append(_Column(head, f"PCP@5{'°' if unit == 'deg' else ' cm'}", cells))
         if mine[0][0].robot == paper.OWI:  # the metric that CRAVES publishes
-            cells = {label: value(best_half([*x.error.values()]), unit) for x, label in mine}
+            cells = {label: format_error(best_half([*x.error.values()]), unit) for x, label in mine}
             columns.append(_Column(head, "best half", cells))
         columns += _reference(mine, table, mine[0][0].robot, 0, head)
     limit = "5°" if unit == "deg" else "5 cm"
@@ -162,7 +163,7 @@ def _reference(
     named: Iterable[tuple[Line, str]], table: int, robot: str, joint: int, head: str
 ) -> list[_Column]:
     """The paper's column of a robot: in the rows of our counterparts, or in rows of its own."""
-    printed = {p.method: p for p in paper.printed(table, robot) if p.joint == joint}
+    printed = {p.method: p for p in paper.published_cells(table, robot) if p.joint == joint}
     if not printed:
         return []
     cells = {f"{name} (paper)": _printed(p) for name, p in printed.items()}
@@ -173,7 +174,7 @@ def _reference(
     return [_Column(head, "paper", cells, reference=True)]
 
 
-def _printed(p: paper.Printed) -> str:
+def _printed(p: paper.PublishedCell) -> str:
     text = f"{p.mean:.2f}"
     if p.std is not None:
         text += f" ± {p.std:.2f}"

@@ -9,11 +9,11 @@ from .estimates import (
     InvalidEstimateError,
     Status,
     Stored,
-    checked,
     dump_stored,
     read_stored,
+    validate_estimate,
 )
-from .rows import INPUTS, KNOWLEDGE, Result, Row, read_scores, write_scores
+from .rows import INPUTS, KNOWLEDGE, LABEL, Result, Row, is_label, read_scores, write_scores
 from .runs import (
     ESTIMATES,
     RUN,
@@ -28,29 +28,8 @@ from .runs import (
 )
 
 __all__ = [
-    "ESTIMATES",
-    "INPUTS",
-    "KNOWLEDGE",
-    "MAX_REASON",
-    "RUN",
-    "SCORES",
-    "STATUSES",
-    "EstimateShape",
-    "InvalidEstimateError",
-    "Result",
-    "Results",
-    "Row",
-    "Run",
-    "RunFolder",
-    "Status",
-    "Stored",
-    "checked",
-    "dump_stored",
-    "find_runs",
-    "read_run",
-    "read_scores",
-    "read_stored",
-    "run_folder",
-    "write_run",
-    "write_scores",
+    "ESTIMATES", "INPUTS", "KNOWLEDGE", "LABEL", "MAX_REASON", "RUN", "SCORES", "STATUSES",
+    "EstimateShape", "InvalidEstimateError", "Result", "Results", "Row", "Run", "RunFolder",
+    "Status", "Stored", "dump_stored", "find_runs", "is_label", "read_run", "read_scores",
+    "read_stored", "run_folder", "validate_estimate", "write_run", "write_scores",
 ]

@@ -73,7 +73,7 @@ class InvalidEstimateError(MethodError):
     """What a method returned is not an estimate of this sequence; the message says why."""
 
 
-def checked(value: Any, shape: EstimateShape) -> Estimate:
+def validate_estimate(value: Any, shape: EstimateShape) -> Estimate:
     """What a method returned, as arrays of the right shapes; numbers may be NaN.
 
     Raises InvalidEstimateError that names the field, its shape and the expected one.
@@ -174,6 +174,6 @@ def _parse_arrays(data: bytes, shape: EstimateShape, where: str) -> Estimate:
     if "displacement" not in arrays:
         raise DatasetError(f"{where}: no displacement")
     try:
-        return checked(Estimate(**arrays), shape)
+        return validate_estimate(Estimate(**arrays), shape)
     except InvalidEstimateError as error:
         raise DatasetError(f"{where}: {error}") from error

@@ -18,6 +18,8 @@ from ...robots.files import read_bounded, write_atomically
 
 INPUTS: tuple[Inputs, ...] = get_args(Inputs)
 KNOWLEDGE: tuple[Knowledge, ...] = get_args(Knowledge)
+LABEL = "one line of 1 to 200 printable characters without @"
+"""What the name, the version and the training of a method must be."""
 _MAX_SCORES = 2**30  # bytes of a score table
 
 
@@ -95,6 +97,11 @@ class Row:
         if plain != self.name:
             plain += "-" + hashlib.sha256(self.name.encode()).hexdigest()[:8]
         return f"{plain}_{self.inputs}_{self.knowledge}"
+
+
+def is_label(text: object) -> bool:
+    """Return whether a text is a LABEL."""
+    return isinstance(text, str) and 0 < len(text) <= 200 and text.isprintable() and "@" not in text
 
 
 def write_scores(path: Path, results: Iterable[Result]) -> None:

@@ -23,7 +23,14 @@ from ...renderer.runtime import Bar, dump_json, uninterrupted
 from ...renderer.scene import differences
 from ...renderer.types import Inputs, Knowledge
 from ...robots.files import remove_leftovers, write_atomically
-from ..methods import Declaration, identify, locate, plan_rows, split, with_options
+from ..methods import (
+    Declaration,
+    method_identity,
+    method_source,
+    plan_rows,
+    split_oracles,
+    with_options,
+)
 from ..protocol import score_sequence, shape_of
 from ..results import (
     ESTIMATES,
@@ -43,7 +50,7 @@ from ..results import (
     write_scores,
 )
 from .datasets import SUITES, Data, from_folders, from_suite
-from .isolation import ask, run
+from .isolation import read_declaration, run
 from .method_worker import Task
 from .suite import read_suite
 
@@ -152,11 +159,11 @@ def _plan(config: EvalConfig) -> tuple[dict[str, Declaration], list[tuple[str, R
     """Return the declaration of each method by its identity, and (identity, row) of each row."""
     options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
                                  ("set", " ".join(config.set))) if v}
-    for name, _ in map(split, config.method):
-        locate(name)  # fail on an unknown name before a process starts
-    named = [(with_options(identify(method), options), oracles)
-             for method, oracles in map(split, config.method)]
-    declared = {source: ask(source) for source in dict.fromkeys(source for source, _ in named)}
+    for name, _ in map(split_oracles, config.method):
+        method_source(name)  # fail on an unknown name before a process starts
+    named = [(with_options(method_identity(method), options), oracles)
+             for method, oracles in map(split_oracles, config.method)]
+    declared = {source: read_declaration(source) for source in dict.fromkeys(s for s, _ in named)}
     rows = [
         (source, row)
         for source, oracles in dict.fromkeys(named)
@@ -250,7 +257,7 @@ def _identity(run: Run) -> dict[str, Any]:
     """Return the fields that are equal in all estimates of one row."""
     row = run.row
     tree = {
-        "version": row.version, "training": row.training, "source": identify(run.source),
+        "version": row.version, "training": row.training, "source": method_identity(run.source),
     }  # fmt: skip
     return json.loads(dump_json({**tree, "config": run.config}))
 

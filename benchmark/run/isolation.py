@@ -26,7 +26,7 @@ _MAX_ANSWER = 2**28
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def ask(source: str) -> Declaration:
+def read_declaration(source: str) -> Declaration:
     """Load a method in a separate process and return its declaration.
 
     Raises:

@@ -56,10 +56,10 @@ def _serve(connection: Connection, source: str, threads: int) -> None:
     import cv2
 
     cv2.setNumThreads(threads)
-    from ..methods import declare, load
+    from ..methods import declaration_of, load_method
 
-    method = load(source)
-    connection.send_bytes(READY + json.dumps(asdict(declare(method, source))).encode())
+    method = load_method(source)
+    connection.send_bytes(READY + json.dumps(asdict(declaration_of(method, source))).encode())
     opened: dict[str, Dataset] = {}
     models: dict[tuple[str, str], ArticulatedModel] = {}
     for data in receive_tasks(connection, Connection.recv_bytes):
@@ -85,7 +85,7 @@ def _attempt(
 ) -> Stored:
     """Run the method and return its estimate or its failure as a storable record."""
     from ..protocol import observe, shape_of
-    from ..results import InvalidEstimateError, Stored, checked
+    from ..results import InvalidEstimateError, Stored, validate_estimate
 
     sequence = dataset[task.sequence]
     observation = observe(sequence, task.inputs, task.knowledge, task.oracles, model)  # pyright: ignore[reportArgumentType]
@@ -100,7 +100,7 @@ def _attempt(
         return Stored("raised", f"{type(error).__name__}: {_text(error)}\n{last}")
     seconds = time.perf_counter() - started
     try:
-        return Stored("ok", "", seconds, peak_memory(), checked(value, shape))
+        return Stored("ok", "", seconds, peak_memory(), validate_estimate(value, shape))
     except InvalidEstimateError as error:
         return Stored("invalid", str(error), seconds, peak_memory())
 

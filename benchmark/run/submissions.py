@@ -22,7 +22,7 @@ from ...renderer.runtime import ArraySpec, parse_npz
 from ...renderer.types import Estimate, Inputs, Knowledge
 from ...robots.files import read_bounded, write_atomically
 from ...robots.geometry import Array
-from ..protocol import allowed, shape_of
+from ..protocol import are_compatible, shape_of
 from ..results import (
     ESTIMATES,
     INPUTS,
@@ -149,7 +149,7 @@ def score_predictions(config: ScoreConfig) -> Results:
     folders: list[RunFolder] = []
     for d in data:
         run = describe_run(found.row, "predictions", d, {}, {})
-        refuse_other_source(run, results)
+        check_source(run, results)
         job = prepare(run, d, results, retry=STATUSES)
         for key, target in wanted.items():
             if target.data is d:
@@ -161,7 +161,7 @@ def score_predictions(config: ScoreConfig) -> Results:
     return Results(tuple(folders), len(wanted))
 
 
-def refuse_other_source(run: Run, results: Path) -> None:
+def check_source(run: Run, results: Path) -> None:
     """Raise DatasetError if `results` has this row from a method that gcbench ran."""
     path = run_folder(results, run.row, run.dataset) / RUN
     if path.exists() and read_run(path).source != run.source:
@@ -207,7 +207,7 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
             header[key.strip()] = value.strip()
         if number > _MAX_HEADER:
             raise ValueError(f"no line {','.join(_COLUMNS)} in the first {_MAX_HEADER}")
-    row = declared(header)
+    row = parse_header(header)
     if [cell.strip() for cell in first.split(",")] != _COLUMNS:
         raise ValueError(f"line {number}: {_short(first)} instead of {','.join(_COLUMNS)}")
     found = {key: _blank(t) for key, t in wanted.items()}
@@ -239,7 +239,7 @@ def parse_arrays(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
         arrays = parse_npz(data, specs, "the NPZ", only_known=True)
     except DatasetError as error:
         raise ValueError(str(error)) from error
-    row = declared({key: str(arrays.pop(key)) for key in _KEYS if key in arrays})
+    row = parse_header({key: str(arrays.pop(key)) for key in _KEYS if key in arrays})
     numbers = {name: array.astype(np.float64) for name, array in arrays.items()}
     found = {key: numbers[key] for key in wanted if key in numbers}
     screw = {key: numbers[f"{key}.screw"] for key in wanted if f"{key}.screw" in numbers}
@@ -248,7 +248,7 @@ def parse_arrays(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
     return Predictions(row, found, screw)
 
 
-def declared(header: Mapping[str, str]) -> Row:
+def parse_header(header: Mapping[str, str]) -> Row:
     """Return the row that a header declares. Raises ValueError."""
     if missing := [key for key in _KEYS[:4] if not header.get(key)]:
         raise ValueError(f"the header does not say {', '.join(missing)}")
@@ -266,7 +266,7 @@ def declared(header: Mapping[str, str]) -> Row:
             f"knowledge {_short(header['knowledge'])}: there are {', '.join(knowledge)}"
         )
     i, k = inputs[header["inputs"]], knowledge[header["knowledge"]]
-    if not allowed(i, k):
+    if not are_compatible(i, k):
         raise ValueError(f"inputs {i} and knowledge {k} do not go together")
     return Row(header["method"], header.get("version", "1"), i, k, header["training"])
 

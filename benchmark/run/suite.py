@@ -71,7 +71,7 @@ class Suite:
     datasets: tuple[SuiteDataset, ...]
 
 
-def shipped() -> tuple[str, ...]:
+def builtin_suites() -> tuple[str, ...]:
     """Return the names of the built-in suites."""
     names = (item.name for item in _folder().iterdir())
     return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
@@ -80,12 +80,13 @@ def shipped() -> tuple[str, ...]:
 def read_suite(name_or_file: str | Path) -> Suite:
     """Read a built-in suite or a TOML file. Raises ConfigError with the invalid field."""
     text = str(name_or_file)
-    if text in shipped():
+    if text in builtin_suites():
         return parse_suite((_folder() / f"{text}.toml").read_bytes(), text)
     path = Path(text).expanduser()
     if path.suffix != ".toml":
         raise ConfigError(
-            f"no suite {text!r}; there are {', '.join(shipped())}, and any path to a .toml file"
+            f"no suite {text!r}; there are {', '.join(builtin_suites())}, "
+            "and any path to a .toml file"
         )
     return parse_suite(read_bounded(path, _MAX_TOML, ConfigError), text)
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from gcbench.benchmark.methods import locate, with_options
-from gcbench.benchmark.methods.registry import declare, load
+from gcbench.benchmark.methods import method_source, with_options
+from gcbench.benchmark.methods.registry import declaration_of, load_method
 from gcbench.benchmark.results import read_run
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.errors import ConfigError, GcbenchError
@@ -79,18 +79,18 @@ def test_settings_are_frozen_and_hold_numbers_only(record: Any) -> None:
 
 
 def test_a_method_is_made_with_settings_and_declares_them() -> None:
-    source = with_options(locate("gcpose"), {"set": "rgbd.candidates=800"})
-    declared = declare(load(source), source)
+    source = with_options(method_source("gcpose"), {"set": "rgbd.candidates=800"})
+    declared = declaration_of(load_method(source), source)
     assert declared.name == "gcpose rgbd.candidates=800"
     assert declared.settings["rgbd"]["candidates"] == 800
     assert GCPose().name == "gcpose"
     with pytest.raises(ConfigError, match="expected NAME=VALUE"):
-        load(with_options(locate("gcpose"), {"set": "rgbd.candidates"}))
+        load_method(with_options(method_source("gcpose"), {"set": "rgbd.candidates"}))
 
 
 def test_a_method_without_settings_takes_no_set() -> None:
-    with pytest.raises(GcbenchError, match=r"takes no --set; leave it out$"):
-        load(with_options(locate("hold-still"), {"set": "rgbd.candidates=800"}))
+    with pytest.raises(GcbenchError, match=r"has no option --set; leave it out$"):
+        load_method(with_options(method_source("hold-still"), {"set": "rgbd.candidates=800"}))
 
 
 def test_a_run_stores_the_settings(tmp_path: Path) -> None:

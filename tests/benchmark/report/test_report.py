@@ -23,7 +23,7 @@ from gcbench.benchmark.report.formats import (
     leaderboard_csv,
     leaderboard_text,
 )
-from gcbench.benchmark.report.gallery import chosen, draw
+from gcbench.benchmark.report.gallery import draw_pictures, select_pictures
 from gcbench.benchmark.report.leaderboard import read_leaderboard, sequence_errors
 from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
@@ -201,15 +201,15 @@ def test_prismatic_joints_have_lines_of_their_own(tmp_path: Path) -> None:
 
 
 def test_the_papers_numbers() -> None:
-    assert len(paper.PRINTED) == 4 * 3 + 2 + 3 * 4 + 5 * 4
-    full = {p.robot: (p.mean, p.pcp5) for p in paper.printed(3) if p.method == paper.FULL}
+    assert len(paper.PUBLISHED) == 4 * 3 + 2 + 3 * 4 + 5 * 4
+    full = {p.robot: (p.mean, p.pcp5) for p in paper.published_cells(3) if p.method == paper.FULL}
     assert full == {"ur5": (2.2132, 91.6), "ur5-textured": (1.4633, 96.5),
                     "iiwa14": (2.5158, 89.0), "irb2400": (3.1479, 93.5)}
-    ours = np.mean([p.mean for p in paper.printed(2) if p.method == "GC-Pose, RGB-D"])
+    ours = np.mean([p.mean for p in paper.published_cells(2) if p.method == "GC-Pose, RGB-D"])
     assert ours == pytest.approx(1.96, abs=0.005)  # as its text says
-    assert np.mean([p.mean for p in paper.printed(2) if p.method == "CRAVES"]) == pytest.approx(
-        3.03, abs=0.005)
-    own = np.mean([p.mean for p in paper.printed(1) if p.method == "GC-Pose"])
+    craves = np.mean([p.mean for p in paper.published_cells(2) if p.method == "CRAVES"])
+    assert craves == pytest.approx(3.03, abs=0.005)
+    own = np.mean([p.mean for p in paper.published_cells(1) if p.method == "GC-Pose"])
     assert own == pytest.approx(1.391, abs=0.001)
 
 
@@ -391,7 +391,7 @@ def test_a_report_that_cannot_be_written(results: Path, tmp_path: Path) -> None:
 
 def test_the_worst_and_the_median_are_chosen(results: Path) -> None:
     lines = read_leaderboard([results]).lines
-    pictures = chosen(lines)
+    pictures = select_pictures(lines)
     assert len(pictures) == 2 * len(lines)
     for picture in pictures:
         errors = sequence_errors(lines[picture.line])
@@ -403,7 +403,7 @@ def test_the_worst_and_the_median_are_chosen(results: Path) -> None:
 
 def test_without_the_dataset_there_is_a_reason_instead_of_a_picture(results: Path) -> None:
     lines = read_leaderboard([results]).lines
-    pictures = draw(lines, chosen(lines), progress=False)
+    pictures = draw_pictures(lines, select_pictures(lines), progress=False)
     assert all(not p.image and "not a dataset" in p.reason for p in pictures)
 
 

@@ -118,14 +118,14 @@ def ranks_of(errors: list[dict[tuple[str, str], float]]) -> list[int]:
 def test_pairs_tell_apart_what_means_cannot() -> None:
     a, b = rows(0.0, 0.5)
     d = paired_difference(a, b, rng())
-    assert d.told_apart
+    assert d.is_significant
     assert d.mean == pytest.approx(-0.5, abs=0.15)
     low, high = bootstrap_mean(list(a.values()), [k[0] for k in a], rng())
     assert low < np.mean(list(b.values())) < high
-    assert not paired_difference(a, a, rng()).told_apart
+    assert not paired_difference(a, a, rng()).is_significant
     nothing = paired_difference(a, {}, rng())
     assert nothing.pairs == 0
-    assert not nothing.told_apart
+    assert not nothing.is_significant
 
 
 def test_only_common_pairs_are_compared() -> None:
@@ -173,7 +173,7 @@ def test_a_difference_is_the_negative_of_its_reverse(
     np.testing.assert_allclose(
         (d.mean, d.ci_low, d.ci_high), (-reverse.mean, -reverse.ci_high, -reverse.ci_low),
         atol=1e-9)
-    assert d.told_apart == reverse.told_apart
+    assert d.is_significant == reverse.is_significant
 
 
 @given(st.lists(ERRORS, min_size=1, max_size=4), st.randoms(use_true_random=False))

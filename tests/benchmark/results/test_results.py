@@ -16,9 +16,9 @@ from gcbench.benchmark.results.estimates import (
     EstimateShape,
     InvalidEstimateError,
     Stored,
-    checked,
     dump_stored,
     read_stored,
+    validate_estimate,
 )
 from gcbench.benchmark.results.rows import COLUMNS, Result, Row, read_scores, write_scores
 from gcbench.benchmark.results.runs import SCORES, Results, Run, find_runs, run_folder, write_run
@@ -147,7 +147,7 @@ def test_estimates_come_back(tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_what_is_no_estimate_is_told(change: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidEstimateError, match=message):
-        checked(dataclasses.replace(estimate(), **change), SHAPE)  # type: ignore[arg-type]
+        validate_estimate(dataclasses.replace(estimate(), **change), SHAPE)  # type: ignore[arg-type]
 
 
 def archive(path: Path, arrays: bytes, **changes: object) -> Path:

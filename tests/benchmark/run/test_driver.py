@@ -96,9 +96,9 @@ def test_nan_costs_the_joint(data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "message"), [
-    ("NoMethod", "no estimate(observation). A method is a class"),
+    ("NoMethod", "no function estimate(observation). A method is a class"),
     ("CannotStart", "weights.safetensors"),
-    ("Nowhere", "no 'Nowhere' there; there are"),
+    ("Nowhere", "has no 'Nowhere'; it has"),
 ])  # fmt: skip
 def test_what_is_no_method_is_told(data: Path, tmp_path: Path, name: str, message: str) -> None:
     with pytest.raises(GcbenchError) as error:
@@ -109,14 +109,14 @@ def test_what_is_no_method_is_told(data: Path, tmp_path: Path, name: str, messag
 
 def test_unknown_names_list_what_exists() -> None:
     with pytest.raises(GcbenchError, match=r"no method 'gcpos'; there are .*gcpose, .*icp"):
-        methods.locate("gcpos")
+        methods.method_source("gcpos")
     with pytest.raises(GcbenchError, match="no oracle 'true-depth'; there are true-parts"):
-        methods.split("icp@true-depth")
-    assert methods.split("icp@true-parts+true-flow") == ("icp", ("true-parts", "true-flow"))
+        methods.split_oracles("icp@true-depth")
+    assert methods.split_oracles("icp@true-parts+true-flow") == ("icp", ("true-parts", "true-flow"))
     with pytest.raises(GcbenchError, match=r"nofile\.py: no such file"):
-        methods.load("nofile.py:Method")
+        methods.load_method("nofile.py:Method")
     with pytest.raises(GcbenchError, match="no module 'no_such_module'"):
-        methods.load("no_such_module.deep:Method")
+        methods.load_method("no_such_module.deep:Method")
     assert methods.METHODS["gcpose"] == "gcbench.gcpose.method:GCPose"
 
 
@@ -124,8 +124,8 @@ def test_installed_packages_add_methods(monkeypatch: pytest.MonkeyPatch) -> None
     found = [EntryPoint("theirs", "package.module:Method", methods.GROUP),
              EntryPoint("gcpose", "package.module:Impostor", methods.GROUP)]
     monkeypatch.setattr(methods.metadata, "entry_points", lambda group: found)
-    assert methods.locate("theirs") == "package.module:Method"
-    assert methods.locate("gcpose") == methods.METHODS["gcpose"]
+    assert methods.method_source("theirs") == "package.module:Method"
+    assert methods.method_source("gcpose") == methods.METHODS["gcpose"]
 
 
 def test_rows_are_what_is_supported(data: Path) -> None:

@@ -96,15 +96,15 @@ def test_a_dataset_opens_and_its_configuration_is_read(data: Path) -> None:
 
 @pytest.mark.parametrize(("source", "name"), SOURCES.items())
 def test_a_method_keeps_its_identity_where_its_module_moved(source: str, name: str) -> None:
-    assert methods.identify(source) == methods.identify(name) == name
-    assert methods.identify(methods.locate(name)) == name
-    assert methods.locate(source) == methods.METHODS[name]
-    assert methods.identify(f"{source}?flow=dis") == f"{name}?flow=dis"
+    assert methods.method_identity(source) == methods.method_identity(name) == name
+    assert methods.method_identity(methods.method_source(name)) == name
+    assert methods.method_source(source) == methods.METHODS[name]
+    assert methods.method_identity(f"{source}?flow=dis") == f"{name}?flow=dis"
 
 
 def test_a_method_that_is_not_registered_is_where_it_stands() -> None:
     for source in ("their.module:Method?flow=dis", "folder/my.py:Method", "predictions"):
-        assert methods.identify(source) == source
+        assert methods.method_identity(source) == source
 
 
 def test_results_continue_and_are_reported(data: Path, tmp_path: Path) -> None:

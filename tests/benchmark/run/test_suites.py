@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.run import datasets
-from gcbench.benchmark.run.suite import parse_suite, read_suite, shipped
+from gcbench.benchmark.run.suite import builtin_suites, parse_suite, read_suite
 from gcbench.renderer import generate
 from gcbench.renderer.scene.config import RenderConfig
 
@@ -33,14 +33,14 @@ randomization.motion.max_step = 3.0
 
 
 def test_the_shipped_suites_are_the_protocols() -> None:
-    assert shipped() == ("mini", "paper")
-    sizes = {s: {d.name: d.n for d in read_suite(s).datasets} for s in shipped()}
+    assert builtin_suites() == ("mini", "paper")
+    sizes = {s: {d.name: d.n for d in read_suite(s).datasets} for s in builtin_suites()}
     robots = ("ur5", "ur5-textured", "iiwa14", "irb2400", "owi535")
     objects = ("microwave", "dishwasher", "oven")
     assert sizes["mini"] == dict.fromkeys(robots + objects, 8)
     assert sizes["paper"] == {
         **dict(zip(robots, (1000, 200, 200, 200, 200), strict=True)), **dict.fromkeys(objects, 63)}
-    for name in shipped():
+    for name in builtin_suites():
         suite = read_suite(name)
         assert suite.name == name
         for d in suite.datasets:
@@ -52,7 +52,7 @@ def test_the_shipped_suites_are_the_protocols() -> None:
         plain, textured = (d.config for d in suite.datasets[:2])
         assert plain.seed == textured.seed  # twins
         assert textured.randomization.textures.probability == 1
-    seeds = [{d.config.seed for d in read_suite(s).datasets} for s in shipped()]
+    seeds = [{d.config.seed for d in read_suite(s).datasets} for s in builtin_suites()]
     assert not seeds[0] & seeds[1]
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.benchmark.methods.registry import load, with_options
+from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.gcpose.images.depth import depth_named
 from gcbench.gcpose.images.flow import dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
 
@@ -223,10 +223,11 @@ def test_the_weights_that_come_with_it_are_small_and_see_how_a_plain_bar_moves()
 def test_a_row_says_what_its_networks_were_trained_on() -> None:
     source = "gcbench.gcpose.paper.pipeline:Epipolar"
     said = "supervised: flow of synthetic video; self-supervised on the video"
-    assert load(source).training == said
+    assert load_method(source).training == said
     source = "gcbench.gcpose.paper.pipeline:FlowOnly"
-    assert load(source).training == load(with_options(source, {"flow": "dis"})).training == "none"
-    assert load(with_options(source, {"flow": "raft"})).training in said
+    assert load_method(source).training == "none"
+    assert load_method(with_options(source, {"flow": "dis"})).training == "none"
+    assert load_method(with_options(source, {"flow": "raft"})).training in said
     assert training_of("flownet2:FILE", "mono:FOLDER").count("supervised") == 2
 
 

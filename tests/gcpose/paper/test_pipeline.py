@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.benchmark.methods.registry import load, with_options
+from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.benchmark.report import published_numbers as paper
 from gcbench.benchmark.results.rows import Row
 from gcbench.gcpose.chain.kinematics import part_motions
@@ -201,12 +201,12 @@ def test_what_the_rows_cannot_do_is_said() -> None:
         WithDepth().estimate(replace(slid(), joint_types=("revolute",)))
     source = "gcbench.gcpose.paper.pipeline:Epipolar"
     with pytest.raises(GcbenchError, match="no network to tune"):
-        load(with_options(source, {"flow": "dis"}))
+        load_method(with_options(source, {"flow": "dis"}))
 
 
 def test_settings_change_a_row_s_name() -> None:
     source = with_options("gcbench.gcpose.paper.pipeline:FlowOnly", {"set": "paper.max_points=90"})
-    assert load(source).name == "gcpose-flow paper.max_points=90"
+    assert load_method(source).name == "gcpose-flow paper.max_points=90"
 
 
 def test_the_rows_stand_beside_the_paper_s() -> None:

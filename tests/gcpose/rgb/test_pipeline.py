@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.benchmark.methods.registry import load, with_options
+from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.priors import JointPriors
 from gcbench.gcpose.images.flow import Flow, dis_flow
@@ -242,9 +242,9 @@ def test_sampled_pixels_stay_on_what_moves() -> None:
 
 def test_options_make_another_row() -> None:
     source = "gcbench.gcpose.method:GCPose"
-    assert (load(source).name, load(source).training) == ("gcpose", "none")
-    assert load(with_options(source, {"flow": "dis"})).name == "gcpose flow=dis"
+    assert (load_method(source).name, load_method(source).training) == ("gcpose", "none")
+    assert load_method(with_options(source, {"flow": "dis"})).name == "gcpose flow=dis"
     with pytest.raises(GcbenchError, match="no flow 'magic'"):
-        load(with_options(source, {"flow": "magic"}))
-    with pytest.raises(GcbenchError, match="takes no --flow"):
-        load(with_options("gcbench.benchmark.methods.baselines:HoldStill", {"flow": "dis"}))
+        load_method(with_options(source, {"flow": "magic"}))
+    with pytest.raises(GcbenchError, match="has no option --flow"):
+        load_method(with_options("gcbench.benchmark.methods.baselines:HoldStill", {"flow": "dis"}))

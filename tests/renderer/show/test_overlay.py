@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
-from gcbench.benchmark.report.gallery import WIDTH, chosen, draw, final_estimate
+from gcbench.benchmark.report.gallery import WIDTH, draw_pictures, final_estimate, select_pictures
 from gcbench.benchmark.report.leaderboard import read_leaderboard
 from gcbench.benchmark.results.runs import find_runs, write_run
 from gcbench.renderer.dataset.reader import Dataset
@@ -130,7 +130,7 @@ def test_the_gallery_has_pictures(dataset: Dataset, tmp_path: Path) -> None:
         run = next(f.run for f in find_runs(tmp_path) if f.path == path)
         write_run(path, dataclasses.replace(run, data=str(dataset.path)))
     lines = read_leaderboard([tmp_path]).lines
-    pictures = draw(lines, chosen(lines), progress=False)
+    pictures = draw_pictures(lines, select_pictures(lines), progress=False)
     assert len(pictures) == 4
     assert all(p.image.startswith("data:image/webp;base64,") and not p.reason for p in pictures)
     assert WIDTH <= 640
