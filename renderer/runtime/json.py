@@ -9,12 +9,13 @@ A record is a dataclass whose annotations state types and bounds:
     read_record(path, Size)  # DatasetError: "size.json: $.width: expected int >= 1, got 0"
 
 Untrusted bytes end in a record or in an error of one line that names the file and the field: NaN,
-infinity, numbers out of range, deep nesting and wrong types are refused.
+infinity, numbers out of range, deep nesting, dates and wrong types are refused.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import json
 import re
 import sys
@@ -33,9 +34,11 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib  # pyright: ignore[reportMissingImports]
 
-MAX_JSON = 2**26
+MAX_JSON = 2**25
 """Bytes of a JSON or TOML file; a larger one is refused."""
 Record = TypeVar("Record")
+_MAX_LEVELS = 64  # of nesting, so that code which follows a tree by recursion is safe
+_MAX_BITS = 128  # of an integer: a seed may have that many
 _SHOWN = 60  # characters of a wrong value in a message
 
 
@@ -69,7 +72,8 @@ def parse_json(
     """
     try:
         tree = msgspec.json.decode(data)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
+        _check_tree(tree)
+    except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
         raise error(f"{where}: not JSON ({_one_line(problem)})") from problem
     if not isinstance(tree, dict):
         raise error(f"{where}: not a JSON object")
@@ -93,9 +97,32 @@ def parse_toml(
         return value
 
     try:
-        return tomllib.loads(data.decode(), parse_float=finite)
+        tree = tomllib.loads(data.decode(), parse_float=finite)
+        _check_tree(tree)
+        return tree
     except (ValueError, RecursionError) as problem:
         raise error(f"{where}: not TOML ({_one_line(problem)})") from problem
+
+
+def _check_tree(tree: Any) -> None:
+    """Raise ValueError for deep nesting, huge integers and dates, which later code cannot handle.
+    """
+    level = [tree]
+    for _ in range(_MAX_LEVELS + 1):
+        below: list[Any] = []
+        for value in level:
+            if isinstance(value, dict):
+                below += cast("dict[str, Any]", value).values()
+            elif isinstance(value, list):
+                below += cast("list[Any]", value)
+            elif isinstance(value, int) and value.bit_length() > _MAX_BITS:
+                raise ValueError(f"an integer of more than {_MAX_BITS} bits")
+            elif isinstance(value, datetime.date | datetime.time):
+                raise ValueError(f"{value} is a date or time; write it in quotes")
+        level = below
+        if not level:
+            return
+    raise ValueError(f"more than {_MAX_LEVELS} levels of nesting")
 
 
 def to_record(

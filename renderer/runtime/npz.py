@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import struct
 import warnings
 import zipfile
 import zlib
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from ...errors import DatasetError
 
 _HEADER = 4096  # bytes that a header may take
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _KINDS = {"b": "booleans", "i": "integers", "u": "integers", "f": "real numbers", "U": "a text"}
 
 
@@ -94,6 +96,9 @@ def parse_npz(
                         known = ", ".join(list(specs)[:20])
                         raise DatasetError(f"{where}: unknown array {name[:60]!a}; known: {known}")
                     continue
+                if info.compress_type not in _METHODS:
+                    raise DatasetError(f"{where}: {name} is compressed by a method that NumPy "
+                                       "does not use; write the file with numpy.savez_compressed")
                 if name in arrays:
                     raise DatasetError(f"{where}: {name} is there twice")
                 with archive.open(info) as file:
@@ -102,8 +107,8 @@ def parse_npz(
                     raise DatasetError(f"{where}: {name} is larger than {spec}")
                 arrays[name] = parse_npy(member, spec, f"{where}: {name}")
     except (
-        zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError,
-        ValueError,
+        zipfile.BadZipFile, zlib.error, struct.error, NotImplementedError, RuntimeError, EOFError,
+        OSError, ValueError,
     ) as error:
         reason = " ".join(str(error).split())[:200]
         raise DatasetError(f"{where}: not a whole NPZ file ({reason})") from error

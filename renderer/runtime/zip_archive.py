@@ -105,7 +105,7 @@ def open_archive(path: Path) -> Archive:
     size = path.stat().st_size
     entries: dict[str, _Entry] = {}
     for info in members:
-        if info.is_dir():
+        if info.filename.endswith("/"):  # `is_dir` of Python 3.10 fails for an empty name
             continue
         _check_member(path, info, size, entries)
         entries[info.filename] = _Entry(info.header_offset, info.file_size, info.CRC)
@@ -122,7 +122,7 @@ def _check_member(path: Path, info: zipfile.ZipInfo, size: int, seen: Iterable[s
     name = info.filename
     parts = PurePosixPath(name).parts
     where = f"{path}: {name!r}"
-    if name.startswith("/") or "\\" in name or ".." in parts or not name.isprintable():
+    if not name or name.startswith("/") or "\\" in name or ".." in parts or not name.isprintable():
         raise DatasetError(f"{where}: not a name for a member")
     if name in seen:
         raise DatasetError(f"{where}: there twice")

@@ -80,7 +80,8 @@ def test_unknown_fields_are_refused_where_asked() -> None:
     [
         b"", b"{", b"[]", b"3", b'{"a": NaN}', b'{"a": Infinity}', b'{"a": 1e999}',
         b"[" * 100_000, b'{"a":' * 5000, b'{"a": ' + b"9" * 40_000 + b"}", b"\xff",
-        b'{"a": "\\ud800"}',
+        b'{"a": "\\ud800"}', b'{"a": ' + b"9" * 400 + b"}", b'{"a": -' + b"9" * 400 + b"}",
+        b'{"a": ' + b"[" * 600 + b"]" * 600 + b"}", b'{"a":' * 600 + b"1" + b"}" * 600,
     ],
 )
 def test_what_is_no_json_object_is_one_line(data: bytes) -> None:
@@ -92,7 +93,8 @@ def test_what_is_no_json_object_is_one_line(data: bytes) -> None:
 @pytest.mark.parametrize(
     "data",
     [b"a =", b"a = nan", b"a = inf", b"a = -1e999", b"\xff", b"a = " + b"9" * 9000,
-     b"a = " + b"[" * 9000],
+     b"a = " + b"[" * 9000, b"a = " + b"[" * 300 + b"]" * 300, b"a = " + b"9" * 400,
+     b".".join([b"a"] * 600) + b" = 1", b"a = 2026-01-31", b"a = [{b = 12:00:00}]"],
 )
 def test_what_is_no_toml_is_one_line(data: bytes) -> None:
     with pytest.raises(ConfigError, match=r"^f: not TOML") as caught:
@@ -118,6 +120,15 @@ trees = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
     max_leaves=20,
 )
+
+
+def test_a_seed_of_128_bits_and_64_levels_are_read() -> None:
+    tree: dict[str, Any] = {"seed": 2**128 - 1}
+    for _ in range(63):
+        tree = {"a": tree}
+    assert parse_json(dump_json(tree), "f") == tree
+    with pytest.raises(DatasetError, match="more than 64 levels of nesting"):
+        parse_json(dump_json({"a": tree}), "f")
 
 
 @given(st.dictionaries(st.text(), trees))

@@ -116,6 +116,42 @@ def test_an_npz_is_bounded_and_its_arrays_known() -> None:
             parse_npz(data, specs, "x", only_known=True)
 
 
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [(zipfile.ZIP_DEFLATED, "not a whole NPZ"), (zipfile.ZIP_LZMA, "compressed by a method"),
+     (zipfile.ZIP_BZIP2, "compressed by a method")],
+)
+def test_a_damaged_compressed_array_is_one_line(method: int, message: str) -> None:
+    """Decompressors raise errors of their own: zlib.error, LZMAError, struct.error."""
+    whole = npz(("a.npy", GOOD), compression=method)
+    for at in range(30 + len("a.npy"), 60):
+        for value in (0, 255):
+            data = whole[:at] + bytes([value]) + whole[at + 1:]
+            if data != whole:
+                with pytest.raises(DatasetError, match=message) as caught:
+                    parse_npz(data, {"a": SPEC}, "x")
+                assert "\n" not in str(caught.value)
+
+
+def test_an_empty_name_is_refused(tmp_path: Path) -> None:
+    """`zipfile` reads such a file, but writes none."""
+    entry = struct.pack("<5H3I2H", 20, 0, 0, 0, 33, 0, 0, 0, 0, 0)
+    directory = b"PK\x01\x02\x14\x00" + entry + bytes(14)
+    data = b"PK\x03\x04" + entry + directory
+    end = struct.pack("<4s4H2IH", b"PK\x05\x06", 0, 0, 1, 1, len(directory), 30, 0)
+    (tmp_path / "x.zip").write_bytes(data + end)
+    assert zipfile.ZipFile(tmp_path / "x.zip").namelist() == [""]
+    with pytest.raises(DatasetError, match="'': not a name for a member"):
+        open_archive(tmp_path / "x.zip")
+
+
+@pytest.mark.parametrize("name", ["../a", "/a", "a\\b", "a\nb", "a\x1b[31m"])
+def test_a_name_that_no_member_has_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "x.zip").write_bytes(npz((name, GOOD), compression=zipfile.ZIP_STORED))
+    with pytest.raises(DatasetError, match="not a name for a member"):
+        open_archive(tmp_path / "x.zip")
+
+
 def archive_of(path: Path) -> Callable[[], dict[str, bytes]]:
     def read() -> dict[str, bytes]:
         archive = open_archive(path)
