@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Annotated, Literal, cast, get_args, get_type_hints
@@ -23,6 +24,8 @@ AROUND: Range = (-180.0, 180.0)
 FRONT: Range = (110.0, 250.0)
 """deg: azimuths from which the front of an object is visible. Objects look along -x, as in
 PartNet-Mobility; from behind, the motion of a door is not visible."""
+_UNUSABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
+"""Control characters, and bytes of a file name that are not UTF-8."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +260,7 @@ def resolve(config: RenderConfig) -> RenderConfig:
         parse_object_name(config.robot)
     elif not of_object and not is_file(config.robot):
         textured = find_robot(config.robot).textured
-    for name, problem in find_out_of_bounds(config):
+    for name, problem in find_invalid_values(config):
         option = name.removeprefix("randomization.").replace("_", "-")
         raise ConfigError(f"--{option} {problem}")
     for option, names, known in (("layers", config.layers, LAYERS), ("vary", config.vary, FACTORS)):
@@ -278,12 +281,15 @@ def resolve(config: RenderConfig) -> RenderConfig:
     )
 
 
-def find_out_of_bounds(config: object, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield (field, what is wrong) for each number of a config that violates its `Bounds`."""
+def find_invalid_values(config: object, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield (field, what is wrong) for each number outside its `Bounds`, and each unusable text."""
     for name, hint in get_type_hints(type(config), include_extras=True).items():
         value = getattr(config, name)
         if is_dataclass(value):
-            yield from find_out_of_bounds(value, f"{prefix}{name}.")
+            yield from find_invalid_values(value, f"{prefix}{name}.")
         for bounds in get_args(hint)[1:] if value is not None else ():
             if isinstance(bounds, Bounds) and (problem := bounds.problem(value)):
                 yield f"{prefix}{name}", problem
+        for text in cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,):
+            if isinstance(text, str) and _UNUSABLE.search(text):
+                yield f"{prefix}{name}", f"{text[:40]!a}: leave out control characters"

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 from ...errors import ConfigError, GcbenchError
 from ...robots.files import read_bounded
 from ..runtime import MAX_JSON, dump_json, parse_json, parse_toml, to_record
-from .config import RenderConfig, find_out_of_bounds
+from .config import RenderConfig, find_invalid_values
 
 Config = TypeVar("Config")
 
@@ -37,7 +37,7 @@ def parse_config(
     """
     found = to_record(tree, RenderConfig, where, only_known=True, error=error)
     config = _overlay(base or RenderConfig(), found, tree)
-    for field, problem in find_out_of_bounds(config):
+    for field, problem in find_invalid_values(config):
         raise error(f"{where}: $.{field}: {problem}")
     return config
 

@@ -19,7 +19,7 @@ from gcbench.renderer.scene.config import (
     CameraConfig,
     RandomizationConfig,
     RenderConfig,
-    find_out_of_bounds,
+    find_invalid_values,
     resolve,
 )
 from gcbench.renderer.scene.config_files import config_tree, parse_config, read_config
@@ -64,7 +64,7 @@ def test_a_number_out_of_bounds_is_refused_by_name(name: str) -> None:
     for wrong in (bounds.low - 1, float("nan")):
         value = (wrong,) * (3 if name.endswith("color") else 2) if many else wrong
         config = set_field(RenderConfig(), name, value)
-        assert [field for field, _ in find_out_of_bounds(config)] == [name]
+        assert [field for field, _ in find_invalid_values(config)] == [name]
         option = name.removeprefix("randomization.").replace("_", "-")
         with pytest.raises(ConfigError, match=f"^--{option} .*: give "):
             resolve(config)
@@ -74,6 +74,16 @@ def test_ranges_ascend() -> None:
     camera = CameraConfig(fov=(50.0, 40.0))
     with pytest.raises(ConfigError, match=r"--camera\.fov 50 40: give the smaller number first"):
         resolve(RenderConfig(randomization=RandomizationConfig(camera=camera)))
+
+
+@pytest.mark.parametrize("text", ["a\0b", "\x1b[31mur5", "m\udcff.urdf", "a\nb"])
+def test_text_that_no_file_or_terminal_takes_is_refused(text: str) -> None:
+    """`dataset.json` could not be read back, or the terminal would obey."""
+    for name, value in (("animation", text), ("scored_joints", ("a", text)),
+                        ("randomization.textures.folder", text)):
+        with pytest.raises(ConfigError, match="leave out control characters") as caught:
+            resolve(set_field(RenderConfig(), name, value))
+        assert str(caught.value).isascii() and "\n" not in str(caught.value)
 
 
 def values(hint: Any) -> st.SearchStrategy[Any]:
@@ -93,7 +103,7 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
     if hint is bool:
         return st.booleans()
     if hint is str:
-        return st.text(st.characters(exclude_characters="\x7f", min_codepoint=32), max_size=8)
+        return st.text(st.characters(exclude_categories=("Cc", "Cs")), max_size=8)
     if get_origin(hint) is tuple:
         return st.lists(values(get_args(hint)[0]), max_size=3).map(tuple)
     return st.sampled_from(get_args(hint))
