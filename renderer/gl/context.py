@@ -7,6 +7,7 @@ pyrender provides the EGL platform and the functions of the physically based sha
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,10 @@ from .programs import (
     surface_vertex_shader,
 )
 
-os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ["PYOPENGL_PLATFORM"] = "egl"  # the only one that this package draws with
 os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
+_INSTALL = ("for software rendering on Debian or Ubuntu: "
+            "apt-get install libegl1 libgl1 libgl1-mesa-dri")
 
 
 class GLContext:
@@ -34,13 +37,9 @@ class GLContext:
     """
 
     def __init__(self) -> None:
-        try:
-            from pyrender.platforms import egl
-        except Exception as error:
-            why = f"EGL cannot be loaded ({_one_line(error)})"
-            raise NoRendererError(f"{why}; {_INSTALL}") from None
+        egl, devices = _load_egl()
         tried: list[str] = []
-        for number, device in _devices(egl):
+        for number, device in devices:
             try:
                 self._platform: Any = egl.EGLPlatform(1, 1, device)
                 self._platform.init_context()
@@ -51,11 +50,12 @@ class GLContext:
                 self.version = str(self.gl.glGetString(GL.GL_VERSION).decode())
                 self.device = number
             except Exception as error:
-                tried.append(f"device {number}: {_one_line(error)}")
+                tried.append(f"device {number}: {_reason(error)}")
                 continue
             return
-        reasons = "; ".join(tried) or "EGL reports no device"
-        raise NoRendererError(f"no EGL device can draw ({reasons}); {_INSTALL}")
+        raise NoRendererError(
+            f"no EGL device draws OpenGL 4.1 ({'; '.join(tried)}); update its driver, or "
+            f"{_INSTALL}")
 
     def close(self) -> None:
         """Free the context; the display stays, because other contexts of the process share it."""
@@ -72,29 +72,37 @@ class GLContext:
 
 def device_names() -> list[str]:
     """Return every EGL device with its device file, in the order in which they are tried."""
+    return [f"device {i}: {device.name or 'software (Mesa)'}" for i, device in _load_egl()[1]]
+
+
+def _load_egl() -> tuple[Any, list[tuple[int, Any]]]:
+    """pyrender's EGL, and its devices with their numbers: those with a device file (GPUs) first.
+
+    Raises NoRendererError if there is none.
+    """
     try:
         from pyrender.platforms import egl
 
-        found = _devices(egl)
+        devices = list(enumerate(egl.query_devices()))
+    except ModuleNotFoundError as error:
+        raise NoRendererError(
+            f"the package {error.name} is missing; pip install scikit-robot-pyrender") from None
     except Exception as error:
-        raise NoRendererError(f"EGL cannot be loaded ({_one_line(error)}); {_INSTALL}") from None
-    return [f"device {i}: {device.name or 'software (Mesa)'}" for i, device in found]
+        raise NoRendererError(f"EGL cannot be loaded ({_reason(error)}); {_INSTALL}") from None
+    if not devices:
+        raise NoRendererError(f"EGL reports no device; {_INSTALL}")
+    wanted = os.environ.get("EGL_DEVICE_ID")
+    chosen = [(i, d) for i, d in devices if not wanted or str(i) == wanted]
+    if not chosen:
+        raise NoRendererError(f"EGL_DEVICE_ID={wanted} is no device; unset it, or give "
+                              f"{' or '.join(str(i) for i, _ in devices)}")
+    return egl, sorted(chosen, key=lambda item: item[1].name is None)
 
 
-_INSTALL = "on Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri"
-
-
-def _devices(egl: Any) -> list[tuple[int, Any]]:
-    """EGL devices with their numbers: those with a device file (GPUs) first."""
-    devices = list(enumerate(egl.query_devices()))
-    wanted = os.environ.get("EGL_DEVICE_ID", "")
-    if wanted:
-        devices = [(i, d) for i, d in devices if str(i) == wanted]
-    return sorted(devices, key=lambda item: item[1].name is None)
-
-
-def _one_line(error: BaseException) -> str:
+def _reason(error: BaseException) -> str:
     text = " ".join(str(error).split()) or "no reason given"
+    if found := re.search(r"err = (\w+), baseOperation = (\w+)", text):  # of PyOpenGL
+        return f"{found[2]} fails with {found[1]}"
     return f"{type(error).__name__}: {text[:200]}"
 
 

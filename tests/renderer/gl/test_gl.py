@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -441,3 +444,24 @@ def test_projection_agrees_with_the_camera(rasterizer: Rasterizer) -> None:
         corner = view.project(QUAD * 0.06 + [*at, 0.0])[:, :2]
         assert np.abs(centre - corner.mean(0)).max() < 0.35
         assert inverse(view.world_from_cam) == pytest.approx(view.cam_from_world)
+
+
+# -- the device -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("variable", "message"),
+    [
+        ("EGL_DEVICE_ID=99", "EGL_DEVICE_ID=99 is no device; unset it, or give 0"),
+        ("LIBGL_DRIVERS_PATH=/nowhere", "no EGL device draws OpenGL 4.1 (device 0: eglInitialize "
+         "fails with EGL_NOT_INITIALIZED); update its driver, or "),
+        ("PYOPENGL_PLATFORM=osmesa", ""),
+    ],
+)
+def test_the_cause_is_named_where_nothing_draws(variable: str, message: str) -> None:
+    code = "from gcbench.renderer.gl import Rasterizer; Rasterizer(64, 48).close()"
+    name, _, value = variable.partition("=")
+    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, name: value},
+                          capture_output=True, text=True)
+    said = done.stderr.strip().splitlines() or [""]
+    assert message in said[-1] and (done.returncode == 0) == (not message)
