@@ -10,14 +10,14 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Generator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ...errors import ConfigError, RenderError
-from ...robots.files import lock_folder, remove_leftovers
+from ...robots.files import LOCK, lock_folder, remove_leftovers
 from ..dataset import (
     FILE,
     FOLDER,
@@ -160,9 +160,7 @@ def render_dataset(
     if n < 1:
         raise ConfigError(f"{n} sequences cannot be rendered; ask for 1 or more")
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        with lock_folder(out):
-            _tidy(out)
+        with _open_folder(out):
             provenance = _open(out, config)
             there = sequence_paths(out)
             todo = [i for i in range(n) if sequence_name(i) not in there]
@@ -244,6 +242,24 @@ def _finish(out: Path, provenance: Provenance, rendered: int, started: float) ->
         write_provenance(out, finished)
     seconds = time.monotonic() - started
     return Summary(dataset=out, rendered=rendered, seconds=seconds, **counts)
+
+
+@contextmanager
+def _open_folder(out: Path) -> Generator[None]:
+    """Create and lock the folder of a dataset; leave none behind if it gets no sequence."""
+    created = [folder for folder in (out, *out.parents) if not folder.exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    with lock_folder(out):
+        _tidy(out)
+        try:
+            yield
+        finally:
+            if created and not sequence_paths(out):
+                for file in (out / FILE, out / LOCK):
+                    file.unlink(missing_ok=True)
+                for folder in (out / FOLDER, *created):
+                    with suppress(OSError):  # something else is in it
+                        folder.rmdir()
 
 
 def _tidy(out: Path) -> None:

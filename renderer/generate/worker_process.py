@@ -77,7 +77,8 @@ def render_tasks(connection: Connection, task: RenderTask) -> None:
     except GcbenchError as error:
         connection.send(Problem(f"{where}{error}", type(error)))
     except OSError as error:  # a full disk, no permission
-        connection.send(Problem(f"{where}{error}", RenderError))
+        file = error.filename or task.dataset
+        connection.send(Problem(f"{where}{file}: {error.strerror or error}", RenderError))
     except Exception:
         import traceback
 

@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -236,6 +237,35 @@ def test_what_failed_at_once_binds_nobody(tmp_path: Path) -> None:
     with pytest.raises(GcbenchError, match=r"^no robot 'nowhere'$"):
         run(tmp_path, robot="nowhere")
     assert run(tmp_path, n=1).sequences == 1
+
+
+def test_what_failed_at_once_leaves_no_folder(tmp_path: Path) -> None:
+    for robot in ("nowhere", "error=0", "bug=0"):
+        with pytest.raises((GcbenchError, RuntimeError)):
+            run(tmp_path / "data/out", robot=robot)
+        assert list(tmp_path.iterdir()) == []
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data/notes").touch()
+    with pytest.raises(GcbenchError):
+        run(tmp_path / "data", robot="error=0")
+    assert (tmp_path / "data/notes").exists()
+
+
+def test_a_full_disk_is_one_line_that_names_the_file(tmp_path: Path) -> None:
+    """A limit on the size of files stands for the disk: the same write fails."""
+    code = f"""
+import resource, sys
+sys.path.insert(0, {str(HERE)!r})
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+{COMMAND}
+except Exception as error:
+    sys.exit(f"{{type(error).__name__}} {{error}}")
+"""
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "out")],
+                          stderr=subprocess.PIPE, text=True)
+    said = done.stderr.splitlines()[-1]
+    assert re.fullmatch(rf"RenderError sequence 00000\d: {tmp_path}/out: File too large", said)
+    assert list(tmp_path.iterdir()) == []
 
 
 # -- refusals ---------------------------------------------------------------------------------
