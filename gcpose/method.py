@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from ..renderer.types import Estimate, Inputs, Knowledge, Observation
 from .chain import JointPriors, joint_priors, screws_of
-from .images import Flow, depth_named, dis_flow, fine_dis_flow, flow_named, training_of
+from .images import Flow, depth_named, dis_flow, flow_named, training_of
 from .rgb import estimate_rgb
 from .rgbd import estimate_rgbd
 from .settings import Settings
@@ -37,9 +37,10 @@ class GCPose:
             GcbenchError: If a name is unknown or a file is missing.
         """
         self.settings = settings
-        named = flow_named(flow) if isinstance(flow, str) and flow else flow
-        self.flow = dis_flow if isinstance(named, str) else named
-        self.fine_flow = fine_dis_flow if isinstance(named, str) else named
+        of = settings.images.flow
+        named = (flow_named(flow, of) if flow else None) if isinstance(flow, str) else flow
+        self.flow: Flow = named or dis_flow
+        self.fine_flow: Flow = named or flow_named("dis-fine", of)
         self.depth = depth_named(depth) if depth else None
         chosen = {"flow": flow if isinstance(flow, str) else "", "depth": depth}
         self.name += "".join(f" {k}={v.partition(':')[0]}" for k, v in chosen.items()

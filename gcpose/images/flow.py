@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -11,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError
+from .settings import FlowSettings
+
+_DEFAULT = FlowSettings()
 
 
 class Flow(Protocol):
@@ -35,12 +39,14 @@ def dis_flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.f
     return _dis(cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM), rgb_a, rgb_b)
 
 
-def fine_dis_flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+def fine_dis_flow(
+    rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8], settings: FlowSettings = _DEFAULT
+) -> NDArray[np.float32]:
     """Return the same at full resolution: better on small parts, and six times slower."""
     estimator = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    estimator.setFinestScale(0)
-    estimator.setPatchStride(2)
-    estimator.setGradientDescentIterations(40)
+    estimator.setFinestScale(settings.fine_scale)
+    estimator.setPatchStride(settings.fine_stride)
+    estimator.setGradientDescentIterations(settings.fine_iterations)
     return _dis(estimator, rgb_a, rgb_b)
 
 
@@ -52,7 +58,6 @@ def _dis(
     return np.asarray(estimator.calc(a, b, start), np.float32)
 
 
-_CLASSICAL: dict[str, Flow] = {"dis": dis_flow, "dis-fine": fine_dis_flow}
 _TRAINED = {
     "raft": "supervised: flow of synthetic video",
     "flownet2": "supervised: FlyingChairs and FlyingThings3D",
@@ -60,7 +65,7 @@ _TRAINED = {
 }
 
 
-def flow_named(name: str) -> Flow:
+def flow_named(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
     """Return the flow of a name: "dis", "dis-fine", "raft[:WEIGHTS]" or "flownet2:CHECKPOINT".
 
     Raises:
@@ -68,12 +73,15 @@ def flow_named(name: str) -> Flow:
         MethodError: If PyTorch is missing.
     """
     kind, _, file = name.partition(":")
-    if kind in _CLASSICAL and not file:
-        return _CLASSICAL[kind]
+    if name == "dis":
+        return dis_flow
+    if name == "dis-fine":
+        return partial(fine_dis_flow, settings=settings)
     if kind == "raft":
         from . import network_flow
 
-        return network_flow.load_raft(Path(file) if file else network_flow.SHIPPED)
+        return network_flow.load_raft(
+            Path(file) if file else network_flow.SHIPPED, settings)
     if kind == "flownet2":
         if not file:
             raise ConfigError(
@@ -82,10 +90,9 @@ def flow_named(name: str) -> Flow:
             )
         from . import network_flow
 
-        return network_flow.load_flownet2(Path(file))
+        return network_flow.load_flownet2(Path(file), settings)
     raise ConfigError(
-        f"no flow {name!r}; there are {', '.join(_CLASSICAL)}, raft, raft:WEIGHTS and "
-        "flownet2:CHECKPOINT"
+        f"no flow {name!r}; there are dis, dis-fine, raft, raft:WEIGHTS and flownet2:CHECKPOINT"
     )
 
 

@@ -12,48 +12,38 @@ from numpy.typing import NDArray
 from ..networks import flownet2, raft
 from ..networks.torch_runtime import F, device_named, padded, torch, unit_range
 from ..networks.weights import read_weights
+from .settings import FlowSettings
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "raft.safetensors"
-_SIDE = 320
-"""Smaller side of the images that the network sees, px. It was trained on images of 0.75 to 1.6
-times 240 px, and its errors are least at this size."""
+_DEFAULT = FlowSettings()
 
 
 def load_raft(
-    weights: Path = SHIPPED, device: str = "auto", iterations: int = 6, side: int = _SIDE
+    weights: Path = SHIPPED, settings: FlowSettings = _DEFAULT, device: str = "auto"
 ) -> RaftFlow:
-    """Load the flow with the weights of a file; default: those that come with gcbench.
-
-    Args:
-        weights: A safetensors file.
-        device: "auto", "cpu", "cuda", ...
-        iterations: Corrections that the network makes.
-        side: Images are reduced so that their smaller side is at most this, px.
+    """Load the flow with the weights of a safetensors file; default: those that gcbench has.
 
     Raises:
         ConfigError: If the file is missing or holds another network's weights.
     """
     network = raft.Raft()
     network.load_state_dict(read_weights(weights, network.state_dict(), "raft"))
-    return RaftFlow(network.to(device_named(device)), iterations, side)
+    return RaftFlow(network.to(device_named(device)), settings)
 
 
 class RaftFlow:
     """The flow of a `Raft` network, enlarged to the resolution of the images."""
 
-    rate = 1e-4
-    """Learning rate at which it is tuned to a video"""
-
     def __init__(
-        self, network: raft.Raft, iterations: int = 6, side: int = _SIDE, factor: float = 0
+        self, network: raft.Raft, settings: FlowSettings = _DEFAULT, factor: float = 0
     ) -> None:
-        """`factor`: reduction of the images; default: such that `side` px are left."""
-        self.network = network.eval()
-        self.iterations, self.side, self.factor = iterations, side, factor
+        """`factor`: reduction of the images; default: as the settings say."""
+        self.network, self.settings, self.factor = network.eval(), settings, factor
+        self.rate = settings.raft_rate
 
     def for_cuts_of(self, height: int, width: int) -> RaftFlow:
         """Return the same for crops of images of a size, reduced as whole images are."""
-        return RaftFlow(self.network, self.iterations, self.side, self.reduction(height, width))
+        return RaftFlow(self.network, self.settings, self.reduction(height, width))
 
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Return the flow [H W 2] px."""
@@ -72,17 +62,19 @@ class RaftFlow:
                                          np.uint8)), raft.RAFT_MULTIPLE).to(device)
             for image in (rgb_a, rgb_b)
         )
-        flow = self.network(a, b, self.iterations).fine[..., : small[1], : small[0]]
+        flow = self.network(a, b, self.settings.raft_iterations).fine[..., : small[1], : small[0]]
         full = F.interpolate(flow, size=(height, width), mode="bilinear", align_corners=False)
         by = torch.tensor([width / small[0], height / small[1]], device=device)
         return full * by[:, None, None]
 
     def reduction(self, height: int, width: int) -> float:
         """Return the factor by which images of a size are reduced."""
-        return max(1.0, min(height, width) / self.side)
+        return max(1.0, min(height, width) / self.settings.raft_side)
 
 
-def load_flownet2(checkpoint: Path, device: str = "auto") -> FlowNet2Flow:
+def load_flownet2(
+    checkpoint: Path, settings: FlowSettings = _DEFAULT, device: str = "auto"
+) -> FlowNet2Flow:
     """Load the flow of `FlowNet2_checkpoint.pth.tar`, about 270 GFLOP for 640 x 480 pixels.
 
     Raises:
@@ -92,17 +84,14 @@ def load_flownet2(checkpoint: Path, device: str = "auto") -> FlowNet2Flow:
         network = flownet2.FlowNet2()
     weights = read_weights(checkpoint, network.state_dict(), "FlowNet2")
     network.load_state_dict(weights, assign=True)
-    return FlowNet2Flow(network.to(device_named(device)).eval())
+    return FlowNet2Flow(network.to(device_named(device)).eval(), settings.flownet2_rate)
 
 
 class FlowNet2Flow:
     """The flow of a `FlowNet2` network on images of any size."""
 
-    rate = 5e-7
-    """Learning rate at which it is tuned to a video (Sec. 4.1)"""
-
-    def __init__(self, network: flownet2.FlowNet2) -> None:
-        self.network = network
+    def __init__(self, network: flownet2.FlowNet2, rate: float) -> None:
+        self.network, self.rate = network, rate
 
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Return the flow [H W 2] px."""

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from ..numerics import Count, NonNegative, Positive, Share
+from ..numerics import Count, NonNegative, Positive, Share, Whole
+
+
+@dataclass(frozen=True)
+class FlowSettings:
+    """Settings of optical flow, by the names of `--flow`."""
+
+    fine_scale: Whole = 0  # Finest scale of `dis-fine`; 0 is the full resolution.
+    fine_stride: Count = 2  # Distance between the patches of `dis-fine`, px.
+    fine_iterations: Count = 40  # Gradient descent steps of each patch of `dis-fine`.
+    raft_iterations: Count = 6  # Corrections that `raft` makes.
+    raft_side: Count = 320
+    """Smaller side of the images that `raft` sees, px. It was trained on images of 0.75 to 1.6
+    times 240 px, and its errors are least at this size."""
+    raft_rate: Positive = 1e-4  # Learning rate at which `raft` is tuned to a video.
+    flownet2_rate: Positive = 5e-7  # The same of `flownet2` (Sec. 4.1).
 
 
 @dataclass(frozen=True)
 class ImageSettings:
     """Every tuned number of `gcpose.images`. Grey levels are of 255."""
+
+    flow: FlowSettings = field(default_factory=FlowSettings)
 
     # moving foreground of a still camera
     change_threshold: Count = 3

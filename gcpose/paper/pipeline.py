@@ -24,7 +24,6 @@ from ..images import (
     Flow,
     VideoEvidence,
     depth_named,
-    fine_dis_flow,
     flow_named,
     for_cuts_of,
     training_of,
@@ -67,7 +66,7 @@ class FlowOnly:
         Raises:
             GcbenchError: If the name is unknown or a file is missing.
         """
-        self.flow: Flow = flow_named(flow) if flow else fine_dis_flow
+        self.flow: Flow = flow_named(flow or "dis-fine", settings.images.flow)
         self.settings, self.training = settings, training_of(flow)
         self.name += _suffix(settings, flow=flow)
 
@@ -169,11 +168,10 @@ def _suffix(settings: PublishedSettings, **options: str) -> str:
 
 def _network(flow: str, name: str, settings: PublishedSettings) -> Any:
     """The flow network of a name."""
-    from ..images import network_flow
-
-    paper = settings.paper
-    network = flow_named(flow) if flow else network_flow.load_raft(
-        iterations=paper.tuning_iterations, side=paper.tuning_side)
+    paper, of = settings.paper, settings.images.flow
+    if not flow:
+        of = replace(of, raft_iterations=paper.tuning_iterations, raft_side=paper.tuning_side)
+    network = flow_named(flow or "raft", of)
     if not hasattr(network, "network"):
         raise ConfigError(f"{name}: no network to tune; use raft:WEIGHTS or flownet2:CHECKPOINT")
     return network

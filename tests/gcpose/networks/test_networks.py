@@ -13,6 +13,7 @@ from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.gcpose.images.depth import depth_named
 from gcbench.gcpose.images.flow import dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
+from gcbench.gcpose.images.settings import FlowSettings
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 pytest.importorskip("safetensors", reason="weights need safetensors")
@@ -86,12 +87,12 @@ def test_raft_takes_any_size(network: raft.Raft, size: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     a = picture(rng, *size)
     b = np.roll(a, (1, 3), (0, 1))
-    flow = RaftFlow(network, iterations=1)(a, b)
+    flow = RaftFlow(network, FlowSettings(raft_iterations=1))(a, b)
     assert flow.shape == (*size, 2) and flow.dtype == np.float32 and not flow.any()
     biased = raft.Raft()
     with torch.no_grad():
         biased.step.bias += torch.tensor([0.25, -0.5])  # cells, once an iteration
-    moved = RaftFlow(biased, iterations=2)(a, b)
+    moved = RaftFlow(biased, FlowSettings(raft_iterations=2))(a, b)
     factor = max(1, min(size) / 320)
     expected = np.broadcast_to([2.0 * factor, -4.0 * factor], moved.shape)
     np.testing.assert_allclose(moved, expected, rtol=0.01)
@@ -103,7 +104,7 @@ def test_raft_sees_a_cut_as_small_as_the_whole() -> None:
         biased.step.bias += torch.tensor([0.25, -0.5])  # cells of 4 px, once an iteration
     rng = np.random.default_rng(0)
     a, b = picture(rng, 96, 128), picture(rng, 96, 128)
-    cut = for_cuts_of(RaftFlow(biased, iterations=2), 480, 640)
+    cut = for_cuts_of(RaftFlow(biased, FlowSettings(raft_iterations=2)), 480, 640)
     moved = cut(a, b)
     np.testing.assert_allclose(moved, np.broadcast_to([3.0, -6.0], moved.shape), rtol=0.01)
     assert for_cuts_of(fine_dis_flow, 480, 640) is fine_dis_flow
@@ -231,9 +232,17 @@ def test_a_row_says_what_its_networks_were_trained_on() -> None:
     assert training_of("flownet2:FILE", "mono:FOLDER").count("supervised") == 2
 
 
-@pytest.mark.parametrize("name", ["dis", "dis-fine"])
-def test_classical_flows_have_names(name: str) -> None:
-    assert flow_named(name) in (dis_flow, fine_dis_flow)
+def test_flows_have_names_and_settings() -> None:
+    rng = np.random.default_rng(5)
+    a, b = picture(rng, 64, 96), picture(rng, 64, 96)
+    assert flow_named("dis") is dis_flow
+    fine = flow_named("dis-fine")(a, b)
+    np.testing.assert_array_equal(fine, fine_dis_flow(a, b))
+    fewer = FlowSettings(fine_iterations=1, raft_iterations=1)
+    assert (flow_named("dis-fine", fewer)(a, b) != fine).any()
+    assert (flow_named("raft", fewer)(a, b) != flow_named("raft")(a, b)).any()
+    method = load_method(with_options("gcpose", {"set": "images.flow.fine_iterations=1"}))
+    np.testing.assert_array_equal(method.fine_flow(a, b), flow_named("dis-fine", fewer)(a, b))  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
