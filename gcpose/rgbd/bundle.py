@@ -43,11 +43,10 @@ _MIN_STEP = 1e-6  # rad or m; below this, iterations end
 
 @dataclass(frozen=True)
 class Views:
-    """What a bundle adjustment explains."""
+    """What a bundle adjustment explains: points of key frames with their parts."""
 
     surfaces: Surfaces
     clouds: tuple[Cloud, ...]
-    """Points of key frames with their parts."""
     hinges: HingePrior
 
 
@@ -130,18 +129,10 @@ def adjust(
     views: Views, state: Articulation, axis_dof: int, scales: tuple[float, ...],
     settings: RgbdSettings, newest: bool = False,
 ) -> tuple[Articulation, BundleEquations]:
-    """Adjust displacements and axes by damped Gauss-Newton.
+    """Adjust displacements and axes by damped Gauss-Newton; return also the last equations.
 
-    Args:
-        views: What is explained.
-        state: Where to begin.
-        axis_dof: Free parameters of a revolute axis: 0, 2 or 4 (see `axis_basis`).
-        scales: Robust scale of each iteration, footprints.
-        settings: The tuned numbers.
-        newest: Whether only the displacements of the last frame are adjusted.
-
-    Returns:
-        The articulation, and the equations of the last iteration.
+    Each revolute axis has `axis_dof` free parameters (see `axis_basis`), each iteration a robust
+    scale in footprints. `newest`: only the displacements of the last frame are adjusted.
     """
     joints, last = len(state.twist), len(state.angle) - 1
     angles = last * joints

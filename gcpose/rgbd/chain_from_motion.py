@@ -49,9 +49,11 @@ def make_goals(tracker: Tracker, hypothesis: Hypothesis) -> list[Goal]:
     for joints, places in [([surest], [surest]), *((both, both[::-1]) for both in swaps)]:
         path = np.flatnonzero(ancestors(parent)[np.array(places) + 1].any(axis=0))
         inner = np.where(parent[path] < 0, -1, np.searchsorted(path, parent[path]))
-        sure = [balance_information(information[:, j + 1]) for j in joints]
+        sure = information[:, np.array(joints) + 1]
+        trace = np.trace(sure, axis1=2, axis2=3)[..., None, None]  # of all frames, made alike
+        sure = sure / np.sqrt(np.maximum(trace, 1e-12) * np.maximum(trace.max(axis=0), 1e-12))
         out.append(Goal(path, inner, np.searchsorted(path, places),
-                        motion[:, np.array(joints) + 1], np.stack(sure, axis=1),
+                        motion[:, np.array(joints) + 1], sure,
                         hypothesis.state.prismatic[path], near[path], tracker.priors.axis_dof))
     return out
 
@@ -59,9 +61,7 @@ def make_goals(tracker: Tracker, hypothesis: Hypothesis) -> list[Goal]:
 def align_freely(tracker: Tracker, hypothesis: Hypothesis) -> tuple[Array, Array]:
     """Align the parts of a hypothesis over all frames without the chain, by EM.
 
-    Returns:
-        The motions [T J+1 4 4] of the parts, and the information [T J+1 6 6] of the twists on
-        their left.
+    Returns motions [T J+1 4 4] and the information [T J+1 6 6] of the twists on their left.
     """
     motion, clouds = hypothesis.state.motions(len(hypothesis.state.angle)), hypothesis.clouds
     information = np.zeros((*motion.shape[:2], 6, 6))
@@ -72,21 +72,12 @@ def align_freely(tracker: Tracker, hypothesis: Hypothesis) -> tuple[Array, Array
     return motion, information
 
 
-def balance_information(information: Array) -> Array:
-    """Scale the information [T 6 6] of each frame to a similar size."""
-    trace = np.trace(information, axis1=1, axis2=2)[:, None, None]
-    return information / np.sqrt(np.maximum(trace, 1e-12) * max(1e-12, float(trace.max())))
-
-
 def align_parts(
     surfaces: Surfaces, clouds: tuple[Cloud, ...], motion: Array, scale: float,
     settings: RgbdSettings,
 ) -> tuple[Array, Array]:
-    """Improve each part's motions [T J+1 4 4] by one Gauss-Newton step; `scale` in footprints.
-
-    Returns:
-        The motions, and their information [T J+1 6 6].
-    """
+    """Improve each part's motions [T J+1 4 4] by one Gauss-Newton step; return them and their
+    information [T J+1 6 6]. `scale` is in footprints."""
     frames, parts = motion.shape[:2]
     matrix = np.zeros((parts, frames, 6, frames, 6))
     vector = np.zeros((parts, frames, 6))
@@ -110,7 +101,7 @@ def align_parts(
     information = matrix[:, every, :, every, :].copy()
     size = frames * 6
     tuned = settings.motion
-    solver = Solver(tuned.damping, tuned.damping_floor, max_step=tuned.max_step)
+    solver = Solver(tuned.damping, settings.bundle.damping_floor, max_step=tuned.max_step)
     step = solver.step(matrix.reshape(parts, size, size), vector.reshape(parts, size),
                        frozen=np.arange(size) < 6)  # of frame 0
     return se3.exp(step.reshape(parts, frames, 6).swapaxes(0, 1)) @ motion, information
@@ -158,7 +149,8 @@ def random_axes(tracker: Tracker, state: Articulation, rng: np.random.Generator)
     """
     tuned = tracker.settings.motion
     moving = tracker.grid(0).point[tracker.moving]
-    places = spread_places(subsample(moving, tuned.spread_points), tuned.places)
+    places = spread_places(
+        subsample(moving, tracker.settings.sweep.spread_points), tuned.places)
     out = np.zeros((tuned.starts, len(state.twist), 6))
     for s in range(tuned.starts):
         before = None

@@ -80,6 +80,5 @@ class DepthStepCosts:
         """Return the settings in single precision."""
         labels, sweep = self.settings.labels, self.settings.sweep
         numbers = (labels.cost_seen_through, labels.cost_hidden, labels.cost_outside,
-                   sweep.pixel_sigma, sweep.noise_factor * self.surfaces.noise,
-                   sweep.empty_distance)
+                   sweep.pixel_sigma, sweep.noise_factor * self.surfaces.noise)
         return SweepCosts(*(np.float32(n) for n in numbers))

@@ -25,6 +25,7 @@ FlatCamera = tuple[Number, Number, Number, Number, Number, Number]
 
 MIN_DEPTH = np.float32(1e-3)  # m; moved points are put at this depth at least
 EMPTY_DISTANCE = np.float32(1e6)  # m; gap behind a point at a pixel without depth
+COARSE_EMPTY_DISTANCE = np.float32(10)  # m; the same in a sweep, where it is weighed
 ZERO = np.float32(0)
 
 
@@ -51,8 +52,6 @@ class SweepCosts(NamedTuple):
     pixel_sigma: Number
     """px"""
     noise: Number
-    """m"""
-    empty_distance: Number
     """m"""
 
 
@@ -390,7 +389,7 @@ def coarse_cost(
     x, y = x / z, y / z
     at, inside = flat_pixel(np.rint(fx * x + cx), np.rint(fy * y + cy), camera)
     d = depth[at]
-    gap = d - z if d > 0 else costs.empty_distance
+    gap = d - z if d > 0 else COARSE_EMPTY_DISTANCE
     nx, ny, nz = rotate(m, column[3, i], column[4, i], column[5, i])
     plane = gap * (nx * x + ny * y + nz) / (costs.pixel_sigma * z / fx + costs.noise)
     cost = min(plane * plane, costs.seen_through if gap > 0 else costs.hidden)

@@ -64,13 +64,8 @@ def same_color(
 def moving_mask(
     surfaces: Surfaces, rgb: NDArray[np.uint8], settings: LabelSettings
 ) -> NDArray[np.bool_]:
-    """Return [T H W] the pixels of each frame that may show a moving part.
-
-    Args:
-        surfaces: The depth images.
-        rgb: [T H W 3] images; used where depth has noise.
-        settings: Thresholds.
-    """
+    """Return [T H W] the pixels of each frame that may show a moving part; images [T H W 3] are
+    used where depth has noise."""
     window = np.ones((settings.moving_window, settings.moving_window), np.uint8)
 
     def mask(frame: int) -> NDArray[np.bool_]:
@@ -99,27 +94,18 @@ def label_costs(
 ) -> Array:
     """Return the cost [N P] of each label for the candidates, variances summed over T - 1 frames.
 
-    Args:
-        surfaces: The depth images.
-        grid: Candidates of a frame.
-        motion: [T P 4 4] of the parts `first` to `first + P - 1`.
-        settings: Costs.
-        width: Standard deviation of a candidate's place, footprints of a pixel.
-        first: Label of the first part.
+    Motions [T P 4 4] are of the parts `first` to `first + P - 1`; `width` is the standard deviation
+    of a candidate's place, footprints of a pixel.
     """
     scale = width * (surfaces.footprint(grid.point[:, 2]) + surfaces.noise)
     here_from_there = motion @ inverse(motion[grid.frame])
-    out = np.zeros((motion.shape[1], len(grid.point)), np.float32)
-    add_label_costs(surfaces.depth, surfaces.normal, flat_camera(surfaces), grid.frame,
-                    here_from_there.astype(np.float32), first,
-                    columns(grid.point, grid.normal, scale), kernel_costs(settings), out)
-    return out.T.astype(np.float64)
-
-
-def kernel_costs(settings: RgbdSettings) -> LabelCosts:
-    """Return the settings of label costs in single precision."""
     s = settings.labels
     numbers = (s.cost_seen_through, s.cost_hidden, s.cost_hidden_static, s.cost_outside,
                s.cost_turned_away, s.cost_other_surface, s.surface_gap,
                settings.bundle.min_normal_cosine)
-    return LabelCosts(*(np.float32(n) for n in numbers))
+    out = np.zeros((motion.shape[1], len(grid.point)), np.float32)
+    add_label_costs(surfaces.depth, surfaces.normal, flat_camera(surfaces), grid.frame,
+                    here_from_there.astype(np.float32), first,
+                    columns(grid.point, grid.normal, scale),
+                    LabelCosts(*(np.float32(n) for n in numbers)), out)
+    return out.T.astype(np.float64)

@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array
 from ..chain import Articulation, JointPriors, screws_of
-from ..images import (
-    Flow,
-    ImageSettings,
-    Surfaces,
-    surfaces_from_depth,
-    surfaces_from_noisy_depth,
-)
+from ..images import Flow, ImageSettings, surfaces_from_depth, surfaces_from_noisy_depth
 from ..numerics import thread_map
 from .bundle import Views, adjust, standard_deviations
 from .labels import moving_mask
@@ -29,22 +23,14 @@ def estimate_rgbd(
     observation: Observation, priors: JointPriors, flow: Flow, settings: RgbdSettings,
     images: ImageSettings,
 ) -> Estimate | None:
-    """Estimate the motion of one sequence with depth (Sec. 3.2 to 3.4).
-
-    Args:
-        observation: Images, depth and camera.
-        priors: What is known of the joints.
-        flow: Optical flow, for starts and for noisy depth.
-        settings: The tuned numbers of the estimator.
-        images: The tuned numbers of what is measured in images.
-
-    Returns:
-        The estimate; None where nothing is seen to move.
-    """
-    rgb = observation.rgb
-    if rgb is None or observation.depth is None or len(observation.depth) < 2:
+    """Estimate the motion of one sequence with depth (Sec. 3.2 to 3.4); None where nothing is seen
+    to move. The flow is for starts and for noisy depth."""
+    rgb, depth, noise = observation.rgb, observation.depth, observation.depth_noise
+    if rgb is None or depth is None or len(depth) < 2:
         return None
-    surfaces = measure_surfaces(observation, rgb, flow, images)
+    surfaces = (
+        surfaces_from_noisy_depth(depth, rgb, observation.intrinsics, noise, flow, images)
+        if noise > 0 else surfaces_from_depth(depth, observation.intrinsics, images))
     mask = moving_mask(surfaces, rgb, settings.labels)
     if np.count_nonzero(mask[0]) < settings.min_moving_pixels:
         return None
@@ -60,31 +46,17 @@ def estimate_rgbd(
         displacement=state.angle,
         screw=screws_of(state.twist, state.prismatic),
         part=label_frames(tracker, state),
-        sigma=calibrate_sigma(sigma, tracker, is_unreliable(tracker, best), settings),
+        sigma=calibrate_sigma(sigma, tracker, is_unreliable(tracker, best)),
     )
 
 
-def measure_surfaces(
-    observation: Observation, rgb: NDArray[np.uint8], flow: Flow, images: ImageSettings
-) -> Surfaces:
-    """Return the surfaces of the depth images, smoothed where depth has noise."""
-    depth, noise = observation.depth, observation.depth_noise
-    assert depth is not None
-    if noise > 0:
-        return surfaces_from_noisy_depth(
-            depth, rgb, observation.intrinsics, noise, flow, images)
-    return surfaces_from_depth(depth, observation.intrinsics, images)
-
-
-def calibrate_sigma(
-    sigma: Array, tracker: Tracker, unreliable: bool, settings: RgbdSettings
-) -> Array:
+def calibrate_sigma(sigma: Array, tracker: Tracker, unreliable: bool) -> Array:
     """Return standard deviations [T J] that two thirds of the errors lie within.
 
     Errors that points share (labels, smoothing, curvature within a pixel) exceed what the
     residuals show: factor and floor are from training sequences.
     """
-    s = settings
+    s = tracker.settings
     factors = {0: s.sigma_factor_known_lines, 2: s.sigma_factor_known_directions,
                4: s.sigma_factor_free}
     factor, floor = factors[tracker.priors.axis_dof], 0.0

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..chain import Articulation, Hypothesis, displace_axis, select_by_labels
+from ..chain import Hypothesis, displace_axis, select_by_labels
 from ..images import Flow
 from ..numerics import thread_map
 from .chain_from_motion import chains_from_motion
@@ -20,14 +20,7 @@ from .tracker import Tracker
 
 
 def search_hypotheses(tracker: Tracker, flow: Flow) -> Hypothesis:
-    """Return the best hypothesis over all frames.
-
-    Strategies are tried in order until one explains the video.
-
-    Args:
-        tracker: The video.
-        flow: Optical flow for the starts.
-    """
+    """Return the best hypothesis over all frames; strategies are tried until one explains it."""
     free, settings = tracker.priors.axis_dof > 0, tracker.settings
     tuned, coarse = settings.search, tracker
     strategies = settings.known_lines, settings.known_lines_more
@@ -39,7 +32,7 @@ def search_hypotheses(tracker: Tracker, flow: Flow) -> Hypothesis:
         found = run_strategy(strategy, coarse, flow)
         if free:
             best_few = select_by_labels(found, tuned.relabeled, settings.chain.distinct_labels)
-            found = [relabel(tracker, h) for h in best_few]
+            found = [tracker.relabel(h, h.state) for h in best_few]
         best = refine_sharply(tracker, polish(tracker, found))
         again = bool(tried) and motion_difference(
             best, best_of(tried, settings), settings) < tuned.same_angle
@@ -92,20 +85,12 @@ def refine_until_stable(
     tracker: Tracker, hypothesis: Hypothesis, rounds: int, scales: tuple[float, ...] = (),
     width: float = 1.0,
 ) -> Hypothesis:
-    """Run EM until the displacements stop changing.
+    """Run EM (see `Tracker.run_em`) until the displacements stop changing.
 
     Labels and axes may creep along together. While they do, each round is also tried as an
     extrapolation.
-
-    Args:
-        tracker: The video.
-        hypothesis: Where to begin.
-        rounds: Rounds at most.
-        scales: Robust scales of a round, footprints; default: as in the settings.
-        width: Least standard deviation of a candidate's place, footprints.
     """
     tuned = tracker.settings.refine
-    scales = scales or tuned.scales
     factor = tuned.noisy_factor if tracker.surfaces.noise else 1.0
     for _ in range(rounds):
         after = tracker.run_em(hypothesis, 1, scales, width=width)
@@ -132,10 +117,8 @@ def extrapolate(before: Hypothesis, after: Hypothesis, times: float) -> Hypothes
 
 
 def refine_sharply(tracker: Tracker, best: Hypothesis) -> Hypothesis:
-    """Refine with small robust scales where depth is exact.
-
-    That reaches the end of flat valleys, and separates parts that move almost alike.
-    """
+    """Refine with small robust scales where depth is exact: that reaches the end of flat valleys,
+    and separates parts that move almost alike."""
     if tracker.surfaces.noise:
         return best
     tuned = tracker.settings.refine
@@ -149,12 +132,6 @@ def refine_without_flow(tracker: Tracker, best: Hypothesis) -> Hypothesis:
         return best
     tuned = tracker.settings.refine
     return refine_until_stable(tracker.without_flow(), best, tuned.rounds, tuned.noisy_scales)
-
-
-def relabel(tracker: Tracker, hypothesis: Hypothesis) -> Hypothesis:
-    """Label all candidates of a tracker under the motion of a hypothesis."""
-    frames = tuple(c.frame for c in hypothesis.clouds)
-    return tracker.relabel(hypothesis.state, frames, hypothesis.base)
 
 
 def polish(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:
@@ -182,20 +159,16 @@ def try_other_chains(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hyp
 
 def best_other_chain(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
     """Refine other chains with the same part motion; return the best, or the present one."""
-    frames = tuple(c.frame for c in best.clouds)
     settings, tuned = tracker.settings, tracker.settings.search
-
-    def label(state: Articulation) -> Hypothesis:
-        return coarse.relabel(state, frames, best.base)
-
-    found = thread_map(label, chains_from_motion(tracker, best))
+    found = thread_map(partial(coarse.relabel, best), chains_from_motion(tracker, best))
     found = select_by_motion(found, tuned.tried, settings)
     found = thread_map(lambda h: refine_until_stable(coarse, h, tuned.tried_rounds), found)
-    found = [relabel(tracker, h) for h in select_by_motion(found, tuned.tried_fully, settings)]
+    found = [tracker.relabel(h, h.state)
+             for h in select_by_motion(found, tuned.tried_fully, settings)]
     found = thread_map(lambda h: refine_until_stable(tracker, h, tuned.tried_fully_rounds), found)
     most = np.inf
     if not is_unreliable(tracker, best):
-        most = tuned.promising_cost * relabel(tracker, best).cost
+        most = tuned.promising_cost * tracker.relabel(best, best.state).cost
     found = [h for h in select_by_motion(found, tuned.tried_sharply, settings) if h.cost < most]
     return best_of([best, *thread_map(partial(refine_sharply, tracker), found)], settings)
 
@@ -228,7 +201,7 @@ def motion_difference(one: Hypothesis, two: Hypothesis, settings: RgbdSettings) 
 
 def best_of(found: list[Hypothesis], settings: RgbdSettings) -> Hypothesis:
     """Return the hypothesis with the lowest score."""
-    return min(found, key=lambda h: hypothesis_cost(h, settings))
+    return min(found, key=partial(hypothesis_cost, settings=settings))
 
 
 def hypothesis_cost(hypothesis: Hypothesis, settings: RgbdSettings) -> float:
@@ -249,19 +222,13 @@ def has_static_joint(hypothesis: Hypothesis, settings: RgbdSettings) -> bool:
 
 def is_explained(tracker: Tracker, hypothesis: Hypothesis, most: float) -> bool:
     """Return whether all joints move, and less than a share of the candidates is unexplained."""
-    return (unexplained_share(tracker, hypothesis) < most
+    return (tracker.unexplained_share(hypothesis) < most
             and not has_static_joint(hypothesis, tracker.settings))
 
 
 def is_unreliable(tracker: Tracker, hypothesis: Hypothesis) -> bool:
     """Return whether more candidates are unexplained than as a rule by the true motion."""
-    return unexplained_share(tracker, hypothesis) > unreliable_share(tracker)
-
-
-def unexplained_share(tracker: Tracker, hypothesis: Hypothesis) -> float:
-    """Return the share of the candidates that no part explains."""
-    width = 1.0 if tracker.surfaces.noise else tracker.settings.refine.sharp_width
-    return tracker.unexplained_share(hypothesis, width)
+    return tracker.unexplained_share(hypothesis) > unreliable_share(tracker)
 
 
 def poor_share(tracker: Tracker) -> float:

@@ -9,6 +9,7 @@ its screw if the line is known, the screws with its direction if that is known, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -19,7 +20,6 @@ from ..chain import (
     Articulation,
     Cloud,
     Hypothesis,
-    JointPriors,
     ancestors,
     axis_from_twist,
     extent,
@@ -28,32 +28,26 @@ from ..chain import (
     twist_about,
     twist_spaces,
 )
-from ..images import Flow, Surfaces, smooth_costs
-from ..numerics import Solver, compiled, gauss_newton, thread_map, truncated_cost
-from .labels import Candidates
-from .settings import RgbdSettings, StartSettings
+from ..images import Flow, smooth_costs
+from ..numerics import Image, Solver, compiled, gauss_newton, thread_map, truncated_cost
+from .settings import StartSettings
 from .strategies import Strategy
 from .tracker import Tracker
 
 
 def start_from_flow(tracker: Tracker, flow: Flow, strategy: Strategy) -> list[Hypothesis]:
     """Return the best starts of a strategy by flow from frame 0 over each of its spans."""
-    grid, priors, settings = tracker.grid(0), tracker.priors, tracker.settings
-    origin = grid.point[tracker.moving].mean(axis=0)
+    priors, settings = tracker.priors, tracker.settings
     labels = initial_labels(tracker.ranks[0], tracker.moving, len(priors.prismatic),
                             settings.start.cuts)
     slacks = settings.start.hinge_slacks if priors.axis_dof else settings.start.hinge_slacks[:1]
     found: list[Hypothesis] = []
     for span in strategy.flow_spans:
         to = min(span, tracker.surfaces.frames - 1)
-        field = flow(tracker.rgb[0], tracker.rgb[to])
-        field = field[grid.pixel[:, 1], grid.pixel[:, 0]].astype(np.float64)
-        data = linearize_flow(tracker.surfaces, grid, field, to, origin, settings.start)
+        data = linearize_flow(tracker, flow(tracker.rgb[0], tracker.rgb[to]), to)
         for slack in slacks:
-            start = FlowStart(data, grid, tracker.base_candidates[0], priors, origin, to, slack,
-                              settings)
-            found += select_by_labels(thread_map(start.solve, labels), strategy.flow_kept,
-                                      settings.chain.distinct_labels)
+            some = thread_map(partial(solve_start, tracker, data, slack), labels)
+            found += select_by_labels(some, strategy.flow_kept, settings.chain.distinct_labels)
     return found
 
 
@@ -68,48 +62,36 @@ def initial_labels(
     ]
 
 
-@dataclass(frozen=True)
-class FlowStart:
-    """Frames 0 and `to`, between which a motion is estimated."""
+def solve_start(
+    tracker: Tracker, data: Correspondence, slack: float, label: NDArray[np.int64]
+) -> Hypothesis:
+    """Run EM between two frames from initial labels [N]; displacements are interpolated.
 
-    data: Correspondence
-    grid: Candidates
-    base: Array
-    """[3] where the chain begins, m"""
-    priors: JointPriors
-    origin: Array
-    """[3] about which twists are, m"""
-    to: int
-    slack: float
-    """Standard deviation of a hinge's displacement, by the object's extent"""
-    settings: RgbdSettings
-
-    def solve(self, label: NDArray[np.int64]) -> Hypothesis:
-        """Run EM from initial labels [N]; displacements between the frames are interpolated."""
-        grid, priors = self.grid, self.priors
-        tuned, chain = self.settings.start, self.settings.chain
-        joints, origin = len(priors.prismatic), self.origin
-        spaces = tuple(twist_about(origin, s.T).T for s in twist_spaces(priors))
-        moves = ancestors(priors.parent)
-        inside = grid.point[label > 0]
-        sigma = self.slack * (extent(inside, chain) if len(inside) else 1.0)
-        added, cost, hinge = [np.zeros(6)] * joints, np.inf, np.zeros((joints, 3))
-        for _ in range(tuned.rounds):
-            hinge = locate_hinges(grid.point, label, self.base, priors.parent, chain)
-            prior = np.stack([joint_information(p - origin, sigma, tuned.turn_sigma)
-                              for p in hinge])
-            added = fit_twists(self.data, label, spaces, prior, moves, tuned.robust_scales)
-            volume = smooth_costs(match_costs(self.data, added, moves, tuned), grid)
-            label = volume.argmin(axis=1)
-            cost = float(volume.min(axis=1).mean())
-        twist, angle = np.zeros((joints, 6)), np.zeros((self.to + 1, joints))
-        for j in range(joints):
-            twist[j], end = axis_from_twist(twist_about(-origin, added[j]), priors, j, hinge[j],
-                                            tuned.min_turn, chain.max_axis_offset)
-            angle[:, j] = np.linspace(0, end, self.to + 1)
-        cloud = Cloud(0, grid.point, grid.normal, label)
-        state = Articulation(twist, angle, priors.prismatic, priors.parent)
-        return Hypothesis(state, (cloud,), cost)
+    `slack` is the standard deviation of a hinge's displacement, by the object's extent.
+    """
+    grid, priors, origin = tracker.grid(0), tracker.priors, data.origin
+    tuned, chain = tracker.settings.start, tracker.settings.chain
+    joints = len(priors.prismatic)
+    spaces = tuple(twist_about(origin, s.T).T for s in twist_spaces(priors))
+    moves = ancestors(priors.parent)
+    inside = grid.point[label > 0]
+    sigma = slack * (extent(inside, chain) if len(inside) else 1.0)
+    added, cost, hinge = [np.zeros(6)] * joints, np.inf, np.zeros((joints, 3))
+    for _ in range(tuned.rounds):
+        hinge = locate_hinges(grid.point, label, tracker.base_candidates[0], priors.parent, chain)
+        prior = np.stack([joint_information(p - origin, sigma, tuned.turn_sigma) for p in hinge])
+        added = fit_twists(data, label, spaces, prior, moves, tuned.robust_scales)
+        volume = smooth_costs(match_costs(data, added, moves, tuned), grid)
+        label = volume.argmin(axis=1)
+        cost = float(volume.min(axis=1).mean())
+    twist, angle = np.zeros((joints, 6)), np.zeros((data.to + 1, joints))
+    for j in range(joints):
+        twist[j], end = axis_from_twist(twist_about(-origin, added[j]), priors, j, hinge[j],
+                                        tuned.min_turn, chain.max_axis_offset)
+        angle[:, j] = np.linspace(0, end, data.to + 1)
+    cloud = Cloud(0, grid.point, grid.normal, label)
+    state = Articulation(twist, angle, priors.prismatic, priors.parent)
+    return Hypothesis(state, (cloud,), cost)
 
 
 def joint_information(hinge: Array, slip: float, turn: float) -> Array:
@@ -123,11 +105,14 @@ def joint_information(hinge: Array, slip: float, turn: float) -> Array:
 
 @dataclass(frozen=True)
 class Correspondence:
-    """Matches of N points of frame 0 by flow and depth, linearized at no motion.
+    """Matches of N points of frame 0 in frame `to` by flow and depth, linearized at no motion.
 
     The equations are row . twist = value, both in standard deviations.
     """
 
+    to: int
+    origin: Array
+    """[3] about which twists are, m"""
     row: Array
     """[N 3 6] point-to-plane distance, then flow u and v"""
     value: Array
@@ -136,15 +121,12 @@ class Correspondence:
     """[N 3]"""
 
 
-def linearize_flow(
-    surfaces: Surfaces, grid: Candidates, flow: Array, to: int, origin: Array,
-    settings: StartSettings,
-) -> Correspondence:
-    """Linearize the flow [N 2] px from frame 0 to frame `to` at the candidates of frame 0.
-
-    Twists are about `origin` [3], m.
-    """
+def linearize_flow(tracker: Tracker, field: Image, to: int) -> Correspondence:
+    """Linearize the flow [H W 2] px from frame 0 to frame `to` at the candidates of frame 0."""
+    surfaces, settings, grid = tracker.surfaces, tracker.settings.start, tracker.grid(0)
     points, pixel = grid.point, grid.pixel
+    origin = points[tracker.moving].mean(axis=0)
+    flow = field[pixel[:, 1], pixel[:, 0]].astype(np.float64)
     height, width = surfaces.depth.shape[1:]
     aim = np.rint(pixel + flow).astype(np.int64)
     inside = (aim >= 0).all(axis=1) & (aim[:, 0] < width) & (aim[:, 1] < height)
@@ -171,7 +153,7 @@ def linearize_flow(
     )
     along = np.einsum("nc,nc->n", n, target - points) / sigma
     value = np.stack([along, flow[:, 0] / flow_sigma, flow[:, 1] / flow_sigma], axis=1)
-    return Correspondence(row, value, np.stack([hit, inside, inside], axis=1))
+    return Correspondence(to, origin, row, value, np.stack([hit, inside, inside], axis=1))
 
 
 @compiled
@@ -202,13 +184,8 @@ def fit_twists(
 ) -> list[Array]:
     """Fit the twist z_i [6] of each joint by iteratively reweighted least squares.
 
-    Args:
-        data: Matches of N points.
-        label: [N].
-        spaces: [6 d_i] basis of each z_i.
-        prior: [J 6 6] information of each z_i about zero.
-        moves: [J+1 J] ancestors of each part.
-        scales: Robust scale of each iteration, standard deviations.
+    Each z_i has a basis [6 d_i] and the information [6 6] about zero; moves are the ancestors
+    [J+1 J] of the parts.
     """
     size = [s.shape[1] for s in spaces]
     start = np.concatenate([[0], np.cumsum(size)])

@@ -15,34 +15,23 @@ _MIDDLE = 4.0, 4.0, 2.0, 2.0
 class Stage:
     """A stage of a strategy: the best hypotheses are tracked further, or refined by EM."""
 
-    kept: Whole = 0
-    """Distinct hypotheses that enter; 0: all."""
-    until: Whole = 0
-    """Frame to which they are tracked; 0: none, they are refined instead."""
-    rounds: Whole = 0
-    """Rounds of EM of the refinement."""
-    scales: Scales = (3.0, 1.5)
-    """Robust scales of an adjustment."""
-    fixed_axes: bool = False
-    """Whether axes are fixed: a few frames do not show where they are."""
-    accelerated: bool = False
-    """Whether the refinement extrapolates and ends when nothing changes."""
+    kept: Whole = 0  # Distinct hypotheses that enter; 0: all.
+    until: Whole = 0  # Frame to which they are tracked; 0: none, they are refined instead.
+    rounds: Whole = 0  # Rounds of EM of the refinement.
+    scales: Scales = (3.0, 1.5)  # Robust scales of an adjustment.
+    fixed_axes: bool = False  # Whether axes are fixed: a few frames do not show where they are.
+    accelerated: bool = False  # Whether the refinement extrapolates and ends when nothing changes.
 
 
 @dataclass(frozen=True)
 class Strategy:
     """Starts on the first frames, and the stages that reduce them to few hypotheses."""
 
-    sweep_spans: tuple[Count, ...] = ()
-    """Frames between the two frames of each sweep."""
-    sweep_kept: Count = 1
-    """Starts of each sweep."""
-    flow_spans: tuple[Count, ...] = ()
-    """Frames between the two frames of each start by flow."""
-    flow_kept: Count = 1
-    """Starts of each of these, and of each hinge slack."""
-    extend_to: Whole = 0
-    """Frame to which starts are extrapolated before the first stage."""
+    sweep_spans: tuple[Count, ...] = ()  # Frames between the two frames of each sweep.
+    sweep_kept: Count = 1  # Starts of each sweep.
+    flow_spans: tuple[Count, ...] = ()  # Frames between the two frames of each start by flow.
+    flow_kept: Count = 1  # Starts of each of these, and of each hinge slack.
+    extend_to: Whole = 0  # Frame to which starts are extrapolated before the first stage.
     stages: tuple[Stage, ...] = ()
 
 

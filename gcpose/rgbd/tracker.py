@@ -23,16 +23,8 @@ class Tracker:
         self, surfaces: Surfaces, rgb: NDArray[np.uint8], moving_mask: NDArray[np.bool_],
         priors: JointPriors, settings: RgbdSettings, most: int = 0,
     ) -> None:
-        """Prepare a video.
-
-        Args:
-            surfaces: The depth images.
-            rgb: [T H W 3] images.
-            moving_mask: [T H W] pixels that may show a moving part.
-            priors: What is known of the joints.
-            settings: The tuned numbers.
-            most: Candidates of a frame; default: as in the settings.
-        """
+        """Prepare a video with images [T H W 3] and pixels that may show a moving part [T H W];
+        `most` is the number of candidates of a frame (default: as in the settings)."""
         self.settings = settings
         self.surfaces, self.rgb, self.moving_mask, self.priors = surfaces, rgb, moving_mask, priors
         self.most = most or (settings.candidates_noisy if surfaces.noise else settings.candidates)
@@ -103,11 +95,8 @@ class Tracker:
         return self._grids[frame]
 
     def label(self, motion: Array, frame: int, width: float = 1.0) -> tuple[Cloud, float]:
-        """Label the candidates of a frame under motions [T J+1 4 4] of the parts (E-step).
-
-        Returns:
-            The labelled points, and their mean cost by frame in variances.
-        """
+        """Label a frame's candidates under motions [T J+1 4 4] (E-step); return them, and their
+        mean cost by frame in variances."""
         grid = self.grid(frame)
         volume = smooth_costs(self.label_costs(motion, frame, width), grid, self.surfaces.noise > 0)
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
@@ -122,8 +111,9 @@ class Tracker:
         moving = label_costs(self.surfaces, grid, motion[:, 1:], self.settings, width, 1)
         return np.concatenate([self._static_costs[key], moving], axis=1)
 
-    def unexplained_share(self, hypothesis: Hypothesis, width: float) -> float:
+    def unexplained_share(self, hypothesis: Hypothesis) -> float:
         """Return the share of the candidates that no part moves to a measured surface."""
+        width = 1.0 if self.surfaces.noise else self.settings.refine.sharp_width
         last = len(hypothesis.state.angle) - 1
         motion = hypothesis.state.motions(last + 1)
         cost = np.concatenate([self.label_costs(motion, cloud.frame, width).min(axis=1)
@@ -131,13 +121,15 @@ class Tracker:
         return float((cost > self.settings.tracker.unexplained_cost * last).mean())
 
     def relabel(
-        self, state: Articulation, frames: tuple[int, ...], base: int, width: float = 1.0
+        self, before: Hypothesis, state: Articulation, width: float = 1.0,
+        added: tuple[int, ...] = (),
     ) -> Hypothesis:
-        """Label the candidates of key frames (E-step)."""
+        """Label the key frames of a hypothesis and those added under another state (E-step)."""
         motion = state.motions(len(state.angle))
-        both = [self.label(motion, frame, width) for frame in frames]
+        both = [self.label(motion, frame, width)
+                for frame in (*(c.frame for c in before.clouds), *added)]
         cost = float(np.mean([c for _, c in both]))
-        return Hypothesis(state, tuple(c for c, _ in both), cost, base)
+        return Hypothesis(state, tuple(c for c, _ in both), cost, before.base)
 
     def track(
         self, hypothesis: Hypothesis, until: int, scales: tuple[float, ...] = (),
@@ -152,29 +144,20 @@ class Tracker:
             state = replace(hypothesis.state, angle=np.concatenate([angle, angle[-1:] + step]))
             state = self.fit(hypothesis, state, tuned.extend_scales, newest=True)
             state = self.fit(hypothesis, state, scales, fixed_axes)
-            keys = tuple(c.frame for c in hypothesis.clouds)
-            keys = (*keys, last) if last % tuned.key_frame_step == 0 else keys
-            hypothesis = self.relabel(state, keys, hypothesis.base, max(1.0, scales[-1]))
+            added = (last,) if last % tuned.key_frame_step == 0 else ()
+            hypothesis = self.relabel(hypothesis, state, max(1.0, scales[-1]), added)
         return hypothesis
 
     def run_em(
         self, hypothesis: Hypothesis, rounds: int, scales: tuple[float, ...] = (),
         fixed_axes: bool = False, width: float = 1.0,
     ) -> Hypothesis:
-        """Run EM on the frames of a hypothesis.
-
-        Args:
-            hypothesis: Where to begin.
-            rounds: Number of M-steps and E-steps.
-            scales: Robust scales of an M-step, footprints; default: as in the settings.
-            fixed_axes: Whether axes stay where they are.
-            width: Least standard deviation of a candidate's place in an E-step, footprints.
-        """
+        """Run rounds of EM on the frames of a hypothesis, with robust scales of an M-step and the
+        least standard deviation of a candidate's place in an E-step, footprints."""
         scales = scales or self.settings.tracker.em_scales
         for _ in range(rounds):
             state = self.fit(hypothesis, hypothesis.state, scales, fixed_axes)
-            frames = tuple(c.frame for c in hypothesis.clouds)
-            hypothesis = self.relabel(state, frames, hypothesis.base, max(width, scales[-1]))
+            hypothesis = self.relabel(hypothesis, state, max(width, scales[-1]))
         return hypothesis
 
     def hinge_prior(self, hypothesis: Hypothesis) -> HingePrior:
