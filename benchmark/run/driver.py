@@ -18,7 +18,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import ConfigError, DatasetError, GcbenchError
-from ...renderer.dataset import package_versions
+from ...renderer.dataset import environment
 from ...renderer.runtime import Bar, dump_json, uninterrupted
 from ...renderer.scene import differences
 from ...renderer.types import Inputs, Knowledge
@@ -224,7 +224,7 @@ def describe_environment() -> dict[str, Any]:
         cpu = next((x.partition(":")[2].strip() for x in lines if x.startswith("model name")), cpu)
     except OSError:
         pass
-    here = package_versions()
+    here = environment()
     return {"gcbench": __version__, **here, "cpu": cpu, "cores": cpu_count()}
 
 

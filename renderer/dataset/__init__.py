@@ -4,37 +4,30 @@ from __future__ import annotations
 
 from .codec import DEPTH_UNIT
 from .provenance import (
-    FILE,
+    DATASET_FILE,
     Provenance,
-    count_sequences,
-    describe,
-    package_versions,
+    environment,
+    new_provenance,
     read_provenance,
+    sequence_counts,
     write_provenance,
 )
 from .reader import Dataset, open_dataset, sequence_paths
 from .schema import UNITS
 from .state_arrays import state_shapes
-from .storage import FOLDER, SequenceWriter, member_names, open_sequence, read_meta, sequence_name
+from .storage import (
+    SEQUENCES_FOLDER,
+    SequenceWriter,
+    image_member,
+    image_times,
+    open_sequence,
+    read_meta,
+    sequence_name,
+)
 
 __all__ = [
-    "DEPTH_UNIT",
-    "FILE",
-    "FOLDER",
-    "UNITS",
-    "Dataset",
-    "Provenance",
-    "SequenceWriter",
-    "count_sequences",
-    "describe",
-    "member_names",
-    "open_dataset",
-    "open_sequence",
-    "package_versions",
-    "read_meta",
-    "read_provenance",
-    "sequence_name",
-    "sequence_paths",
-    "state_shapes",
-    "write_provenance",
+    "DATASET_FILE", "DEPTH_UNIT", "SEQUENCES_FOLDER", "UNITS", "Dataset", "Provenance",
+    "SequenceWriter", "environment", "image_member", "image_times", "new_provenance",
+    "open_dataset", "open_sequence", "read_meta", "read_provenance", "sequence_counts",
+    "sequence_name", "sequence_paths", "state_shapes", "write_provenance",
 ]

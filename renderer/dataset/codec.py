@@ -69,11 +69,9 @@ def encode_part(part: NDArray[np.uint16], wide: bool = False) -> bytes:
     Raises RenderError if a number does not fit.
     """
     labels = _checked(part, np.uint16)
-    if wide:
-        return _encode(labels, _LABELS)
-    if labels.max(initial=0) > 255:
+    if not wide and labels.max(initial=0) > 255:
         raise RenderError(f"part number {labels.max()} does not fit an 8-bit part image")
-    return _encode(labels.astype(np.uint8), _LABELS)
+    return _encode(labels if wide else labels.astype(np.uint8), _LABELS)
 
 
 def widen_part(png: bytes) -> bytes:
@@ -82,14 +80,9 @@ def widen_part(png: bytes) -> bytes:
     return _encode(np.asarray(part, np.uint16), _LABELS)
 
 
-def encode_mask(mask: NDArray[np.bool_]) -> bytes:
-    """Encode a mask [H W] with 8 bits per pixel, 0 or 255."""
-    return _encode(np.ascontiguousarray(mask, np.uint8) * np.uint8(255), _LABELS)
-
-
-def encode_visibility(visibility: NDArray[np.uint8]) -> bytes:
-    """Encode a visibility image [H W]."""
-    return _encode(_checked(visibility, np.uint8), _LABELS)
+def encode_labels(labels: NDArray[np.uint8]) -> bytes:
+    """Encode visibility or a mask [H W]."""
+    return _encode(_checked(labels, np.uint8), _LABELS)
 
 
 def encode_flow(flow: NDArray[np.float32]) -> bytes:
@@ -123,19 +116,25 @@ def encode_coordinates(
 
     `share` is the position in the box [P 2 3] m of each pixel's part number [H W].
     """
-    low, size = _box_of(part, box)
-    share = (_checked(coordinates, np.float32, 3) - low) / np.where(size > 0, size, 1.0)
-    return _encode(_coded(share), _FIELD)
+    return _encode(_coded(shares_of_boxes(_checked(coordinates, np.float32, 3), part, box)), _FIELD)
 
 
 def decode_normal(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
     """Decode unit normals [H W 3]; NaN where there is no surface."""
-    return (_decoded(_decode(png, size, where, _RGB, (16,))) * 2.0 - 1.0).astype(np.float32)
+    return (_decode_shares(png, size, where) * 2.0 - 1.0).astype(np.float32)
 
 
 def decode_shares(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
     """Decode coordinates [H W 3] as shares 0..1 of a box; NaN where there is no part."""
-    return _decoded(_decode(png, size, where, _RGB, (16,))).astype(np.float32)
+    return _decode_shares(png, size, where).astype(np.float32)
+
+
+def shares_of_boxes(
+    coordinates: NDArray[np.float32], part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return coordinates [H W 3] m as shares of the boxes [P 2 3] m of parts [H W]."""
+    low, size = _box_of(part, box)
+    return (coordinates - low) / np.where(size > 0, size, 1.0)
 
 
 def coordinates_in_boxes(
@@ -151,19 +150,19 @@ def decode_rgb(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.uint
 
     Raises DatasetError if the PNG is damaged or not of this size and kind (all decoders).
     """
-    bgr = _decode(png, size, where, _RGB, (8,))
+    bgr = _decode(png, size, where, _RGB, 8)
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def decode_depth(png: bytes, size: tuple[int, int], where: str, unit: float) -> NDArray[np.float32]:
     """Decode depth [H W] m; 0 where there is no surface. `unit` is m per unit of the PNG."""
-    raw = _decode(png, size, where, _GREY, (16,))
+    raw = _decode(png, size, where, _GREY, 16)
     return np.multiply(raw, np.float32(unit), dtype=np.float32)
 
 
 def decode_part(png: bytes, size: tuple[int, int], where: str, parts: int) -> NDArray[np.uint16]:
     """Decode part numbers [H W] in 0..parts. Raises DatasetError for a larger one."""
-    raw = _decode(png, size, where, _GREY, (8,) if parts <= 255 else (16,))
+    raw = _decode(png, size, where, _GREY, 8 if parts <= 255 else 16)
     if raw.max(initial=0) > parts:
         raise DatasetError(f"{where}: part number {raw.max()}, but there are {parts} parts")
     return raw.astype(np.uint16)
@@ -171,7 +170,7 @@ def decode_part(png: bytes, size: tuple[int, int], where: str, parts: int) -> ND
 
 def decode_visibility(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.uint8]:
     """Decode visibility [H W] in 0..3."""
-    raw = _decode(png, size, where, _GREY, (8,))
+    raw = _decode(png, size, where, _GREY, 8)
     if raw.max(initial=0) > 3:
         raise DatasetError(f"{where}: visibility {raw.max()}, but only 0 to 3 have a meaning")
     return raw
@@ -179,7 +178,7 @@ def decode_visibility(png: bytes, size: tuple[int, int], where: str) -> NDArray[
 
 def decode_flow(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
     """Decode flow [H W 2] px; NaN where invalid."""
-    bgr = _decode(png, size, where, _RGB, (16,))
+    bgr = _decode(png, size, where, _RGB, 16)
     flow = bgr[..., 2:0:-1].astype(np.float32)
     flow -= _FLOW_ZERO
     flow /= _FLOW_SCALE
@@ -194,14 +193,14 @@ def _coded(share: NDArray[Any]) -> NDArray[np.uint16]:
     return np.where(known, units, 0.0)[..., ::-1].astype(np.uint16)
 
 
-def _decoded(bgr: NDArray[np.uint16]) -> NDArray[np.float64]:
+def _decode_shares(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float64]:
     """Return RGB values [H W 3] in 0..1; NaN where a code is 0."""
-    code = bgr[..., ::-1].astype(np.float64)
+    code = _decode(png, size, where, _RGB, 16)[..., ::-1].astype(np.float64)
     return np.where((code > 0).all(axis=2, keepdims=True), (code - 1.0) / 65534.0, np.nan)
 
 
 def _box_of(
-    part: NDArray[np.uint16], box: NDArray[np.float64]
+    part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return lower corner and size [H W 3] m of the box of each pixel's part; background: 0."""
     boxes = np.concatenate([np.zeros((1, 2, 3)), box])[part]
@@ -221,23 +220,21 @@ def _encode(image: NDArray[Any], settings: list[int]) -> bytes:
 
 
 def _decode(
-    png: bytes, size: tuple[int, int], where: str, color: int, bits: tuple[int, ...]
+    png: bytes, size: tuple[int, int], where: str, color: int, bits: int
 ) -> NDArray[Any]:
     """Return the pixels in OpenCV's order (BGR) after verifying the header and checksums."""
     width, height, depth, kind = _read_header(png, where)
     if (width, height) != size or width * height > MAX_PIXELS:
         raise DatasetError(f"{where}: {width}x{height} px, expected {size[0]}x{size[1]}")
-    if kind != color or depth not in bits:
-        raise DatasetError(
-            f"{where}: PNG of colour type {kind} with {depth} bits, "
-            f"expected colour type {color} with {' or '.join(map(str, bits))} bits"
-        )
+    if (kind, depth) != (color, bits):
+        raise DatasetError(f"{where}: PNG of colour type {kind} with {depth} bits, "
+                           f"expected colour type {color} with {bits} bits")
     try:
         image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         image = None
     shape = (height, width) if color == _GREY else (height, width, 3)
-    if image is None or image.shape != shape or image.dtype.itemsize * 8 != depth:
+    if image is None or image.shape != shape or image.dtype.itemsize * 8 != bits:
         raise DatasetError(f"{where}: damaged PNG")
     return image
 

@@ -3,34 +3,26 @@
 from __future__ import annotations
 
 import platform
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ... import __version__
 from ...errors import DatasetError
 from ...robots.files import write_atomically
-from ..runtime import dump_json, read_record
+from ..runtime import dump_json, read_record, to_record
 from ..scene import RenderConfig, config_tree
 from ..types import FORMAT, Meta
 
-FILE = "dataset.json"
+DATASET_FILE = "dataset.json"
 _PACKAGES = (
-    "numpy",
-    "scipy",
-    "opencv-python-headless",
-    "opencv-python",
-    "scikit-robot-pyrender",
-    "PyOpenGL",
-    "trimesh",
-    "pycollada",
-    "pygltflib",
-    "python-fcl",
-    "yourdfpy",
+    "numpy", "scipy", "opencv-python-headless", "opencv-python", "scikit-robot-pyrender",
+    "PyOpenGL", "trimesh", "pycollada", "pygltflib", "python-fcl", "yourdfpy",
 )
-"""Distributions that have a say in what is drawn."""
+"""Distributions that influence the images."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +42,14 @@ class Provenance:
     the dataset grows."""
 
 
-def describe(config: RenderConfig) -> Provenance:
-    """What a dataset of this config, rendered here and now, says about itself."""
+def new_provenance(config: RenderConfig) -> Provenance:
+    """Return the provenance of a dataset that this installation begins to render."""
     generator = {"name": "gcbench", "version": __version__}
-    return Provenance(config_tree(config), generator, (package_versions(),))
+    return Provenance(config_tree(config), generator, (environment(),))
 
 
-def package_versions() -> dict[str, Any]:
-    """Versions of this installation and machine, without its name."""
+def environment() -> dict[str, Any]:
+    """Return the versions of this installation, and its platform without the machine's name."""
     from importlib.metadata import PackageNotFoundError, version
 
     dependencies: dict[str, str] = {"python": platform.python_version()}
@@ -87,9 +79,9 @@ def read_provenance(dataset: Path) -> Provenance:
     Raises:
         DatasetError: if the folder is not a dataset, or its `dataset.json` is damaged.
     """
-    path = dataset / FILE
+    path = dataset / DATASET_FILE
     if not path.exists():
-        raise DatasetError(f"{dataset}: not a dataset (no {FILE})")
+        raise DatasetError(f"{dataset}: not a dataset (no {DATASET_FILE})")
     file = read_record(path, _File, FORMAT)
     first = {"dependencies": file.dependencies, "platform": file.platform}
     environments = (first, *file.other_environments)
@@ -109,22 +101,26 @@ def write_provenance(dataset: Path, provenance: Provenance) -> None:
         **first,
         "other_environments": others,
     }
-    write_atomically(dataset / FILE, dump_json(tree))
+    write_atomically(dataset / DATASET_FILE, dump_json(tree))
 
 
-def count_sequences(metas: Iterable[Meta]) -> dict[str, Any]:
-    """The counts of the sequences that are there: the same for every way to get there."""
+@dataclass(frozen=True)
+class _Observability:
+    """What the counts need of `Meta.observability`."""
+
+    observable: bool | None = True
+    refused: dict[str, int] = field(default_factory=dict[str, int])
+
+
+def sequence_counts(metas: Iterable[Meta]) -> dict[str, Any]:
+    """Return `Provenance.counts` of the sequences with these metas, in any order."""
     sequences = frames = unobservable = 0
-    refused: dict[str, int] = {}
+    refused: Counter[str] = Counter()
     for meta in metas:
+        seen = to_record(meta.observability, _Observability, f"{meta.name}: observability")
         sequences += 1
         frames += meta.frames
-        unobservable += meta.observability.get("observable") is False
-        for reason, number in dict(meta.observability.get("refused", {})).items():
-            refused[reason] = refused.get(reason, 0) + int(number)
-    return {
-        "sequences": sequences,
-        "frames": frames,
-        "unobservable": unobservable,
-        "refused": dict(sorted(refused.items())),
-    }
+        unobservable += seen.observable is False
+        refused.update(seen.refused)
+    return {"sequences": sequences, "frames": frames, "unobservable": unobservable,
+            "refused": dict(sorted(refused.items()))}

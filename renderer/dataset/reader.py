@@ -10,10 +10,8 @@ from pathlib import Path
 from ...errors import DatasetError
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence
-from .provenance import FILE, Provenance, read_provenance
-from .storage import FOLDER, open_sequence
-
-__all__ = ["Dataset", "open_dataset", "open_sequence", "sequence_paths"]
+from .provenance import DATASET_FILE, Provenance, read_provenance
+from .storage import SEQUENCES_FOLDER, open_sequence
 
 _NAME = re.compile(r"(\d{6,})(\.zip)?")
 
@@ -54,7 +52,7 @@ class Dataset:
         if name not in self.names:
             there = f"{self.names[0]} to {self.names[-1]}" if self.names else "none"
             raise DatasetError(f"{self.path} has no sequence {name!r}; there are: {there}")
-        path = self.path / FOLDER / f"{name}.zip"
+        path = self.path / SEQUENCES_FOLDER / f"{name}.zip"
         return open_sequence(path if path.exists() else path.with_suffix(""))
 
 
@@ -81,13 +79,13 @@ def open_dataset(path: str | Path) -> Dataset:
     """
     folder = Path(path)
     info = read_provenance(folder)
-    config = parse_config(info.config, f"{folder / FILE}: config", error=DatasetError)
+    config = parse_config(info.config, f"{folder / DATASET_FILE}: config", error=DatasetError)
     return Dataset(folder, config, info, tuple(sorted(sequence_paths(folder), key=int)))
 
 
 def sequence_paths(dataset: Path) -> dict[str, Path]:
     """Return the path of each sequence by name; a ZIP file is preferred to a folder."""
-    folder = dataset / FOLDER
+    folder = dataset / SEQUENCES_FOLDER
     if not folder.is_dir():
         return {}
     found: dict[str, Path] = {}

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from ...errors import DatasetError
 from ..runtime import dump_json, parse_json, to_record
 from ..types import FORMAT, MAX_PIXELS, Meta
 
-UNITS = {
-    "length": "m",
-    "angle": "rad",
-    "time": "s",
-    "flow": "px",
-}
+UNITS = {"length": "m", "angle": "rad", "time": "s", "flow": "px"}
+MAX_META = 2**24
+"""Bytes of a `meta.json`; a larger one is refused."""
 _REQUIRED = ("depth_unit", "camera_model", "units")
 """Fields with defaults in `Meta` that every file states."""
 
 
 def dump_meta(meta: Meta) -> bytes:
     """Return the bytes of `meta.json`."""
-    tree = {field.name: getattr(meta, field.name) for field in dataclasses.fields(meta)}
-    tree["units"] = dict(meta.units or UNITS)
+    tree = {**vars(meta), "units": dict(meta.units or UNITS)}
     return dump_json({"format": tree.pop("format"), **tree})
 
 

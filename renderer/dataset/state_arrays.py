@@ -2,30 +2,49 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...errors import DatasetError
+from ...errors import DatasetError, RenderError
 from ..runtime import ArchiveWriter, ArraySpec, dump_npy, parse_npz
 from ..types import Meta, State
 
-_INTEGERS = ("joint_parent_part", "joint_child_part", "part_pixels", "keypoint_part",
-             "track_part", "track_query")
-_FLAGS = ("keypoint_visible", "track_visible")
-_MAY_BE_UNKNOWN = ("keypoint_image", "track_image")  # NaN behind the camera
+MAX_STATE = 2**29
+"""Bytes of all arrays of a sequence; more are refused."""
+_KINDS = {"bool": "b", "int64": "iu", "float64": "f"}
 
 
-def dump_state(state: State) -> bytes:
-    """Return the bytes of `state.npz`."""
+@dataclass(frozen=True)
+class _Array:
+    shape: tuple[int, ...]
+    dtype: str = "float64"
+    bounds: tuple[int, int] | None = None
+    """Least and greatest value."""
+    may_be_unknown: bool = False
+    """NaN behind the camera."""
+
+
+def dump_state(state: State, meta: Meta) -> bytes:
+    """Return the bytes of `state.npz`.
+
+    Raises ValueError unless the arrays have the shapes that belong to `meta`, and RenderError if
+    they are larger than a reader accepts.
+    """
     buffer = io.BytesIO()
     archive = ArchiveWriter(buffer)
-    for field in dataclasses.fields(state):
-        value = getattr(state, field.name)
-        if value is not None:
-            archive.add(f"{field.name}.npy", dump_npy(np.asarray(value, _dtype(field.name))))
+    arrays = _arrays(meta)
+    if (size := _bytes(arrays)) > MAX_STATE:
+        raise RenderError(f"the state of {meta.frames} frames takes {size} bytes, more than "
+                          f"{MAX_STATE}; render fewer frames or parts")
+    for key, expected in arrays.items():
+        value = getattr(state, key)
+        if value is None or np.shape(value) != expected.shape:
+            raise ValueError(f"{key} has shape {np.shape(value)}, expected {expected.shape}")
+        archive.add(f"{key}.npy", dump_npy(np.asarray(value, expected.dtype)))
     archive.close()
     return buffer.getvalue()
 
@@ -36,65 +55,61 @@ def parse_state(data: bytes, meta: Meta, where: str) -> State:
     Raises:
         DatasetError: beginning with `where`, unless the arrays fit `meta` and are finite.
     """
-    kinds = {"bool": "b", "int64": "iu", "float64": "f"}
-    specs = {key: ArraySpec(shape, kinds[_dtype(key)]) for key, shape in state_shapes(meta).items()}
-    found = parse_npz(data, specs, where)
+    expected = _arrays(meta)
+    if _bytes(expected) > MAX_STATE:
+        raise DatasetError(f"{where}: the arrays of meta.json's {meta.frames} frames, "
+                           f"{len(meta.part_names)} parts and {len(meta.joint_names)} joints are "
+                           f"larger than {MAX_STATE} bytes")
+    specs = {key: ArraySpec(array.shape, _KINDS[array.dtype]) for key, array in expected.items()}
+    found = parse_npz(data, specs, where, stored=True)
     if missing := specs.keys() - found.keys():
         raise DatasetError(f"{where}: no {min(missing)!r}")
-    arrays: dict[str, Any] = {key: found[key].astype(_dtype(key)) for key in specs}
-    for key, array in arrays.items():
-        if key not in _MAY_BE_UNKNOWN and not np.isfinite(array).all():
+    arrays: dict[str, Any] = {}
+    for key, array in expected.items():
+        arrays[key] = values = found[key].astype(array.dtype)
+        if not (array.may_be_unknown or np.isfinite(values).all()):
             raise DatasetError(f"{where}: {key} is not finite")
-    parts = len(meta.part_names)
-    bounds = {
-        "joint_parent_part": (0, parts),
-        "joint_child_part": (1, parts),
-        "part_pixels": (0, meta.width * meta.height),
-        "keypoint_part": (1, parts),
-        "track_part": (1, parts),
-        "track_query": (0, meta.frames - 1),
-    }
-    for key, (low, high) in bounds.items():
-        values = arrays.get(key, np.zeros(0))
-        if values.size and not low <= values.min() <= values.max() <= high:
-            raise DatasetError(f"{where}: {key} is not within {low}..{high}")
+        if array.bounds and values.size:
+            low, high = array.bounds
+            if not low <= values.min() <= values.max() <= high:
+                raise DatasetError(f"{where}: {key} is not within {low}..{high}")
     return State(**arrays)
-
-
-def check_state(state: State, meta: Meta) -> None:
-    """Raises ValueError unless the arrays have the shapes that belong to `meta`."""
-    for key, shape in state_shapes(meta).items():
-        if getattr(state, key) is None or np.shape(getattr(state, key)) != shape:
-            raise ValueError(f"{key} has shape {np.shape(getattr(state, key))}, expected {shape}")
 
 
 def state_shapes(meta: Meta) -> dict[str, tuple[int, ...]]:
     """Return the shape of each array of `state.npz`."""
+    return {key: array.shape for key, array in _arrays(meta).items()}
+
+
+def _bytes(arrays: dict[str, _Array]) -> int:
+    return sum(8 * math.prod(array.shape) for array in arrays.values())
+
+
+def _arrays(meta: Meta) -> dict[str, _Array]:
+    """What each array of the sequence must be, in the order of the file."""
     frames, joints, parts = meta.frames, len(meta.joint_names), len(meta.part_names)
-    shapes: dict[str, tuple[int, ...]] = {
-        "times": (frames,),
-        "joint_positions": (frames, joints),
-        "intrinsics": (3, 3),
-        "cam_from_world": (frames, 4, 4),
-        "world_from_part": (frames, parts, 4, 4),
-        "joint_screw": (frames, joints, 6),
-        "joint_parent_part": (joints,),
-        "joint_child_part": (joints,),
-        "part_pixels": (frames, parts),
+    number = (1, parts)
+    arrays = {
+        "times": _Array((frames,)),
+        "joint_positions": _Array((frames, joints)),
+        "intrinsics": _Array((3, 3)),
+        "cam_from_world": _Array((frames, 4, 4)),
+        "world_from_part": _Array((frames, parts, 4, 4)),
+        "joint_screw": _Array((frames, joints, 6)),
+        "joint_parent_part": _Array((joints,), "int64", (0, parts)),
+        "joint_child_part": _Array((joints,), "int64", number),
+        "part_pixels": _Array((frames, parts), "int64", (0, meta.width * meta.height)),
     }
     if "coordinates" in meta.layers:
-        shapes["coordinate_box"] = (parts, 2, 3)
-    for layer, kind, n in (("keypoints", "keypoint", len(meta.keypoint_names)),
-                           ("tracks", "track", meta.tracks)):
-        if layer in meta.layers:
-            shapes |= {f"{kind}_part": (n,), f"{kind}_world": (frames, n, 3),
-                       f"{kind}_image": (frames, n, 2), f"{kind}_visible": (frames, n)}
-    if "tracks" in meta.layers:
-        shapes["track_query"] = (meta.tracks,)
-    return shapes
-
-
-def _dtype(key: str) -> str:
-    if key in _FLAGS:
-        return "bool"
-    return "int64" if key in _INTEGERS else "float64"
+        arrays["coordinate_box"] = _Array((parts, 2, 3))
+    for kind, n in (("keypoint", len(meta.keypoint_names)), ("track", meta.tracks)):
+        if f"{kind}s" in meta.layers:
+            arrays[f"{kind}_part"] = _Array((n,), "int64", number)
+            if kind == "track":
+                arrays["track_query"] = _Array((n,), "int64", (0, frames - 1))
+            arrays |= {
+                f"{kind}_world": _Array((frames, n, 3)),
+                f"{kind}_image": _Array((frames, n, 2), may_be_unknown=True),
+                f"{kind}_visible": _Array((frames, n), "bool"),
+            }
+    return arrays

@@ -8,28 +8,33 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...robots.files import temporary_name
 from ...robots.geometry import Array
-from ..runtime import MAX_JSON, ArchiveWriter, open_archive
+from ..runtime import Archive, ArchiveWriter, open_archive
 from ..types import Frame, Meta, Sequence, State
 from . import codec
-from .lazy_images import CombinedStack, Decoder, Item, LazyStack
-from .schema import dump_meta, parse_meta
-from .state_arrays import check_state, dump_state, parse_state
+from .lazy_images import Item, LazyStack
+from .schema import MAX_META, dump_meta, parse_meta
+from .state_arrays import dump_state, parse_state
 
-FOLDER = "sequences"
+SEQUENCES_FOLDER = "sequences"
 """Folder of the sequences in a dataset."""
 _AHEAD = 4  # frames that wait for encoding at most: bounds the memory
+_ENCODERS: dict[str, Callable[[Any], bytes]] = {
+    "flow": codec.encode_flow, "flow_backward": codec.encode_flow,
+    "visibility": codec.encode_labels, "normal": codec.encode_normal,
+}
+"""Images that not every frame has."""
 
 
 def sequence_name(index: int) -> str:
@@ -37,18 +42,22 @@ def sequence_name(index: int) -> str:
     return f"{index:06d}"
 
 
-def member_names(frames: int, layers: Collection[str] = ()) -> dict[str, list[str]]:
-    """Return the names of the image members of a sequence, by stack, in order."""
-    every, forward, backward = range(frames), range(frames - 1), range(1, frames)
-    stacks = {
+def image_times(frames: int, layers: Collection[str] = ()) -> dict[str, range]:
+    """Return the frames that have an image, by the image's name."""
+    every, forward = range(frames), range(frames - 1)
+    return {
         "rgb": every,
         "depth": every,
         "part": every,
         "flow": forward,
-        "flow_backward": backward,
+        "flow_backward": range(1, frames),
         "visibility": forward,
     } | {name: every for name in ("normal", "coordinates") if name in layers}
-    return {name: [f"{name}/{t:06d}.png" for t in times] for name, times in stacks.items()}
+
+
+def image_member(name: str, t: int) -> str:
+    """Return the name of the member that holds an image of frame t."""
+    return f"{name}/{t:06d}.png"
 
 
 class SequenceWriter:
@@ -62,10 +71,9 @@ class SequenceWriter:
         coordinate_box: Array | None = None,
     ) -> None:
         """`coordinate_box` [P 2 3] m is required if the frames have coordinates."""
-        folder = dataset / FOLDER
+        folder = dataset / SEQUENCES_FOLDER
         folder.mkdir(parents=True, exist_ok=True)
-        name = sequence_name(index)
-        self.path = folder / f"{name}.zip"
+        self.path = folder / f"{sequence_name(index)}.zip"
         self._temporary = temporary_name(self.path)
         self._file = self._temporary.open("wb")
         self._archive = ArchiveWriter(self._file)
@@ -96,15 +104,14 @@ class SequenceWriter:
         mine = (self._frames, self._index, self._depth_unit)
         if (meta.frames, meta.index, meta.depth_unit) != mine:
             raise ValueError("meta's frames, index or depth_unit are not those of the writer")
-        check_state(state, meta)
         wide = len(meta.part_names) > 255
         for t, png in enumerate(self._parts):
-            self._add(f"part/{t:06d}.png", codec.widen_part(png) if wide else png)
-        stacks = member_names(meta.frames, meta.layers).values()
-        expected = {name for stack in stacks for name in stack}
+            self._add("part", t, codec.widen_part(png) if wide else png)
+        times = image_times(meta.frames, meta.layers)
+        expected = {image_member(name, t) for name in times for t in times[name]}
         if self._members != expected:
             raise ValueError(f"missing or surplus images: {sorted(self._members ^ expected)}")
-        self._archive.add("state.npz", dump_state(state))
+        self._archive.add("state.npz", dump_state(state, meta))
         self._archive.add("meta.json", dump_meta(meta))
         self._archive.close()
         self._file.flush()
@@ -114,55 +121,46 @@ class SequenceWriter:
         self._temporary.replace(self.path)
         return self.path
 
-    def discard(self) -> None:
-        """Stop, and remove the unfinished file; does nothing after `finish`."""
-        self._thread.shutdown(cancel_futures=True)
-        with suppress(OSError):  # the disk may be full
-            self._archive.close()
-        self._file.close()
-        self._temporary.unlink(missing_ok=True)
-
     def __enter__(self) -> SequenceWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.discard()
+    def __exit__(self, *_: object) -> None:
+        """Remove the file, unless it is finished."""
+        self._thread.shutdown(cancel_futures=True)
+        with suppress(OSError):  # the disk may be full
+            self._archive.close()
+        with suppress(OSError):
+            self._file.close()
+        self._temporary.unlink(missing_ok=True)
 
     def _encode(self, t: int, frame: Frame) -> None:
         """Encode and append the members of one frame; runs in the thread."""
-        png = f"{t:06d}.png"
-        self._add(f"rgb/{png}", codec.encode_rgb(frame.rgb))
-        self._add(f"depth/{png}", codec.encode_depth(frame.depth, self._depth_unit))
-        if frame.flow is not None:
-            self._add(f"flow/{png}", codec.encode_flow(frame.flow))
-        if frame.flow_backward is not None:
-            self._add(f"flow_backward/{png}", codec.encode_flow(frame.flow_backward))
-        if frame.visibility is not None:
-            self._add(f"visibility/{png}", codec.encode_visibility(frame.visibility))
-        if frame.normal is not None:
-            self._add(f"normal/{png}", codec.encode_normal(frame.normal))
+        self._add("rgb", t, codec.encode_rgb(frame.rgb))
+        self._add("depth", t, codec.encode_depth(frame.depth, self._depth_unit))
+        for name, encode in _ENCODERS.items():
+            if (image := getattr(frame, name)) is not None:
+                self._add(name, t, encode(image))
         if frame.coordinates is not None:
             if self._box is None:
                 raise ValueError("coordinates need the writer's coordinate_box")
             coded = codec.encode_coordinates(frame.coordinates, frame.part, self._box)
-            self._add(f"coordinates/{png}", coded)
+            self._add("coordinates", t, coded)
         # `finish` knows the number of parts, and with it the width of a label.
         self._parts.append(codec.encode_part(frame.part, wide=bool(frame.part.max() > 255)))
 
-    def _add(self, member: str, data: bytes) -> None:
+    def _add(self, name: str, t: int, data: bytes) -> None:
+        member = image_member(name, t)
         self._members.add(member)
         self._archive.add(member, data)
 
 
 def read_meta(path: Path) -> Meta:
     """Return only the meta of the sequence at `path`. Raises DatasetError like `open_sequence`."""
-    archive = open_archive(path)
-    return parse_meta(archive.read("meta.json", MAX_JSON), archive.where("meta.json"))
+    return _read_meta(open_archive(path))
+
+
+def _read_meta(archive: Archive) -> Meta:
+    return parse_meta(archive.read("meta.json", MAX_META), archive.where("meta.json"))
 
 
 def open_sequence(path: str | Path) -> Sequence:
@@ -172,18 +170,18 @@ def open_sequence(path: str | Path) -> Sequence:
     dataset contract. Images are checked when they are decoded.
     """
     archive = open_archive(Path(path))
-    meta = parse_meta(archive.read("meta.json", MAX_JSON), archive.where("meta.json"))
-    members = member_names(meta.frames, meta.layers)
-    for names in members.values():
-        archive.require(names)
+    meta = _read_meta(archive)
+    times = image_times(meta.frames, meta.layers)
+    archive.require(image_member(name, t) for name in times for t in times[name])
     state = parse_state(archive.read("state.npz"), meta, archive.where("state.npz"))
     size, plane = (meta.width, meta.height), (meta.height, meta.width)
 
     def lazy(
-        name: str, decode: Decoder[Item], dtype: type[Item], *channels: int, **arguments: Any
+        name: str, decode: Callable[..., NDArray[Item]], dtype: type[Item], *channels: int,
+        **arguments: Any,
     ) -> LazyStack[Item]:
-        load = partial(decode, size=size, **arguments)
-        return LazyStack(archive, members[name], load, (*plane, *channels), np.dtype(dtype))
+        load = partial(_load, archive, name, times[name], partial(decode, size=size, **arguments))
+        return LazyStack(load, (len(times[name]), *plane, *channels), np.dtype(dtype))
 
     part = lazy("part", codec.decode_part, np.uint16, parts=len(meta.part_names))
     normal = coordinates = None
@@ -191,8 +189,8 @@ def open_sequence(path: str | Path) -> Sequence:
         normal = lazy("normal", codec.decode_normal, np.float32, 3)
     if state.coordinate_box is not None:
         shares = lazy("coordinates", codec.decode_shares, np.float32, 3)
-        in_boxes = partial(codec.coordinates_in_boxes, box=state.coordinate_box)
-        coordinates = CombinedStack(shares, part, in_boxes)
+        load = partial(_load_coordinates, shares, part, state.coordinate_box)
+        coordinates = LazyStack(load, shares.shape, shares.dtype)
     return Sequence(
         meta=meta,
         state=state,
@@ -205,3 +203,16 @@ def open_sequence(path: str | Path) -> Sequence:
         normal=normal,
         coordinates=coordinates,
     )
+
+
+def _load(
+    archive: Archive, name: str, times: range, decode: Callable[..., NDArray[Item]], i: int
+) -> NDArray[Item]:
+    member = image_member(name, times[i])
+    return decode(archive.read(member), where=archive.where(member))
+
+
+def _load_coordinates(
+    shares: LazyStack[np.float32], part: LazyStack[np.uint16], box: Array, t: int
+) -> NDArray[np.float32]:
+    return codec.coordinates_in_boxes(shares[t], part[t], box)

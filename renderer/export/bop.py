@@ -169,8 +169,8 @@ def _write_masks(
         inside = large[height:2 * height, width:2 * width]
         inside |= visible  # both are sampled at pixel centres, with roundings of their own
         name = f"{t:06d}_{k:06d}.png"
-        (folder / "mask" / name).write_bytes(codec.encode_mask(inside))
-        (folder / "mask_visib" / name).write_bytes(codec.encode_mask(visible))
+        (folder / "mask" / name).write_bytes(codec.encode_labels(inside * np.uint8(255)))
+        (folder / "mask_visib" / name).write_bytes(codec.encode_labels(visible * np.uint8(255)))
         everything, seen = int(large.sum()), int(visible.sum())
         infos.append({
             "bbox_obj": _box(large, width, height) if seen else [-1] * 4,

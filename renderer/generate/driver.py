@@ -19,13 +19,13 @@ from typing import Any
 from ...errors import ConfigError, RenderError
 from ...robots.files import LOCK, lock_folder, remove_leftovers
 from ..dataset import (
-    FILE,
-    FOLDER,
+    DATASET_FILE,
+    SEQUENCES_FOLDER,
     Provenance,
-    count_sequences,
-    describe,
+    new_provenance,
     read_meta,
     read_provenance,
+    sequence_counts,
     sequence_name,
     sequence_paths,
     write_provenance,
@@ -198,14 +198,16 @@ def _render(
 
 def _open(out: Path, config: RenderConfig) -> Provenance:
     """What the dataset in `out` is, or will be. Raises ConfigError if it is another one."""
-    here = describe(config)
+    here = new_provenance(config)
     if not sequence_paths(out):  # what failed before its first sequence binds nobody
         return here
-    if not (out / FILE).exists():
-        raise ConfigError(f"{out} holds sequences but no {FILE}; choose another --out folder")
+    if not (out / DATASET_FILE).exists():
+        raise ConfigError(
+            f"{out} holds sequences but no {DATASET_FILE}; choose another --out folder")
     there = read_provenance(out)
     # A field that is newer than the dataset has its default there.
-    changed = differences(config_tree(parse_config(there.config, str(out / FILE))), here.config)
+    old = parse_config(there.config, str(out / DATASET_FILE))
+    changed = differences(config_tree(old), here.config)
     changed += differences({"generator": there.generator}, {"generator": here.generator})
     if changed:
         raise ConfigError(
@@ -236,9 +238,9 @@ def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> 
 
 def _finish(out: Path, provenance: Provenance, rendered: int, started: float) -> Summary:
     """Sum up what is on disk; `dataset.json` says so from now on."""
-    counts = count_sequences(read_meta(path) for path in sequence_paths(out).values())
+    counts = sequence_counts(read_meta(path) for path in sequence_paths(out).values())
     finished = replace(provenance, counts=counts)
-    if not (out / FILE).exists() or read_provenance(out) != finished:
+    if not (out / DATASET_FILE).exists() or read_provenance(out) != finished:
         write_provenance(out, finished)
     seconds = time.monotonic() - started
     return Summary(dataset=out, rendered=rendered, seconds=seconds, **counts)
@@ -265,7 +267,7 @@ def _open_folder(out: Path) -> Generator[None]:
 def _tidy(out: Path) -> None:
     """Remove what killed processes have left."""
     remove_leftovers(out)
-    remove_leftovers(out / FOLDER)
+    remove_leftovers(out / SEQUENCES_FOLDER)
 
 
 def _cpu_count() -> int:

@@ -72,7 +72,8 @@ def parse_npy(data: bytes, spec: ArraySpec, where: str) -> NDArray[Any]:
 
 
 def parse_npz(
-    data: bytes, specs: Mapping[str, ArraySpec], where: str, only_known: bool = False
+    data: bytes, specs: Mapping[str, ArraySpec], where: str, only_known: bool = False,
+    stored: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Return those arrays of an NPZ file that `specs` names; the result lacks missing ones.
 
@@ -81,6 +82,7 @@ def parse_npz(
         specs: What each array must be, by name.
         where: Beginning of an error message.
         only_known: Refuse other arrays. They are ignored otherwise.
+        stored: Refuse compressed arrays, so that the file is at least as large as its arrays.
 
     Raises:
         DatasetError: if the file is damaged, or an array is not what its spec says.
@@ -101,6 +103,8 @@ def parse_npz(
                                        "does not use; write the file with numpy.savez_compressed")
                 if name in arrays:
                     raise DatasetError(f"{where}: {name} is there twice")
+                if stored and info.compress_type != zipfile.ZIP_STORED:
+                    raise DatasetError(f"{where}: {name} is compressed; store it (numpy.savez)")
                 with archive.open(info) as file:
                     member = file.read(spec.max_bytes + 1)
                 if len(member) > spec.max_bytes:

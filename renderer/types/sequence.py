@@ -22,6 +22,7 @@ _FrameCount = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 _ImageSide = Annotated[int, msgspec.Meta(ge=1, le=MAX_PIXELS)]
 _Index = Annotated[int, msgspec.Meta(ge=0)]
 _JointType = Annotated[str, msgspec.Meta(pattern="^(revolute|continuous|prismatic)$")]
+_Names = Annotated[tuple[str, ...], msgspec.Meta(max_length=65535)]  # masks have 16 bits
 _Layer = Annotated[str, msgspec.Meta(pattern="^(normal|coordinates|keypoints|tracks)$")]
 
 _Item = TypeVar("_Item", bound=np.generic, covariant=True)
@@ -128,13 +129,13 @@ class Meta:
     name: str
     asset: Mapping[str, Any]
     """name, source, licence, sha256, notes"""
-    joint_names: tuple[str, ...]
+    joint_names: _Names
     joint_types: tuple[_JointType, ...]
     """[J] "revolute", "continuous" or "prismatic"."""
     joint_limits: tuple[tuple[float, float] | None, ...]
     """[J] rad or m, None where a joint has none."""
-    part_names: tuple[str, ...]
-    scored_joints: tuple[str, ...]
+    part_names: _Names
+    scored_joints: _Names
     width: _ImageSide
     height: _ImageSide
     frames: _FrameCount
@@ -149,11 +150,11 @@ class Meta:
     """m per unit of the depth PNG"""
     camera_model: Literal["pinhole"] = "pinhole"
     units: Mapping[str, str] | None = None
-    deforming_parts: tuple[str, ...] = ()
+    deforming_parts: _Names = ()
     """Names of the parts with surfaces that move otherwise than the part."""
     layers: tuple[_Layer, ...] = ()
     """Optional truth that is stored: of "normal", "coordinates", "keypoints", "tracks"."""
-    keypoint_names: tuple[str, ...] = ()
+    keypoint_names: _Names = ()
     """[K]"""
     keypoint_tolerance: Annotated[float, msgspec.Meta(ge=0)] = 0.0
     """m behind the visible surface at which a keypoint still counts as visible."""

@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from gcbench.renderer.dataset.provenance import describe, write_provenance
+from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.dataset.reader import open_dataset
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
@@ -21,7 +21,7 @@ def make_dataset(folder: Path, n: int = 3, unobservable: tuple[int, ...] = ()) -
     """n sequences of an arm of two revolute joints, each of its own amount of motion."""
     base = analytic.render(width=48, height=36, frames=4, room=False)
     config = RenderConfig(robot="arm", frames=4, width=48, height=36)
-    write = describe(config)
+    write = new_provenance(config)
     for index in range(n):
         save(base, folder, index, 1.0 + index, index not in unobservable)
     counts = {"sequences": n, "frames": 4 * n, "unobservable": len(unobservable), "refused": {}}

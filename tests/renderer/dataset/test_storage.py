@@ -9,6 +9,8 @@ import pickle
 import struct
 import subprocess
 import sys
+import time
+import tracemalloc
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -22,6 +24,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.renderer.dataset import codec
+from gcbench.renderer.dataset.state_arrays import dump_state, parse_state
 from gcbench.renderer.dataset.storage import SequenceWriter, open_sequence
 from gcbench.renderer.types.sequence import Frame, Meta, State
 
@@ -419,13 +422,15 @@ def test_meta_that_is_no_json_is_refused(path: Path, text: str) -> None:
     refused(path, "meta.json")
 
 
-def with_array(key: str, data: bytes) -> Callable[[dict[str, bytes]], None]:
+def with_array(
+    key: str, data: bytes, compression: int = zipfile.ZIP_STORED
+) -> Callable[[dict[str, bytes]], None]:
     def change(members: dict[str, bytes]) -> None:
         with zipfile.ZipFile(io.BytesIO(members["state.npz"])) as archive:
             arrays = {name: archive.read(name) for name in archive.namelist()}
         arrays[f"{key}.npy"] = data
         buffer = io.BytesIO()
-        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        with zipfile.ZipFile(buffer, "w", compression) as archive:
             for name, array in arrays.items():
                 archive.writestr(name, array)
         members["state.npz"] = buffer.getvalue()
@@ -468,3 +473,44 @@ def test_state_is_checked(path: Path, kind: str) -> None:
 def test_part_numbers_of_the_state_are_checked(path: Path) -> None:
     remake(path, with_array("joint_child_part", npy(np.array([1, 4]))))
     refused(path, "state.npz", "joint_child_part")
+
+
+def test_a_compressed_state_is_refused(path: Path) -> None:
+    """What is stored is as large as the file; what is compressed can be a bomb."""
+    remake(path, with_array("times", npy(np.zeros(T)), zipfile.ZIP_DEFLATED))
+    refused(path, "state.npz", "compressed")
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"part_names": ["p"] * 4_000_000}, "larger than"),
+        ({"part_names": ["p"] * 70_000}, "part_names"),
+        ({"joint_names": ["j"] * 70_000}, "joint_names"),
+        ({"part_names": ["p"] * 65_535, "frames": 1_000}, "missing"),
+        ({"frames": 1_000_000}, "missing"),
+        ({"asset": {"notes": "x" * 2**24}}, "larger than"),
+    ],
+)
+def test_what_meta_claims_is_bounded(path: Path, fields: dict[str, Any], says: str) -> None:
+    def change(members: dict[str, bytes]) -> None:
+        meta = json.loads(members["meta.json"])
+        members["meta.json"] = json.dumps(meta | fields).encode()
+
+    remake(path, change)
+    tracemalloc.start()
+    started = time.monotonic()
+    refused(path, says)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 400 * 2**20
+    assert time.monotonic() - started < 10
+
+
+def test_a_state_larger_than_its_bound_is_refused(tmp_path: Path, fake: ModuleType) -> None:
+    """Frames, parts and joints are in bounds, but not their product."""
+    meta = fake.make_meta(100_000, H, W, part_names=tuple(map(str, range(1000))))
+    with pytest.raises(GcbenchError, match="larger than"):
+        parse_state(b"", meta, "state.npz")
+    with pytest.raises(GcbenchError, match="fewer frames"):
+        dump_state(fake.make_state(np.random.default_rng(0), 1), meta)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
-from gcbench.renderer.dataset.provenance import describe, write_provenance
+from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.show import colors as pictures
@@ -329,7 +329,7 @@ def dataset(sequence: Sequence, tmp_path: Path) -> Path:
             name = f"{index:06d}"
             writer.finish(dataclasses.replace(sequence.meta, name=name, index=index),
                           sequence.state)
-    write_provenance(folder, describe(RenderConfig()))
+    write_provenance(folder, new_provenance(RenderConfig()))
     return folder
 
 

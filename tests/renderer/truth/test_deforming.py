@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.run.datasets import from_folders
-from gcbench.renderer.dataset.provenance import describe, write_provenance
+from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.dataset.reader import open_dataset
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
@@ -309,7 +309,7 @@ def test_a_dataset_without_joints_is_shown_and_refused_by_the_benchmark(
                 writer.add(frame)
             meta, state = rendered.finish()
             writer.finish(meta, state)
-    write_provenance(tmp_path, describe(config))
+    write_provenance(tmp_path, new_provenance(config))
     (stored,) = open_dataset(tmp_path)
     assert stored.meta == meta
     report = verify_dataset(tmp_path, progress=False)

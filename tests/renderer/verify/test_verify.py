@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
-from gcbench.renderer.dataset.provenance import describe, write_provenance
+from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.verify import VerifyReport, verify_dataset, verify_sequence
@@ -306,7 +306,7 @@ def test_poses_of_another_urdf_or_model_are_not_these(right, tmp_path):
 @pytest.fixture
 def dataset(right, tmp_path):
     """Two sequences on disk."""
-    write_provenance(tmp_path, describe(RenderConfig(robot="gone.urdf", seed=3)))
+    write_provenance(tmp_path, new_provenance(RenderConfig(robot="gone.urdf", seed=3)))
     for index in (0, 1):
         write(tmp_path, right, index)
     return tmp_path

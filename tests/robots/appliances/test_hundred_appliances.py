@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from gcbench.renderer.dataset.provenance import describe, write_provenance
+from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene import models as instances
@@ -69,7 +69,7 @@ def test_each_verifies(category: str, count: int, tmp_path: Path) -> None:
                 meta, state = rendered.finish()
                 writer.finish(meta, state)
             assert meta.asset["instance"] == f"{category}:{index}"
-        write_provenance(tmp_path, describe(renderer.config))
+        write_provenance(tmp_path, new_provenance(renderer.config))
     finally:
         renderer.close()
     report = verify_dataset(tmp_path, progress=False)
