@@ -12,7 +12,7 @@ from .provenance import (
     sequence_counts,
     write_provenance,
 )
-from .reader import Dataset, open_dataset, sequence_paths
+from .reader import Dataset, open_dataset, select_sequences, sequence_paths
 from .schema import UNITS
 from .state_arrays import state_shapes
 from .storage import (
@@ -28,6 +28,6 @@ from .storage import (
 __all__ = [
     "DATASET_FILE", "DEPTH_UNIT", "SEQUENCES_FOLDER", "UNITS", "Dataset", "Provenance",
     "SequenceWriter", "environment", "image_member", "image_times", "new_provenance",
-    "open_dataset", "open_sequence", "read_meta", "read_provenance", "sequence_counts",
-    "sequence_name", "sequence_paths", "state_shapes", "write_provenance",
+    "open_dataset", "open_sequence", "read_meta", "read_provenance", "select_sequences",
+    "sequence_counts", "sequence_name", "sequence_paths", "state_shapes", "write_provenance",
 ]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...errors import DatasetError
+from ...errors import ConfigError, DatasetError
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence
 from .provenance import DATASET_FILE, Provenance, read_provenance
@@ -95,3 +95,28 @@ def sequence_paths(dataset: Path) -> dict[str, Path]:
                 continue
             found[match[1]] = path
     return found
+
+
+def select_sequences(dataset: Dataset, text: str) -> list[str]:
+    """Return the names of the sequences that `text` means, such as "0-9,15"; "" means all.
+
+    Raises ConfigError if there are none of a number or range, and DatasetError if there are none.
+    """
+    if not dataset.names:
+        raise DatasetError(f"{dataset.path} has no sequences yet")
+    there = {int(name): name for name in dataset.names}
+    if not text:
+        return list(dataset.names)
+    numbers: dict[int, None] = {}
+    for item in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,9})(?:\s*-\s*(\d{1,9}))?\s*", item)
+        if not match:
+            raise ConfigError(f"--sequences {text}: give numbers and ranges, as in 0-9,15")
+        first = int(match[1])
+        last = first if match[2] is None else int(match[2])
+        found = [k for k in there if first <= k <= last]
+        if not found or (match[2] is None and first not in there):
+            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {item.strip()}; "
+                               f"there are {dataset.names[0]} to {dataset.names[-1]}")
+        numbers.update(dict.fromkeys(sorted(found)))
+    return [there[k] for k in numbers]

@@ -34,7 +34,7 @@ from ..runtime import Archive, dump_json
 from ..scene import PosedModel, model_of, pose_parts, robot_of
 from ..types import Camera, Meta, Sequence
 from .bop_models import size_of, write_ply
-from .journal import SequenceRecord
+from .writer import SequenceRecord, Writer
 
 _MM = 1000.0
 _PASS = 32  # parts whose silhouettes are drawn at once
@@ -52,11 +52,11 @@ class _Model:
     """Object number of part 0."""
 
 
-class Bop:
-    """See export.Writer. `add` raises DatasetError if the model is another one or deforms."""
+class Bop(Writer):
+    """See `Writer`. `add` raises DatasetError if the model is another one or deforms."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder, self._config = folder, dataset.config
+        super().__init__(folder, dataset)
         self._split = dataset.config.stream
         self._now: _Model | None = None
         self._firsts: dict[str, int] = {}
@@ -74,7 +74,7 @@ class Bop:
         now = self._now = self._model_of(meta)
         if meta.part_names != now.model.part_names:
             raise DatasetError(f"{archive.path}: its parts are not those of the model at hand")
-        folder = self._folder / self._split / archive.path.stem
+        folder = self.folder / self._split / archive.path.stem
         for kind in ("rgb", "depth", "mask", "mask_visib"):
             (folder / kind).mkdir(parents=True, exist_ok=True)
         cam_from_part = s.cam_from_world[:, None] @ s.world_from_part
@@ -118,10 +118,10 @@ class Bop:
         self._targets += record["targets"]
 
     def finish(self) -> None:
-        (self._folder / "models" / "models_info.json").write_bytes(dump_json(self._infos))
-        (self._folder / "camera.json").write_bytes(dump_json(self._camera))
+        (self.folder / "models" / "models_info.json").write_bytes(dump_json(self._infos))
+        (self.folder / "camera.json").write_bytes(dump_json(self._camera))
         if self._split == "test":
-            (self._folder / "test_targets_bop19.json").write_bytes(dump_json(self._targets))
+            (self.folder / "test_targets_bop19.json").write_bytes(dump_json(self._targets))
 
     def close(self) -> None:
         self._rasterizer.close()
@@ -143,16 +143,16 @@ class Bop:
 
     def _model_of(self, meta: Meta) -> _Model:
         """The model of a sequence; it is written on its first use."""
-        robot = robot_of(self._config, meta)
+        robot = robot_of(self.dataset.config, meta)
         if self._now is not None and self._now.robot == robot:
             return self._now
-        model = model_of(self._config, meta)
+        model = model_of(self.dataset.config, meta)
         if any(v.deforms for v in model.visuals):
             raise DatasetError(f"{robot} deforms, and BOP has rigid objects only")
         first = self._firsts.get(robot, self._next)
         now = _Model(robot, model, sorted({v.part for v in model.visuals}), first)
         for p in now.parts if robot not in self._firsts else []:
-            write_ply(self._folder / "models" / f"obj_{first + p:06d}.ply",
+            write_ply(self.folder / "models" / f"obj_{first + p:06d}.ply",
                       [v for v in model.visuals if v.part == p])
         return now
 

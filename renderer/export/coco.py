@@ -24,14 +24,14 @@ from pycocotools import mask as _coco
 from ..dataset import Dataset
 from ..runtime import Archive, dump_json
 from ..types import Sequence
-from .journal import SequenceRecord
+from .writer import SequenceRecord, Writer
 
 
-class Coco:
-    """See export.Writer."""
+class Coco(Writer):
+    """See `Writer`."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder, self._dataset = folder, dataset
+        super().__init__(folder, dataset)
         (folder / "images").mkdir(exist_ok=True)
         (folder / "annotations").mkdir(exist_ok=True)
         self._images: list[dict[str, Any]] = []
@@ -48,7 +48,7 @@ class Coco:
         categories = dict(self._categories)
         for t in range(len(sequence)):
             name = f"{archive.path.stem}_{t:06d}.png"
-            (self._folder / "images" / name).write_bytes(archive.read(f"rgb/{t:06d}.png"))
+            (self.folder / "images" / name).write_bytes(archive.read(f"rgb/{t:06d}.png"))
             number = len(self._images) + t + 1
             images.append({
                 "id": number, "file_name": name, "width": meta.width,
@@ -79,8 +79,8 @@ class Coco:
 
     def finish(self) -> None:
         licence = "; ".join(dict.fromkeys(str(a.get("licence", ""))
-                                          for a in self._dataset.info.assets))
-        model = Path(self._dataset.config.robot).stem
+                                          for a in self.dataset.info.assets))
+        model = Path(self.dataset.config.robot).stem
         common = {
             "info": {"description": f"gcbench: {model}", "version": "1.0"},
             "licenses": [{"id": 1, "name": f"of the model: {licence}", "url": ""}],
@@ -88,7 +88,7 @@ class Coco:
         }  # fmt: skip
         parts = [{"id": k, "name": part, "supercategory": model}
                  for part, k in self._categories.items()]
-        folder = self._folder / "annotations"
+        folder = self.folder / "annotations"
         (folder / "instances.json").write_bytes(dump_json(
             {**common, "annotations": self._annotations, "categories": parts}))
         if self._keypoint_names:
@@ -96,9 +96,6 @@ class Coco:
                      "keypoints": self._keypoint_names, "skeleton": []}
             (folder / "keypoints.json").write_bytes(dump_json(
                 {**common, "annotations": self._keypoints, "categories": [whole]}))
-
-    def close(self) -> None:
-        pass
 
 
 def keypoints(sequence: Sequence, t: int) -> list[float] | None:

@@ -1,29 +1,26 @@
 """`gcbench export`: a dataset in the layouts of other benchmarks and tools.
 
 An export is written into a hidden folder beside `out`, which is renamed when it is complete; an
-interrupted one continues there. Each format has a module with a class like `Writer`; `export.json`
-in the result records its origin.
+interrupted one continues there. Each format has a module with a `Writer`. `export.json` in the
+result records its origin.
 """
 
 from __future__ import annotations
 
-import json
-import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
 
 from ... import __version__
-from ...errors import ConfigError, DatasetError, GcbenchError
+from ...errors import ConfigError, GcbenchError
 from ...robots.files import LOCK, lock_folder
-from ..dataset import Dataset, open_dataset, sequence_paths
-from ..runtime import Archive, dump_json, frame_bar, open_archive
-from ..types import Sequence
-from .journal import Journal, SequenceRecord
+from ..dataset import Dataset, open_dataset, select_sequences, sequence_paths
+from ..runtime import dump_json, frame_bar, open_archive
+from .journal import Journal
+from .writer import Writer
 
 WRITERS: dict[str, str] = {
     "kitti": "kitti:Kitti",
@@ -34,33 +31,6 @@ WRITERS: dict[str, str] = {
     "rerun": "rerun:Rerun",
 }
 _FILE = "export.json"
-
-
-class Writer(Protocol):
-    """Writes sequences of a dataset into a folder; made with (folder, dataset).
-
-    Files of a sequence that was begun before may be there: they are written again.
-    """
-
-    def add(self, sequence: Sequence, archive: Archive) -> Mapping[str, Any]:
-        """Write one more sequence; `archive` holds its encoded images. Returns what must be known
-        of it later on, as JSON.
-
-        Raises GcbenchError if the format cannot hold it.
-        """
-        ...
-
-    def keep(self, record: SequenceRecord) -> None:
-        """Remember a sequence that `add` has written: now, or in a run that was stopped."""
-        ...
-
-    def finish(self) -> None:
-        """Write what is known at the end only."""
-        ...
-
-    def close(self) -> None:
-        """Let go of what is held open, after success or failure."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -123,57 +93,39 @@ def export_dataset(
     return Exported(out, len(names), frames)
 
 
-def select_sequences(dataset: Dataset, text: str) -> list[str]:
-    """Names of the sequences that `text` means ("": all). Raises GcbenchError."""
-    if not dataset.names:
-        raise DatasetError(f"{dataset.path} has no sequences yet")
-    there = {int(name): name for name in dataset.names}
-    if not text:
-        return list(dataset.names)
-    numbers: dict[int, None] = {}
-    for item in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,9})(?:\s*-\s*(\d{1,9}))?\s*", item)
-        if not match:
-            raise ConfigError(f"--sequences {text}: give numbers and ranges, as in 0-9,15")
-        first = int(match[1])
-        last = first if match[2] is None else int(match[2])
-        found = [k for k in there if first <= k <= last]
-        if not found or (match[2] is None and first not in there):
-            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {item.strip()}; "
-                               f"there are {dataset.names[0]} to {dataset.names[-1]}")
-        numbers.update(dict.fromkeys(sorted(found)))
-    return [there[k] for k in numbers]
-
-
 def _write_all(
     kind: Callable[[Path, Dataset], Writer], part: Path, data: Dataset, names: list[str],
     format: str, progress: bool,
 ) -> int:
-    """Fill `part`; the number of frames in it. It is removed if that fails for good, or if nothing
-    is done when the run is stopped."""
-    account = _origin(format, data, names)
-    plan = {**account, "sequences": "", "name": data.path.absolute().name}
-    with Journal(part, plan, names) as journal:
+    """Fill `part` and return the number of frames in it. It is removed if that fails for good, or
+    if nothing is done when the run is stopped."""
+    origin = {
+        "format": format,
+        "generator": {"name": "gcbench", "version": __version__},
+        "dataset": {"config": data.info.config, "generator": data.info.generator},
+        "assets": data.info.assets,
+        "sequences": names,
+    }
+    plan = {**origin, "sequences": "", "name": data.path.absolute().name}
+    with closing(Journal(part, plan, names)) as journal:
         try:
             with closing(kind(part, data)) as writer:
-                _write(writer, data, names, journal, progress)
+                _write(writer, names, journal, progress)
         except BaseException as error:
             if isinstance(error, GcbenchError) or not journal.entries:
                 shutil.rmtree(part, ignore_errors=True)
             raise
-    (part / _FILE).write_bytes(dump_json(account))
+    (part / _FILE).write_bytes(dump_json(origin))
     journal.path.unlink()
-    return sum(entry.frames for entry in journal.entries)
+    return sum(entry["frames"] for entry in journal.entries)
 
 
-def _write(
-    writer: Writer, dataset: Dataset, names: list[str], journal: Journal, progress: bool
-) -> None:
+def _write(writer: Writer, names: list[str], journal: Journal, progress: bool) -> None:
     """Write the sequences that are not done yet."""
+    dataset, done = writer.dataset, len(journal.entries)
     paths, each = sequence_paths(dataset.path), dataset.config.frames
-    done = len(journal.entries)
     for entry in journal.entries:
-        writer.keep(entry.record)
+        writer.keep(entry["record"])
     with frame_bar(len(names) * each, done * each, progress, "export") as bar:
         for name in names[done:]:
             sequence = dataset[name]
@@ -181,15 +133,3 @@ def _write(
             writer.keep(journal.add(name, len(sequence), record))
             bar.update(len(sequence))
         writer.finish()
-
-
-def _origin(format: str, dataset: Dataset, names: list[str]) -> dict[str, object]:
-    """The content of `export.json`, with the licences of the models."""
-    return {
-        "format": format,
-        "generator": {"name": "gcbench", "version": __version__},
-        "dataset": {"config": dataset.info.config, "generator": dataset.info.generator},
-        "assets": json.loads(dump_json(dataset.info.assets)),
-        "sequences": names,
-    }
-

@@ -8,30 +8,21 @@ import json
 import os
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from ...robots.files import LOCK
 from ..runtime import dump_json
 
 _FILE = "journal.jsonl"
-SequenceRecord = Mapping[str, Any]
-"""What a format needs to know about a sequence that it has written, as JSON."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A sequence that is written."""
-
-    sequence: str
-    frames: int
-    record: SequenceRecord
 
 
 class Journal:
-    """Appends to _FILE in a folder; `entries` are those of earlier runs and this one, in order."""
+    """Appends to _FILE in a folder.
+
+    `entries` are the sequences of earlier runs and this one, in order: "sequence" is the name,
+    "frames" their number, "record" what the format needs to know.
+    """
 
     def __init__(self, folder: Path, plan: Mapping[str, Any], names: Sequence[str]) -> None:
         """Continue what is in `folder` if it follows this `plan` for the first of `names`, else
@@ -40,13 +31,14 @@ class Journal:
         self.path = folder / _FILE
         lines = self.path.read_bytes().splitlines(keepends=True) if self.path.is_file() else []
         whole = [line for line in lines if line.endswith(b"\n")]
-        self.entries = [Entry(**json.loads(line)) for line in whole[1:]]
-        done = [entry.sequence for entry in self.entries]
-        if whole[:1] == [_line(plan)] and done == [*names][: len(done)]:
-            self._file = self.path.open("r+b")
-            self._file.truncate(sum(map(len, whole)))
-            self._file.seek(0, os.SEEK_END)
-            return
+        if whole[:1] == [_line(plan)]:
+            self.entries: list[dict[str, Any]] = [json.loads(line) for line in whole[1:]]
+            done = [entry["sequence"] for entry in self.entries]
+            if done == [*names][: len(done)]:
+                self._file = self.path.open("r+b")
+                self._file.truncate(sum(map(len, whole)))
+                self._file.seek(0, os.SEEK_END)
+                return
         self.entries = []
         for path in folder.iterdir():
             if path.is_dir() and not path.is_symlink():
@@ -56,22 +48,15 @@ class Journal:
         self._file = self.path.open("wb")
         self._append(_line(plan))
 
-    def add(self, name: str, frames: int, record: SequenceRecord) -> SequenceRecord:
+    def add(self, name: str, frames: int, record: Mapping[str, Any]) -> Mapping[str, Any]:
         """Append a sequence that is written; return its record as a later run will read it."""
-        line = _line(asdict(Entry(name, frames, record)))
+        line = _line({"sequence": name, "frames": frames, "record": record})
         self._append(line)
-        self.entries.append(Entry(**json.loads(line)))
-        return self.entries[-1].record
+        self.entries.append(json.loads(line))
+        return self.entries[-1]["record"]
 
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     def _append(self, line: bytes) -> None:

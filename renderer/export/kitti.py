@@ -24,16 +24,17 @@ from ...errors import DatasetError, GcbenchError
 from ..dataset import Dataset, codec
 from ..runtime import Archive
 from ..types import BACKGROUND, VISIBLE, Sequence
-from .journal import SequenceRecord
+from .writer import SequenceRecord, Writer
 
 _DEPTH_UNIT = 1.0 / 256.0
 """m"""
 
 
-class Kitti:
-    """See export.Writer."""
+class Kitti(Writer):
+    """See `Writer`."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
+        super().__init__(folder, dataset)
         self._folder = folder / "training"
         self._rows = ["pair,sequence,first,second"]
         self._images = ("image_2", "flow_occ", "flow_noc", "obj_map", "depth_2")
@@ -69,9 +70,6 @@ class Kitti:
 
     def finish(self) -> None:
         (self._folder / "pairs.csv").write_text("\n".join(self._rows) + "\n")
-
-    def close(self) -> None:
-        pass
 
     def _write(self, kind: str, name: str, png: bytes) -> None:
         (self._folder / kind / f"{name}.png").write_bytes(png)

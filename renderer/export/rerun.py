@@ -29,27 +29,26 @@ from ..dataset import Dataset
 from ..runtime import Archive, dump_json
 from ..scene import model_of, robot_of
 from ..types import Meta, Sequence
-from .journal import SequenceRecord
+from .writer import Writer
 
 _APPLICATION = "gcbench"
 _CAMERA, _IMAGE = ["world", "camera"], ["world", "camera", "image"]
 
 
-class Rerun:
-    """See export.Writer."""
+class Rerun(Writer):
+    """See `Writer`."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder, self._name = folder, dataset.path.absolute().name
-        self._config = dataset.config
+        super().__init__(folder, dataset)
         self._robot: str | None = None
         self._model: ArticulatedModel | None = None
 
     def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta, s = sequence.meta, sequence.state
         recording = rr.RecordingStream(
-            _APPLICATION, recording_id=f"{self._name}/{archive.path.stem}")
+            _APPLICATION, recording_id=f"{self.dataset.path.absolute().name}/{archive.path.stem}")
         recording.disable_timeline("log_time")
-        recording.save(str(self._folder / f"{archive.path.stem}.rrd"))
+        recording.save(str(self.folder / f"{archive.path.stem}.rrd"))
         self._log_once(recording, sequence)
         world_from_cam = inverse(s.cam_from_world)
         for t in range(len(sequence)):
@@ -77,22 +76,13 @@ class Rerun:
         recording.disconnect()
         return {}
 
-    def keep(self, record: SequenceRecord) -> None:
-        pass
-
-    def finish(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
     def _load(self, meta: Meta) -> None:
         """Get the sequence's model, if it is at hand: else there are poses without surfaces."""
         with suppress(GcbenchError):
-            robot = robot_of(self._config, meta)
+            robot = robot_of(self.dataset.config, meta)
             if robot != self._robot:
                 self._robot, self._model = robot, None
-                self._model = model_of(self._config, meta)
+                self._model = model_of(self.dataset.config, meta)
 
     def _log_once(self, recording: rr.RecordingStream, sequence: Sequence) -> None:
         """What holds for all frames."""

@@ -14,7 +14,6 @@ no pickle.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,20 +21,16 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...robots.geometry import Array
-from ..dataset import Dataset
 from ..runtime import Archive
 from ..truth import TruthImages, track_paths
 from ..types import Camera, Sequence
-from .journal import SequenceRecord
+from .writer import Writer
 
 _POINTS = 256
 
 
-class TapVid:
-    """See export.Writer."""
-
-    def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder = folder
+class TapVid(Writer):
+    """See `Writer`."""
 
     def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta, s = sequence.meta, sequence.state
@@ -47,19 +42,10 @@ class TapVid:
             image, visible = _follow_parts(sequence)
         points = (np.nan_to_num(image) + 0.5) / [meta.width, meta.height]
         points = np.where(np.isfinite(image), points, 0.0).swapaxes(0, 1).astype(np.float32)
-        with (self._folder / f"{archive.path.stem}.npz").open("wb") as file:
+        with (self.folder / f"{archive.path.stem}.npz").open("wb") as file:
             np.savez_compressed(file, video=np.asarray(sequence.rgb[:]), points=points,
                                 occluded=~visible.T)
         return {}
-
-    def keep(self, record: SequenceRecord) -> None:
-        pass
-
-    def finish(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
 
 
 def _follow_parts(sequence: Sequence) -> tuple[Array, NDArray[np.bool_]]:

@@ -18,20 +18,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dataset import Dataset, member_names
+from ..dataset import Dataset, image_member, image_times
 from ..runtime import Archive, dump_json
 from ..types import Sequence
-from .journal import SequenceRecord
+from .writer import SequenceRecord, Writer
 
 SHARD = 1000
 """Frames."""
 
 
-class WebDataset:
-    """See export.Writer."""
+class WebDataset(Writer):
+    """See `Writer`."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder, self._name = folder, dataset.path.absolute().name
+        super().__init__(folder, dataset)
+        self._name = dataset.path.absolute().name
         self._tar: tarfile.TarFile | None = None
         self._frames = 0
         """In all shards."""
@@ -39,7 +40,7 @@ class WebDataset:
         """Bytes of the shard that is not full yet, without the mark of its end."""
 
     def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
-        members = member_names(len(sequence), sequence.meta.layers)
+        images = image_times(len(sequence), sequence.meta.layers)
         frames, size = self._frames, self._size
         for t in range(len(sequence)):
             if self._tar is None:
@@ -48,9 +49,9 @@ class WebDataset:
             key = f"{name}_{t:06d}"
             facts = {"sequence": name, **frame_facts(sequence, t)}
             _add(self._tar, f"{key}.json", dump_json(facts))
-            for kind, names in members.items():
-                if (name := f"{kind}/{t:06d}.png") in names:
-                    _add(self._tar, f"{key}.{kind}.png", archive.read(name))
+            for kind, times in images.items():
+                if t in times:
+                    _add(self._tar, f"{key}.{kind}.png", archive.read(image_member(kind, t)))
             frames += 1
             size = self._tar.offset
             if frames % SHARD == 0:
@@ -77,7 +78,7 @@ class WebDataset:
 
     def _shard(self, frames: int, size: int) -> tarfile.TarFile:
         """The shard of the frame with that number; it is truncated to `size` bytes."""
-        path = self._folder / f"{self._name}-{frames // SHARD:06d}.tar"
+        path = self.folder / f"{self._name}-{frames // SHARD:06d}.tar"
         file = path.open("r+b" if size else "wb")
         file.truncate(size)
         file.seek(size)

@@ -20,9 +20,9 @@ import pytest
 import trimesh
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
-from gcbench.renderer.dataset.reader import Dataset
+from gcbench.renderer.dataset.reader import Dataset, select_sequences
 from gcbench.renderer.export import kitti as export_kitti
-from gcbench.renderer.export.driver import WRITERS, export_dataset, select_sequences
+from gcbench.renderer.export.driver import WRITERS, export_dataset
 from gcbench.renderer.export.webdataset import known
 from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.runtime.zip_archive import Archive, open_archive
