@@ -41,8 +41,8 @@ def dump_state(state: State, meta: Meta) -> bytes:
         raise RenderError(f"the state of {meta.frames} frames takes {size} bytes, more than "
                           f"{MAX_STATE}; render fewer frames or parts")
     for key, expected in arrays.items():
-        value = getattr(state, key)
-        if value is None or np.shape(value) != expected.shape:
+        value: Any = getattr(state, key)
+        if np.shape(value) != expected.shape:
             raise ValueError(f"{key} has shape {np.shape(value)}, expected {expected.shape}")
         archive.add(f"{key}.npy", dump_npy(np.asarray(value, expected.dtype)))
     archive.close()
