@@ -257,9 +257,9 @@ def _open_folder(out: Path) -> Generator[None]:
             yield
         finally:
             if created and not sequence_paths(out):
-                for file in (out / FILE, out / LOCK):
+                for file in (out / DATASET_FILE, out / LOCK):
                     file.unlink(missing_ok=True)
-                for folder in (out / FOLDER, *created):
+                for folder in (out / SEQUENCES_FOLDER, *created):
                     with suppress(OSError):  # something else is in it
                         folder.rmdir()
 
