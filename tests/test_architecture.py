@@ -49,7 +49,8 @@ LAYERS = {
     "robots": (
         "geometry",
         "model",
-        "motion files",
+        "files",
+        "motion",
         "meshes appliances",
         "urdf gltf generated",
         "catalog",

@@ -153,7 +153,7 @@ def animation_times(times: Array, start: float, duration: float) -> Array:
 
 def _hulls(model: ArticulatedModel) -> list[tuple[int, Array]]:
     """Return the convex hull vertices [N 3] m of each part in its frame, for bounding boxes."""
-    return [
-        (part, hull_vertices(np.concatenate([v.vertices for v in model.visuals if v.part == part])))
-        for part in sorted({v.part for v in model.visuals})
-    ]
+    by_part: dict[int, list[Array]] = {}
+    for visual in model.visuals:
+        by_part.setdefault(visual.part, []).append(visual.vertices)
+    return [(part, hull_vertices(np.concatenate(by_part[part]))) for part in sorted(by_part)]

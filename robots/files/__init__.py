@@ -1,4 +1,4 @@
-"""Files: bounded reads, atomic writes, locks, asset paths inside a model, XML, downloads."""
+"""Files: bounded reads, atomic writes, locks, asset paths in a model, XML, progress, downloads."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ from .paths import (
     MissingAssetError,
     asset_finder,
 )
+from .progress import show_progress
 from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
     "BUFFERS", "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
     "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_folder_atomically",
     "lock_folder", "new_element", "parse_xml", "read_bounded", "refuse_doctype",
-    "remove_leftovers", "replace_atomically", "temporary_name", "write_atomically", "xml_bytes",
+    "remove_leftovers", "replace_atomically", "show_progress", "temporary_name", "write_atomically",
+    "xml_bytes",
 ]

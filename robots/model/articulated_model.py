@@ -144,7 +144,7 @@ class ArticulatedModel:
             notes=tuple(f"joint {joints[p].name!r} mimics {drivers[p].joint!r}, "
                         "which does not move it: frozen" for p in frozen))
 
-    @property
+    @cached_property
     def joint_types(self) -> tuple[JointType, ...]:
         """[J] of the independent joints."""
         return tuple(self.part_joint_types[child] for child in self.joint_child)

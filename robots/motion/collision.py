@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import Array, apply
+from ...errors import ModelError
+from ..files import show_progress
+from ..geometry import Array
 from ..model import ArticulatedModel
 from .floor_contact import FLOOR_TOLERANCE, RigidGroups, ground_height, random_poses, rest_poses
 
 __all__ = ["GROUND", "CollisionChecker", "Contact", "ground_height"]
 
 GROUND = "the ground"
+MAX_TESTS = 1_000_000
+"""Limit on the exact tests of a model's pairs of bodies in the 51 poses that tell which count."""
 _ALWAYS = 0.95
+_MARGIN = 1e-6  # m around the boxes, more than their rounding
 
 
 @dataclass(frozen=True)
@@ -37,25 +42,28 @@ class CollisionChecker:
     Which pairs of groups count follows the rule of MoveIt's setup assistant: not the ones that a
     joint joins (through groups without a surface, too), not the ones that touch in the rest pose
     (all joints at zero, or at the limit nearest to it), and not the ones that touch in at least
-    95 % of 50 random configurations. What is left out so is a matter of the meshes (covers that
-    overlap), not of the motion. Meshes are not simplified, for nothing would be won: 15 frames of
-    an arm of 100,000 triangles take milliseconds. Surfaces are tested, not volumes: a group
-    that lies whole inside another one, without crossing it, is not found. Nothing is tested
-    between frames. To be built once for a model; between calls it holds only what it has built of
-    the groups that came near each other.
+    95 % of 50 random configurations. Such contacts come from the meshes (covers that overlap), not
+    from the motion. Meshes are not simplified: 15 frames of an arm of 100,000 triangles take
+    milliseconds. The test is of surfaces, not volumes: a group that lies whole inside another one,
+    without crossing it, is not found. Nothing is tested between frames.
+
+    Build it once for a model. It keeps the trees of the groups that came near each other.
+
+    Raises:
+        ModelError: If more than MAX_TESTS pairs are near each other in these 51 poses.
     """
 
     def __init__(self, model: ArticulatedModel) -> None:
         self.model = model
         self.groups = RigidGroups(model)
         self._bodies: dict[int, Any] = {}
-        self._centres = {group: (hull.min(0) + hull.max(0)) / 2.0 for group, hull
-                         in zip(self.groups.surfaces, self.groups.hulls, strict=True)}
-        self._radii = {group: float(np.linalg.norm(hull - self._centres[group], axis=1).max())
-                       for group, hull
-                       in zip(self.groups.surfaces, self.groups.hulls, strict=True)}
-        self.pairs = self._pairs_that_count()
-        """Pairs of groups, each named by the index of its first part."""
+        self._numbers = np.array(list(self.groups.surfaces), np.int64)
+        boxes = np.array([(hull.min(0), hull.max(0)) for hull in self.groups.hulls])
+        low, high = boxes.reshape(-1, 2, 3).swapaxes(0, 1)
+        self._middle, self._half = (low + high) / 2.0, (high - low) / 2.0
+        self.ignored = {(self._towards_base(group), group) for group in self.groups.surfaces}
+        """Pairs of groups whose contact does not count, named by their first parts, in order."""
+        self._ignore_usual_contacts()
 
     def touches(self, world_from_part: ArrayLike, floor_z: float | None) -> bool:
         """Return whether the model at poses [P 4 4] touches itself or the ground at floor_z (m)."""
@@ -76,7 +84,7 @@ class CollisionChecker:
             for i, group in enumerate(self.groups.surfaces):
                 if below[t, i] and group != self.groups.group[0]:
                     return Contact(t, names[group], GROUND)
-            for a, b in self._touching(frame, self.pairs):
+            for a, b in self._touching(frame, self._near(frame)):
                 return Contact(t, names[a], names[b])
         return None
 
@@ -84,14 +92,22 @@ class CollisionChecker:
         """See RigidGroups.ground_height; [T P 4 4]."""
         return self.groups.ground_height(world_from_part)
 
-    def _touching(self, poses: Array, pairs: list[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    def _near(self, poses: Array) -> list[tuple[int, int]]:
+        """Return the pairs that count and whose boxes overlap at poses [P 4 4], in order."""
+        frames = poses[self._numbers]
+        middle = (frames[:, :3, :3] @ self._middle[:, :, None])[:, :, 0] + frames[:, :3, 3]
+        reach = (np.abs(frames[:, :3, :3]) @ self._half[:, :, None])[:, :, 0] + _MARGIN
+        pairs = self._numbers[overlapping_boxes(middle - reach, middle + reach)]
+        return [(a, b) for a, b in pairs.tolist() if (a, b) not in self.ignored]
+
+    def _touching(
+        self, poses: Array, pairs: Iterable[tuple[int, int]]
+    ) -> Iterator[tuple[int, int]]:
+        """Yield the pairs whose triangles intersect at poses [P 4 4]."""
         import fcl
 
-        centres = {g: apply(poses[g], c[None])[0] for g, c in self._centres.items()}
         placed = set[int]()
         for a, b in pairs:
-            if np.linalg.norm(centres[a] - centres[b]) > self._radii[a] + self._radii[b]:
-                continue
             for group in {a, b} - placed:
                 if group not in self._bodies:  # of a large mesh it takes seconds
                     self._bodies[group] = _body(*self.groups.surfaces[group])
@@ -102,17 +118,24 @@ class CollisionChecker:
                            fcl.CollisionRequest(), fcl.CollisionResult()):
                 yield a, b
 
-    def _pairs_that_count(self) -> list[tuple[int, int]]:
-        joined = {(self._towards_base(group), group) for group in self.groups.surfaces}
-        pairs = [pair for pair in combinations(self.groups.surfaces, 2) if pair not in joined]
-        at_rest = set(self._touching(rest_poses(self.model), pairs))
-        pairs = [pair for pair in pairs if pair not in at_rest]
+    def _ignore_usual_contacts(self) -> None:
+        """Ignore the pairs that touch at rest or in most random configurations."""
         configurations = random_poses(self.model)
-        often = dict.fromkeys(pairs, 0)
-        for poses in configurations:
-            for pair in self._touching(poses, pairs):
-                often[pair] += 1
-        return [pair for pair in pairs if often[pair] < _ALWAYS * len(configurations)]
+        often = Counter[tuple[int, int]]()
+        tests = 0
+        for k, poses in enumerate(show_progress([rest_poses(self.model), *configurations],
+                                                "testing for contact")):
+            near = self._near(poses)
+            tests += len(near)
+            if tests > MAX_TESTS:
+                raise ModelError(
+                    f"{self.model.name}: more than {MAX_TESTS} pairs of its {len(self._numbers)} "
+                    "moving bodies are near each other, too many to test for contact; join bodies "
+                    "by fixed joints")
+            touching = self._touching(poses, near)
+            often.update(touching) if k else self.ignored.update(touching)
+        least = _ALWAYS * len(configurations)
+        self.ignored |= {pair for pair, count in often.items() if count >= least}
 
     def _towards_base(self, group: int) -> int:
         """The nearest group towards the base that has a surface, or -1."""
@@ -130,3 +153,28 @@ def _body(vertices: Array, faces: NDArray[np.int32]) -> Any:
     mesh.addSubModel(vertices, faces)
     mesh.endModel()
     return fcl.CollisionObject(mesh)
+
+
+def overlapping_boxes(low: Array, high: Array) -> NDArray[np.int64]:
+    """Return the pairs [N 2], first < second, sorted, of boxes [G 3] that overlap.
+
+    A sweep along the axis on which the fewest intervals overlap.
+    """
+    if len(low) < 2:
+        return np.zeros((0, 2), np.int64)
+    numbers = np.arange(len(low))
+    sweeps: list[tuple[int, NDArray[np.int64], NDArray[np.int64]]] = []
+    for axis in range(3):
+        order = np.argsort(low[:, axis], kind="stable")
+        ends = np.searchsorted(low[order, axis], high[order, axis], side="right")
+        later = ends - numbers - 1  # boxes that begin within this one
+        sweeps.append((int(later.sum()), order, later))
+    _, order, later = min(sweeps, key=lambda sweep: sweep[0])
+    first = np.repeat(numbers, later)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
+    a, b = order[first], order[second]
+    for axis in range(3):
+        keep = (low[a, axis] <= high[b, axis]) & (low[b, axis] <= high[a, axis])
+        a, b = a[keep], b[keep]
+    pairs = np.stack([np.minimum(a, b), np.maximum(a, b)], axis=1)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Array, apply, hull_vertices, inverse
-from ..model import ArticulatedModel, forward_kinematics
+from ..model import ArticulatedModel, Visual, forward_kinematics
 from .trajectory import joint_window
 
 FLOOR_TOLERANCE = 1e-3
@@ -33,16 +33,17 @@ class RigidGroups:
         self.surfaces: dict[int, tuple[Array, NDArray[np.int32]]] = {}
         """Vertices [V 3] in the frame of the group's first part, and faces [F 3]."""
         rest = rest_poses(model)
-        for group in (int(g) for g in np.unique(self.group)):
-            visuals = [v for v in model.visuals
-                       if self.group[v.part] == group and len(v.faces)]
-            if visuals:
-                starts = np.cumsum([0] + [len(v.vertices) for v in visuals])
-                self.surfaces[group] = (
-                    np.concatenate([apply(inverse(rest[group]) @ rest[v.part], v.vertices)
-                                    for v in visuals]),
-                    np.concatenate([v.faces + np.int32(start)
-                                    for v, start in zip(visuals, starts, strict=False)]))
+        by_group: dict[int, list[Visual]] = {}
+        for visual in model.visuals:
+            if len(visual.faces):
+                by_group.setdefault(int(self.group[visual.part]), []).append(visual)
+        for group, visuals in sorted(by_group.items()):
+            starts = np.cumsum([0] + [len(v.vertices) for v in visuals])
+            self.surfaces[group] = (
+                np.concatenate([apply(inverse(rest[group]) @ rest[v.part], v.vertices)
+                                for v in visuals]),
+                np.concatenate([v.faces + np.int32(start)
+                                for v, start in zip(visuals, starts, strict=False)]))
 
     @cached_property
     def hulls(self) -> list[Array]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import ModelError
-from ..files import MissingAssetError
+from ..files import MissingAssetError, show_progress
 from ..geometry import Array
 from ..meshes import MeshLibrary, box, capsule, cylinder, sphere
 from ..model import (
@@ -40,7 +40,7 @@ def visuals_of_document(
     links: dict[str, Link] = {link.name: link for link in robot.links}
     visuals: list[Visual] = []
     triangles = 0
-    for part, name in enumerate(model.part_names):
+    for part, name in enumerate(show_progress(model.part_names, "reading links")):
         surfaces: list[TriangleSurface] = []
         for visual in links[name].visuals:
             shape = visual.geometry
