@@ -130,7 +130,7 @@ def decode_shares(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.f
 
 
 def shares_of_boxes(
-    coordinates: NDArray[np.float32], part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
+    coordinates: NDArray[np.floating], part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return coordinates [H W 3] m as shares of the boxes [P 2 3] m of parts [H W]."""
     low, size = _box_of(part, box)

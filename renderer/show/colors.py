@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ..dataset import codec
 from ..types import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
 
 RgbImage = NDArray[np.uint8]
@@ -91,9 +92,7 @@ def color_coordinates(
     """RGB [H W 3] of coordinates [H W 3] m on parts [H W]: each axis from 0 to full over the box
     [P 2 3] m of the part; NaN is NO_VALUE.
     """
-    boxes = np.concatenate([np.zeros((1, 2, 3)), box])[part]
-    low, size = boxes[..., 0, :], boxes[..., 1, :] - boxes[..., 0, :]
-    share = np.nan_to_num(coordinates - low) / np.where(size > 0, size, 1.0)
+    share = np.nan_to_num(codec.shares_of_boxes(coordinates, part, box))
     colors = np.rint(np.clip(share, 0.0, 1.0) * 255).astype(np.uint8)
     colors[~np.isfinite(coordinates).all(axis=-1)] = NO_VALUE
     return colors

@@ -19,8 +19,8 @@ _HEADINGS = {
     "motion": "own flow, px per step",
 }
 """Headings of the values in `meta.observability`; `displacement` is the column `total`."""
-_LONGEST = 600
-"""Characters of one value; the raw metadata below the tables are longer."""
+_LONGEST, _LONGEST_RAW = 600, 200_000
+"""Characters of one value, and of the raw metadata below the tables."""
 
 
 def joint_table(meta: Meta, state: State) -> dict[str, list[Any]]:
@@ -60,7 +60,7 @@ def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
     camera = drawn.pop("camera", {})
     for said_elsewhere in ("vertical_fov_deg", "world_from_cam", "materials"):
         drawn.pop(said_elsewhere, None)  # by the camera's rows, or too long but for the raw data
-    raw = {name: getattr(meta, name) for name in meta.__dataclass_fields__}
+    raw = json.dumps(vars(meta), indent=1, default=_plain)[:_LONGEST_RAW]
     sequence: _Rows = [
         ("name", meta.name), ("seed / index", f"{meta.seed} / {meta.index}"),
         ("frames", f"{meta.frames}, {_seconds(state)}"),
@@ -77,7 +77,7 @@ def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
         ("Renderer", flatten(meta.renderer)),
     ]
     tables: list[dict[str, Any]] = [{"title": title, "rows": rows} for title, rows in out if rows]
-    return [*tables, {"title": "Raw metadata", "raw": json.dumps(to_json(raw), indent=1)[:200_000]}]
+    return [*tables, {"title": "Raw metadata", "raw": raw}]
 
 
 def camera_rows(meta: Meta, state: State) -> _Rows:
@@ -154,17 +154,11 @@ def format_value(value: Any) -> str:
     return shown if len(shown) <= _LONGEST else shown[:_LONGEST] + " …"
 
 
-def to_json(value: Any) -> Any:
-    """JSON values of mappings, sequences and NumPy values; NaN and infinities become text."""
-    if isinstance(value, Mapping):
-        return {str(k): to_json(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [to_json(v) for v in value]
+def _plain(value: Any) -> Any:
+    """What json.dumps does not know: NumPy values, other mappings, and anything else as text."""
     if isinstance(value, (np.ndarray, np.generic)):
-        return to_json(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
+        return value.tolist()
+    return dict(value) if isinstance(value, Mapping) else str(value)
 
 
 def _seconds(state: State) -> str:

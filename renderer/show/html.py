@@ -13,6 +13,7 @@ from typing import Any
 from ...errors import RenderError
 
 _MAX_BYTES = 256 * 2**20  # browsers refuse strings of 512 MiB
+_SHARED = Path(__file__).parent
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 
@@ -24,14 +25,17 @@ def render_page(template: Path, data: Mapping[str, Any]) -> str:
     security policy admits this one script, by its hash, and no network address.
 
     Args:
-        template: HTML with one inline `<script>` and the words SCRIPT_SHA256 (in the policy) and
-            PAGE_DATA (in an element of type application/json).
+        template: HTML with one inline `<script>` and the words SCRIPT_SHA256 (in the policy),
+            PAGE_DATA (in an element of type application/json), and, as comments, PAGE_STYLE and
+            PAGE_SCRIPT, for what all pages share.
         data: JSON values; numbers must be finite.
 
     Raises:
         RenderError: the data exceed 256 MiB.
     """
     html = template.read_text(encoding="utf-8")
+    for marker, name in (("/* PAGE_STYLE */", "page.css"), ("// PAGE_SCRIPT", "page.js")):
+        html = html.replace(marker, (_SHARED / name).read_text(encoding="utf-8"))
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     if len(text) > _MAX_BYTES:
         raise RenderError(f"the page would be larger than {_MAX_BYTES >> 20} MiB")

@@ -193,7 +193,7 @@ def test_pointer_reads_the_values_of_the_truth(page: Any) -> None:
     assert flow == pytest.approx(list(s.flow[0][v, u]), abs=0.02)
     assert page.locator("#part-legend li.at").text_content() == "upper"
     page.mouse.move(5, 5)
-    until(page, "document.getElementById('readout').textContent.startsWith('Point')")
+    until(page, "document.getElementById('readout').textContent.startsWith('Move the pointer')")
 
 
 def test_hostile_names_are_text(page: Any) -> None:
