@@ -103,7 +103,7 @@ class MotionSampler:
         posed = pose_parts(self.model, world_from_part)
         floor, touches = np.inf, False
         if self.checker:
-            floor = self.checker.ground_height(world_from_part)
+            floor = self.checker.groups.ground_height(world_from_part)
         if self._deforms:
             floor = min(floor, self._lowest(posed))
         if self.checker:

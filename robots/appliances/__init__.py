@@ -15,13 +15,6 @@ from .generator import (
 )
 
 __all__ = [
-    "APPLIANCE_LICENCE",
-    "APPLIANCE_SOURCE",
-    "CATEGORIES",
-    "GENERATED",
-    "IDS",
-    "LAST_ID",
-    "appliance_folder",
-    "appliance_model",
-    "write_appliance",
+    "APPLIANCE_LICENCE", "APPLIANCE_SOURCE", "CATEGORIES", "GENERATED", "IDS", "LAST_ID",
+    "appliance_folder", "appliance_model", "write_appliance",
 ]

@@ -33,7 +33,14 @@ from .drawers import chest_of_drawers
 from .fittings import Appliance, Part
 from .microwave import microwave
 from .oven import oven
-from .partnet_export import MeshGroup, mesh_groups, round_lengths, urdf_text, write_partnet
+from .partnet_export import (
+    Mesh,
+    MeshGroup,
+    appliance_meshes,
+    round_lengths,
+    urdf_text,
+    write_partnet,
+)
 from .textures import SeededRng
 
 VERSION = 3
@@ -66,20 +73,13 @@ def design_appliance(category: str, number: int) -> Appliance:
 
 
 def appliance_model(category: str, number: int) -> ArticulatedModel:
-    """Build the model of an instance in memory.
+    """Build the model of an instance in memory; z is up, the front looks along -x.
 
     It equals the model that `robots.urdf` reads from the files of `write_appliance`, to the last
     bit: numbers have the digits of the files. Its `sha256` is that of the URDF.
-
-    Args:
-        category: One of GENERATED.
-        number: 0 to LAST_ID.
-
-    Returns:
-        The model; z is up, the front looks along -x. Lengths are in m, angles in rad.
     """
     appliance = design_appliance(category, number)
-    names, meshes = _part_names(appliance), mesh_groups(appliance)
+    names, meshes = _part_names(appliance), appliance_meshes(appliance)
     links = [Link("base")]
     for k, part in enumerate(appliance.parts):
         parent, pose, joint = "base", _BASE_FROM_BODY, Joint()
@@ -95,30 +95,17 @@ def appliance_model(category: str, number: int) -> ArticulatedModel:
     model = ArticulatedModel.from_links(f"{category}:{number}", links)
     said = ", ".join(f"link_{k} is {name}" for k, name in enumerate(names))
     return replace(model, source=APPLIANCE_SOURCE, licence=APPLIANCE_LICENCE,
-                   sha256=hashlib.sha256(urdf_text(appliance).encode()).hexdigest(),
+                   sha256=hashlib.sha256(urdf_text(appliance, meshes).encode()).hexdigest(),
                    notes=(f"named by semantics.txt: {said}",))
 
 
 def write_appliance(category: str, number: int, folder: Path) -> None:
-    """Write an instance in the layout of PartNet-Mobility, in m, into an empty folder.
-
-    The files are the same bytes on every machine: `mobility.urdf` with OBJ meshes, their
-    materials and images, `semantics.txt` and the JSON files of PartNet-Mobility.
-
-    Args:
-        category: One of GENERATED.
-        number: 0 to LAST_ID.
-        folder: Folder to write into.
-    """
+    """Write an instance in the layout of PartNet-Mobility, in m, into an empty folder."""
     write_partnet(design_appliance(category, number), folder)
 
 
 def appliance_folder(category: str, number: int) -> Path:
-    """Return the folder of an instance's files in the cache; write it first if it is not there.
-
-    Raises:
-        GcbenchError: The cache cannot be written.
-    """
+    """Return the folder of an instance's files in the cache; write it first if it is not there."""
     target = cache_folder() / "appliances" / f"{category}-v{VERSION}" / f"{number:06d}"
     return create_folder_atomically(
         target, f"{category}:{number}", lambda folder: write_appliance(category, number, folder))
@@ -133,12 +120,10 @@ def _part_names(appliance: Appliance) -> list[str]:
     return names
 
 
-def _part_surfaces(
-    part: Part, meshes: Sequence[Sequence[MeshGroup]]
-) -> tuple[TriangleSurface, ...]:
+def _part_surfaces(part: Part, meshes: Sequence[Mesh]) -> tuple[TriangleSurface, ...]:
     """Surfaces of a part in its own frame, in the order in which trimesh reads an OBJ's groups."""
     pose = transform(translation=round_lengths(-np.array(part.origin)))
-    found = [_surface(group) for groups in meshes for group in reversed(groups)]
+    found = [_surface(group) for mesh in meshes for group in reversed(mesh.groups)]
     # the reader of URDFs moves a surface by its scale, then by its origin; each step rounds
     return tuple(move_surface(move_surface(s, np.eye(4)), pose) for s in found if s is not None)
 
@@ -154,9 +139,7 @@ def _surface(group: MeshGroup) -> TriangleSurface | None:
 
 
 def _material(group: MeshGroup) -> Material:
-    finish = group.finish
-    color: list[float] = [1.0] * 3
-    texture = None
+    finish, color, texture = group.finish, [1.0] * 3, None
     if finish.image is None:
         color = [round(value / 255.0, 4) for value in finish.color]
     else:

@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,6 @@ _DIGITS = 5
 class MeshGroup:
     """Triangles of one finish, with the digits that the files have."""
 
-    name: str
-    """Name of the shape."""
     material: str
     finish: Finish
     vertices: Array
@@ -47,33 +46,45 @@ class MeshGroup:
     """[F 3 2] indices (vertex, normal), or [F 3 3] (vertex, uv, normal)."""
 
 
-def mesh_groups(appliance: Appliance) -> list[list[list[MeshGroup]]]:
-    """Return the meshes of each part, one for each name of a shape, in one group per finish."""
-    out, count = list[list[list[MeshGroup]]](), 0
+@dataclass(frozen=True)
+class Mesh:
+    """The shapes of one name of a part, in one group per finish."""
+
+    name: str
+    number: int
+    """Of the OBJ: counted over all parts."""
+    groups: tuple[MeshGroup, ...]
+
+
+def appliance_meshes(appliance: Appliance) -> list[list[Mesh]]:
+    """Return the meshes of each part."""
+    out, number = list[list[Mesh]](), 0
     for part in appliance.parts:
         out.append([])
         for name in dict.fromkeys(shape.name for shape in part.shapes):
-            shapes = [shape for shape in part.shapes if shape.name == name]
-            finishes = dict.fromkeys(shape.finish.name for shape in shapes)
-            out[-1].append([
-                _mesh_group([s for s in shapes if s.finish.name == finish], f"material_{count}_{k}")
-                for k, finish in enumerate(finishes)])
-            count += 1
+            finishes: dict[str, list[Shape]] = {}
+            for shape in part.shapes:
+                if shape.name == name:
+                    finishes.setdefault(shape.finish.name, []).append(shape)
+            out[-1].append(Mesh(name, number, tuple(
+                _mesh_group(shapes, f"material_{number}_{k}")
+                for k, shapes in enumerate(finishes.values()))))
+            number += 1
     return out
 
 
-def urdf_text(appliance: Appliance) -> str:
-    """Return the URDF of an appliance; its mesh files are numbered in the order of the parts."""
+def urdf_text(appliance: Appliance, meshes: Sequence[Sequence[Mesh]]) -> str:
+    """Return the URDF of an appliance."""
     name = hashlib.sha256(f"{appliance.category} {appliance.number}".encode()).hexdigest()[:32]
     out = ['<?xml version="1.0" ?>', f'<robot name="partnet_{name}">', '\t<link name="base"/>']
-    for k, (part, meshes) in enumerate(zip(appliance.parts, _mesh_numbers(appliance), strict=True)):
+    for k, part in enumerate(appliance.parts):
         out.append(f'\t<link name="link_{k}">')
         place = _vector(-np.array(part.origin))
         for tag in ("visual", "collision"):
-            for role, number in meshes:
-                named = f' name="{role}-{number}"' if tag == "visual" else ""
+            for mesh in meshes[k]:
+                named = f' name="{mesh.name}-{mesh.number}"' if tag == "visual" else ""
                 out += [f"\t\t<{tag}{named}>", f'\t\t\t<origin xyz="{place}"/>', "\t\t\t<geometry>",
-                        f'\t\t\t\t<mesh filename="textured_objs/original-{number}.obj"/>',
+                        f'\t\t\t\t<mesh filename="textured_objs/original-{mesh.number}.obj"/>',
                         "\t\t\t</geometry>", f"\t\t</{tag}>"]
         out.append("\t</link>")
     for k, part in enumerate(appliance.parts[1:], 1):
@@ -98,12 +109,12 @@ def write_partnet(appliance: Appliance, folder: Path) -> None:
     for name in ("textured_objs", "images"):
         (folder / name).mkdir(parents=True)
     images: dict[bytes, int] = {}
-    meshes = [groups for part in mesh_groups(appliance) for groups in part]
-    for number, groups in enumerate(meshes):
-        _write_mesh(folder, number, groups, images)
+    meshes = appliance_meshes(appliance)
+    for mesh in chain.from_iterable(meshes):
+        _write_mesh(folder, mesh, images)
     for data, number in images.items():
         (folder / "images" / f"texture_{number}.png").write_bytes(data)
-    _write(folder / "mobility.urdf", urdf_text(appliance))
+    _write(folder / "mobility.urdf", urdf_text(appliance, meshes))
     _write(folder / "semantics.txt", "\n".join(
         f"link_{k} {_WORDS[part.joint] if k else 'heavy'} {part.role}"
         for k, part in enumerate(appliance.parts)) + "\n")
@@ -114,10 +125,9 @@ def write_partnet(appliance: Appliance, folder: Path) -> None:
         "model_id": f"{appliance.category.lower()}-{appliance.number}",
         "anno_id": str(appliance.number), "user_id": "gcbench", "time_in_sec": 0, "version": "1",
         "model_cat": appliance.category})
-    _write_json(folder / "mobility_v2.json", _mobility(appliance))
-    tree = _part_tree(appliance)
-    _write_json(folder / "result.json", tree)
-    _write_json(folder / "result_after_merging.json", tree)
+    _write_json(folder / "mobility_v2.json", _mobility(appliance, meshes))
+    for name in ("result.json", "result_after_merging.json"):
+        _write_json(folder / name, _part_tree(appliance, meshes))
 
 
 def round_lengths(values: Array) -> Array:
@@ -137,7 +147,7 @@ def _mesh_group(shapes: Sequence[Shape], material: str) -> MeshGroup:
     corners.append(normal[solid.faces])
     # corners without radius have triangles without area
     kept = (corners[0] != np.roll(corners[0], 1, axis=1)).all(1)
-    return MeshGroup(shapes[0].name, material, finish, vertices, normals, uv,
+    return MeshGroup(material, finish, vertices, normals, uv,
                      np.stack(corners, axis=-1)[kept])
 
 
@@ -159,22 +169,21 @@ def _texture_coordinates(solid: Solid, tile: float) -> tuple[Array, NDArray[np.i
     return uv.reshape(-1, 2), np.arange(3 * len(p), dtype=np.int64).reshape(-1, 3)
 
 
-def _write_mesh(
-    folder: Path, number: int, groups: Sequence[MeshGroup], images: dict[bytes, int]
-) -> None:
+def _write_mesh(folder: Path, mesh: Mesh, images: dict[bytes, int]) -> None:
     """Write an OBJ and its MTL; new images are numbered."""
-    lines, materials = [f"mtllib original-{number}.mtl"], list[str]()
+    path = folder / "textured_objs" / f"original-{mesh.number}.obj"
+    lines, materials = [f"mtllib {path.stem}.mtl"], list[str]()
     counts = {"v": 1, "vt": 1, "vn": 1}  # OBJ numbers from 1
-    for k, group in enumerate(groups):
+    for k, group in enumerate(mesh.groups):
         red, green, blue = (value / 255.0 for value in group.finish.color)
         materials += [f"newmtl {group.material}", f"Kd {red:.4f} {green:.4f} {blue:.4f}",
                       "Ka 0 0 0", "Ks 0.2 0.2 0.2", "Ns 40", f"d {group.finish.opacity:.3g}"]
         if group.finish.image is not None:
             image = images.setdefault(encode_png(group.finish.image), len(images))
             materials.append(f"map_Kd ../images/texture_{image}.png")
-        lines += [f"g {group.name}-{k}", f"usemtl {group.material}", *_obj_lines(group, counts)]
-    _write(folder / "textured_objs" / f"original-{number}.obj", "\n".join(lines) + "\n")
-    _write(folder / "textured_objs" / f"original-{number}.mtl", "\n".join(materials) + "\n")
+        lines += [f"g {mesh.name}-{k}", f"usemtl {group.material}", *_obj_lines(group, counts)]
+    _write(path, "\n".join(lines) + "\n")
+    _write(path.with_suffix(".mtl"), "\n".join(materials) + "\n")
 
 
 def _obj_lines(group: MeshGroup, counts: dict[str, int]) -> list[str]:
@@ -193,19 +202,9 @@ def _obj_lines(group: MeshGroup, counts: dict[str, int]) -> list[str]:
                       for face in corners.tolist())]
 
 
-def _mesh_numbers(appliance: Appliance) -> list[list[tuple[str, int]]]:
-    """(Name of a mesh, number of its OBJ) of each part."""
-    out, count = list[list[tuple[str, int]]](), 0
-    for part in appliance.parts:
-        names = list(dict.fromkeys(shape.name for shape in part.shapes))
-        out.append([(name, count + k) for k, name in enumerate(names)])
-        count += len(names)
-    return out
-
-
-def _mobility(appliance: Appliance) -> list[dict[str, Any]]:
+def _mobility(appliance: Appliance, meshes: Sequence[Sequence[Mesh]]) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
-    for k, (part, meshes) in enumerate(zip(appliance.parts, _mesh_numbers(appliance), strict=True)):
+    for k, part in enumerate(appliance.parts):
         data: dict[str, Any] = {}
         if part.joint is not JointType.FIXED:
             low, high = part.limits
@@ -217,23 +216,20 @@ def _mobility(appliance: Appliance) -> list[dict[str, Any]]:
         out.append({
             "id": k, "parent": part.parent if k else -1,
             "joint": _WORDS[part.joint] if k else "heavy", "name": part.role,
-            "parts": [{"id": n, "name": role, "children": []} for role, n in meshes],
+            "parts": [{"id": m.number, "name": m.name, "children": []} for m in meshes[k]],
             "jointData": data})
     return out
 
 
-def _part_tree(appliance: Appliance) -> list[dict[str, Any]]:
-    numbers = _mesh_numbers(appliance)
-    number = sum(map(len, numbers)) + 1  # leaves have the numbers of their meshes
-    children: list[dict[str, Any]] = []
-    for part, meshes in zip(appliance.parts, numbers, strict=True):
-        leaves = [{"id": n, "name": role, "text": role.replace("_", " ").title(),
-                   "objs": [f"original-{n}"]} for role, n in meshes]
-        children.append({"id": number, "name": part.role, "text": part.role.title(),
-                         "children": leaves})
-        number += 1
-    name = appliance.category.lower()
-    return [{"id": number, "name": name, "text": appliance.category, "children": children}]
+def _part_tree(appliance: Appliance, meshes: Sequence[Sequence[Mesh]]) -> list[dict[str, Any]]:
+    first = sum(map(len, meshes)) + 1  # leaves have the numbers of their meshes
+    children = [
+        {"id": first + k, "name": part.role, "text": part.role.title(), "children": [
+            {"id": m.number, "name": m.name, "text": m.name.replace("_", " ").title(),
+             "objs": [f"original-{m.number}"]} for m in meshes[k]]}
+        for k, part in enumerate(appliance.parts)]
+    return [{"id": first + len(children), "name": appliance.category.lower(),
+             "text": appliance.category, "children": children}]
 
 
 def _vector(values: Array) -> str:

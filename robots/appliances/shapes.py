@@ -8,7 +8,7 @@ last bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,6 +113,32 @@ def ring(outline: tuple[Array, Array], z: float, out: float = 1.0, up: float = 0
 
 _EDGE = 3
 """Facets of a rounded edge."""
+_STEPS = np.linspace(0.0, 90.0, _EDGE + 1)
+
+
+def _front_edge(
+    outline: Callable[[float], tuple[Array, Array]], z: float, edge: float
+) -> list[Ring]:
+    """Rings from the side of a solid to its front at z; `outline` is inset by the radius `edge`."""
+    return [ring(outline(edge * (1 - c)), z - edge * (1 - s), c, s)
+            for c, s in zip(cosine(_STEPS), sine(_STEPS), strict=True)] if edge > 0 else \
+        [ring(outline(0.0), z)]
+
+
+def _back_edge(
+    outline: Callable[[float], tuple[Array, Array]], z: float, edge: float
+) -> list[Ring]:
+    """The same from the back at z to the side."""
+    return [ring(outline(edge * (1 - c)), z + edge * (1 - s), c, -s)
+            for c, s in zip(sine(_STEPS), cosine(_STEPS), strict=True)] if edge > 0 else \
+        [ring(outline(0.0), z)]
+
+
+def _inset_rectangle(
+    width: float, height: float, radius: float
+) -> Callable[[float], tuple[Array, Array]]:
+    return lambda inset: rounded_rectangle(
+        width - 2 * inset, height - 2 * inset, max(radius - inset, 0.0))
 
 
 def slab(width: float, height: float, z: tuple[float, float], radius: float = 0.0,
@@ -121,21 +147,8 @@ def slab(width: float, height: float, z: tuple[float, float], radius: float = 0.
 
     `radius` rounds its corners, `edge` and `back_edge` the edges around its front and its back.
     """
-    def outline(inset: float) -> tuple[Array, Array]:
-        return rounded_rectangle(width - 2 * inset, height - 2 * inset, max(radius - inset, 0.0))
-
-    rings: list[Ring] = []
-    steps = np.linspace(0.0, 90.0, _EDGE + 1)
-    if back_edge > 0:
-        rings += [ring(outline(back_edge * (1 - c)), z[0] + back_edge * (1 - s), c, -s)
-                  for c, s in zip(sine(steps), cosine(steps), strict=True)]
-    else:
-        rings.append(ring(outline(0.0), z[0]))
-    if edge > 0:
-        rings += [ring(outline(edge * (1 - c)), z[1] - edge * (1 - s), c, s)
-                  for c, s in zip(cosine(steps), sine(steps), strict=True)]
-    else:
-        rings.append(ring(outline(0.0), z[1]))
+    outline = _inset_rectangle(width, height, radius)
+    rings = _back_edge(outline, z[0], back_edge) + _front_edge(outline, z[1], edge)
     return loft(rings, first_cap=True, last_cap=True)
 
 
@@ -160,29 +173,17 @@ class Hole:
 def frame(width: float, height: float, hole: Hole, z: tuple[float, float], radius: float = 0.0,
           edge: float = 0.0) -> Solid:
     """Return a plate like `slab` with a hole."""
-    def outer(inset: float) -> tuple[Array, Array]:
-        return rounded_rectangle(width - 2 * inset, height - 2 * inset, max(radius - inset, 0.0))
-
-    inner = hole.outline()
-    steps = np.linspace(0.0, 90.0, _EDGE + 1)
-    rings = [ring(outer(0.0), z[0], 0.0, -1.0), ring(outer(0.0), z[0])]
-    if edge > 0:
-        rings += [ring(outer(edge * (1 - c)), z[1] - edge * (1 - s), c, s)
-                  for c, s in zip(cosine(steps), sine(steps), strict=True)]
-    else:
-        rings.append(ring(outer(0.0), z[1]))
-    rings += [ring(outer(edge), z[1], 0.0, 1.0), ring(inner, z[1], 0.0, 1.0), ring(inner, z[1]),
-              ring(inner, z[0]), ring(inner, z[0], 0.0, -1.0)]
-    return loft(rings, closed=True)
+    outer, inner = _inset_rectangle(width, height, radius), hole.outline()
+    return loft([ring(outer(0.0), z[0], 0.0, -1.0), ring(outer(0.0), z[0]),
+                 *_front_edge(outer, z[1], edge), ring(outer(edge), z[1], 0.0, 1.0),
+                 ring(inner, z[1], 0.0, 1.0), ring(inner, z[1]), ring(inner, z[0]),
+                 ring(inner, z[0], 0.0, -1.0)], closed=True)
 
 
 def shell(width: float, height: float, z: tuple[float, float], hole: Hole, radius: float,
           edge: float) -> Solid:
     """Return the outside of a box and its front around a hole, where a `cavity` belongs."""
-    steps = np.linspace(0.0, 90.0, _EDGE + 1)
-    back = [ring(rounded_rectangle(width - 2 * edge * (1 - c), height - 2 * edge * (1 - c),
-                                   max(radius - edge * (1 - c), 0.0)), z[0] + edge * (1 - s), c, -s)
-            for c, s in zip(sine(steps), cosine(steps), strict=True)]
+    back = _back_edge(_inset_rectangle(width, height, radius), z[0], edge)
     front = [Ring(b.points * [1.0, 1.0, 0.0] + [0.0, 0.0, z[1] + z[0] - b.points[0, 2]],
                   b.normals * [1.0, 1.0, -1.0]) for b in reversed(back)]
     return loft([*back, *front, ring(hole.outline(), z[1], 0.0, 1.0)], first_cap=True)
@@ -200,13 +201,8 @@ def disc(radius: float, z: tuple[float, float], edge: float = 0.0, sides: int = 
          top: float | None = None) -> Solid:
     """Return a cylinder along z, tapered to the radius `top`, its front edge rounded by `edge`."""
     last = radius if top is None else top
-    rings = [ring(circle_outline(radius, sides), z[0]),
-             ring(circle_outline(last, sides), z[1] - edge)]
-    if edge > 0:
-        steps = np.linspace(0.0, 90.0, _EDGE + 1)[1:]
-        rings += [ring(circle_outline(last - edge * (1 - c), sides), z[1] - edge * (1 - s), c, s)
-                  for c, s in zip(cosine(steps), sine(steps), strict=True)]
-    return loft(rings, first_cap=True, last_cap=True)
+    front = _front_edge(lambda inset: circle_outline(last - inset, sides), z[1], edge)
+    return loft([ring(circle_outline(radius, sides), z[0]), *front], first_cap=True, last_cap=True)
 
 
 def tube(path: ArrayLike, radius: float, normal: ArrayLike, sides: int = 10,

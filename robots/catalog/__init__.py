@@ -16,23 +16,8 @@ from .loading import is_file, load_robot, robot_urdf, scored_by_default
 from .names import instance_numbers, is_category, is_object, parse_object_name
 
 __all__ = [
-    "CATALOG",
-    "CatalogEntry",
-    "FetchedRobot",
-    "GeneratedRobot",
-    "RobotInfo",
-    "fetch_robot",
-    "find_robot",
-    "instance_numbers",
-    "is_category",
-    "is_file",
-    "is_local",
-    "is_object",
-    "list_robots",
-    "load_robot",
-    "parse_object_name",
-    "robot_folder",
-    "robot_urdf",
-    "robots_table",
+    "CATALOG", "CatalogEntry", "FetchedRobot", "GeneratedRobot", "RobotInfo", "fetch_robot",
+    "find_robot", "instance_numbers", "is_category", "is_file", "is_local", "is_object",
+    "list_robots", "load_robot", "parse_object_name", "robot_folder", "robot_urdf", "robots_table",
     "scored_by_default",
 ]

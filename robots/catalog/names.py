@@ -24,11 +24,7 @@ def is_category(name: str) -> bool:
 
 
 def parse_object_name(name: str) -> tuple[str, int]:
-    """Split the name of one object into its kind and its number.
-
-    Raises:
-        ModelError: The name is not KIND:NUMBER, or the number is out of range.
-    """
+    """Split the name of one object into its kind and its number."""
     kind, _, number = name.partition(":")
     most = LAST_ID if kind in GENERATED else 10**9
     if not re.fullmatch(r"\d{1,9}", number, re.ASCII) or int(number) > most:
@@ -38,11 +34,7 @@ def parse_object_name(name: str) -> tuple[str, int]:
 
 
 def instance_numbers(category: str, stream: str) -> range:
-    """Return the numbers of a category's instances that a stream ("test" or "train") may show.
-
-    Raises:
-        ConfigError: There is no such category.
-    """
+    """Return the numbers of a category's instances that a stream ("test" or "train") may show."""
     if category not in GENERATED:
         raise ConfigError(f"no category {category!r}; there are {', '.join(GENERATED)}")
     return IDS[stream]

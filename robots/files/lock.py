@@ -9,26 +9,21 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...errors import GcbenchError
+from ...errors import ConfigError
 
 LOCK = ".lock"
 
 
 @contextmanager
 def lock_folder(out: Path) -> Generator[None]:
-    """Lock the folder `out` for this process while the block runs.
-
-    Raises:
-        GcbenchError: If another process holds the lock.
-    """
+    """Lock the folder `out` for this process while the block runs, or raise ConfigError."""
     with (out / LOCK).open("a+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             file.seek(0)
-            raise GcbenchError(
-                f"another gcbench is writing to {out} (process {file.read(20).strip()})"
-            ) from error
+            raise ConfigError(f"another gcbench is writing to {out} (process "
+                              f"{file.read(20).strip()}); wait for it, or stop it") from error
         except OSError as error:
             # On a file system without locks two runs would only do the same work twice.
             if error.errno not in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):

@@ -48,12 +48,7 @@ class AssetFinder:
     packages: tuple[tuple[str, Path], ...] = ()
 
     def find(self, reference: str, suffixes: frozenset[str] | None = MESHES) -> Asset:
-        """Return the file that a URDF names by `reference`; `suffixes` None admits any kind.
-
-        Raises:
-            MissingAssetError: If the file does not exist.
-            ModelError: If the file may not be read.
-        """
+        """Return the file that a URDF names by `reference`; `suffixes` None admits any kind."""
         scheme, name = _split(reference)
         if suffixes is not None:
             _check_suffix(reference, name, suffixes)
@@ -180,9 +175,6 @@ def _first(reference: str, candidates: Iterable[tuple[Path, Path]]) -> Asset:
             continue  # a name that no file can have, or a loop of links
         tried[os.path.normpath(path)] = None
     if outside is not None:
-        raise ModelError(
-            f"{reference!r} leads out of the model's asset root {outside}; "
-            "give asset_root a folder that holds the model and its meshes"
-        )
-    places = ", ".join(tried)
-    raise MissingAssetError(f"{reference!r} is missing; tried {places}")
+        raise ModelError(f"{reference!r} leads out of the model's asset root {outside}; "
+                         "give asset_root a folder that holds the model and its meshes")
+    raise MissingAssetError(f"{reference!r} is missing; tried {', '.join(tried)}")

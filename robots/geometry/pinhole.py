@@ -62,13 +62,3 @@ def four_pixels(pixels: Array, height: int, width: int) -> NDArray[np.intp]:
     for k in range(4):
         np.add(rows[k // 2], columns[k % 2], out=out[k])
     return out
-
-
-def bilinear_taps(
-    pixels: Array, height: int, width: int
-) -> tuple[NDArray[np.intp], Array]:
-    """The `four_pixels` about positions (u, v) [N 2], and their bilinear weights [4 N]."""
-    at = np.where(inside_image(pixels, height, width)[:, None], pixels, 0.0)
-    du, dv = (at - np.floor(at)).T
-    weights = np.stack([y * x for y in (1 - dv, dv) for x in (1 - du, du)])
-    return four_pixels(pixels, height, width), weights

@@ -91,9 +91,6 @@ def sort_links(links: Sequence[Link], keep_order: bool = False) -> list[Link]:
     """Return the links depth first from the root, siblings in the given order.
 
     With `keep_order` the links must be in an order with parents before children, and stay in it.
-
-    Raises:
-        ModelError: If the links do not make one tree, or if names are missing or used twice.
     """
     children: dict[str, list[Link]] = {link.name: [] for link in links}
     if len(children) < len(links):

@@ -14,13 +14,8 @@ def deform_visual(
     """Return the world vertices [V 3] m and unit normals [V 3] of a visual, rigid or deforming.
 
     Normals are mapped by the cofactors of the blended matrix of their vertex, which is exact for
-    uneven and for mirroring scale.
-
-    Args:
-        visual: The visual.
-        world_from_part: [P 4 4] of one instant.
-        stretch: [P 4 4] of that instant, or None.
-        morph: [M] weights of that instant.
+    uneven and for mirroring scale. The poses [P 4 4], the stretch [P 4 4] and the morph weights
+    [M] are those of one instant.
     """
     points, normals = visual.vertices, visual.normals
     if visual.morph is not None:

@@ -33,20 +33,14 @@ class TriangleSurface:
 
 
 def clean_surface(
-    vertices: ArrayLike,
-    faces: ArrayLike,
-    normals: ArrayLike | None = None,
-    uv: ArrayLike | None = None,
-    material: Material | None = None,
+    vertices: ArrayLike, faces: ArrayLike, normals: ArrayLike | None = None,
+    uv: ArrayLike | None = None, material: Material | None = None,
     vertex_color: tuple[float, float, float, float] | None = None,
 ) -> TriangleSurface | None:
     """Return a clean surface from the arrays of a file; None if no triangle remains.
 
     Degenerate triangles and unused vertices are dropped. Normals that are absent or invalid are
     computed by crease angle.
-
-    Raises:
-        ModelError: If a number is not finite or an index is out of range.
     """
     v = np.array(vertices, np.float64).reshape(-1, 3)
     f = np.array(faces, np.int64).reshape(-1, 3)

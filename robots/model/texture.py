@@ -21,11 +21,7 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "GIF", "WEBP")
 
 
 def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
-    """Return the image [h w 3|4] sRGB of a file, row 0 on top, at most 4096 px on a side.
-
-    Raises:
-        ModelError: If `data` is no image, or a too large one; `name` begins the message.
-    """
+    """Return the image [h w 3|4] sRGB of a file, row 0 on top, at most 4096 px on a side."""
     from PIL import Image
 
     with warnings.catch_warnings():
@@ -39,11 +35,7 @@ def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
 
 
 def texture_from_image(image: Image.Image | Any, name: str) -> NDArray[np.uint8]:
-    """Return the array [h w 3|4] of a PIL image, which may still be undecoded.
-
-    Raises:
-        ModelError: If it is too large or cannot be decoded.
-    """
+    """Return the array [h w 3|4] of a PIL image, which may still be undecoded."""
     width, height = image.size
     if width * height > _MAX_PIXELS or width * height == 0:
         raise ModelError(f"{name}: image of {width} x {height} pixels; at most {_MAX_PIXELS}")

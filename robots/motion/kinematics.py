@@ -25,17 +25,11 @@ class ChainAxes:
 def fit_chain_angles(
     axes: ChainAxes, rotation: Array, information: Array, since: Array, start: Array
 ) -> Array:
-    """Return the angles whose rotations fit measured ones best, by Gauss-Newton on SO(3).
+    """Return the angles [J] rad whose rotations fit measured ones best: Gauss-Newton on SO(3).
 
-    Args:
-        axes: The chain.
-        rotation: [J 3 3] of each part, in the camera frame, since the chain had the angles `since`.
-        information: [J 3 3] of each rotation, 1/rad^2.
-        since: [J] rad.
-        start: [J] rad, the first iterate.
-
-    Returns:
-        [J] rad; the angle of a prismatic joint stays as in `start`.
+    `rotation` [J 3 3] of each part is in the camera frame, since the chain had the angles `since`
+    [J] rad; `information` [J 3 3] is in 1/rad^2. `start` [J] rad is the first iterate, in which
+    the angles of prismatic joints stay.
     """
     joints = len(axes.parent)
     before = chain_rotations(axes, since)

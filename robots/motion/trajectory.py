@@ -65,18 +65,6 @@ def sample_trajectory(
     missing, within half a turn (prismatic: 0.5 m) of zero. Each joint takes the same number of
     draws, so scoring another joint leaves the rest unchanged.
 
-    Args:
-        model: The model.
-        scored: Names of the joints that move.
-        frames: Number of frames T.
-        ranges: How far and how fast joints move; default `MotionRanges()`.
-        rng: Source of randomness.
-
-    Returns:
-        Positions [T J], rad or m.
-
-    Raises:
-        ConfigError: If a joint does not exist, or if `frames` is less than 1.
     """
     ranges = ranges or MotionRanges()
     if frames < 1:

@@ -204,7 +204,7 @@ def test_a_door_opens_from_limit_to_limit_and_touches_nothing(category: str, cou
         model = load_robot(f"{category}:{number}")
         poses, j = sweep(model)
         checker = CollisionChecker(model)
-        assert checker.first_contact(poses, checker.ground_height(poses)) is None, number
+        assert checker.first_contact(poses, checker.groups.ground_height(poses)) is None, number
         low, high = OPENING[category]
         assert model.limits[j, 0] == 0.0
         assert low <= model.limits[j, 1] <= high
@@ -264,7 +264,7 @@ def test_each_drawer_slides_out_to_the_front_and_touches_nothing(count: int) -> 
                             for j in range(joints)
                             for share in [np.linspace(0, 1, 6)]])
         poses = forward_kinematics(model, q)
-        assert checker.first_contact(poses, checker.ground_height(poses)) is None, number
+        assert checker.first_contact(poses, checker.groups.ground_height(poses)) is None, number
         for j, child in enumerate(model.joint_child):
             moved = poses[6 * j + 5, child, :3, 3] - poses[6 * j, child, :3, 3]
             np.testing.assert_allclose(moved, [-model.limits[j, 1], 0, 0], atol=1e-6)

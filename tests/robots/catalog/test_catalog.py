@@ -162,12 +162,12 @@ def test_a_robot_does_not_touch_itself_at_rest_and_does_when_folded(name: str) -
     model = loaded(name)
     checker = CollisionChecker(model)
     n = len(model.joint_names)
-    assert not checker.touches(forward_kinematics(model, np.zeros(n)), None)
+    assert checker.first_contact(forward_kinematics(model, np.zeros(n))[None], None) is None
     rng = np.random.default_rng(1)
     poses = forward_kinematics(model, rng.uniform(*np.clip(model.limits, -np.pi, np.pi).T,
                                                   (300, n)))
     assert checker.first_contact(poses, None) is not None
-    floor = checker.ground_height(poses)
+    floor = checker.groups.ground_height(poses)
     assert -0.01 < floor < 0.01  # an arm stands on its foot
     assert checker.first_contact(poses, floor) is not None
 

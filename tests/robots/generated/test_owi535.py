@@ -132,10 +132,10 @@ def test_it_has_the_products_size(model: ArticulatedModel) -> None:
 
 def test_it_does_not_touch_itself_where_it_is_used(model: ArticulatedModel) -> None:
     checker = CollisionChecker(model)
-    assert not checker.touches(forward_kinematics(model, np.zeros(5)), 0.0)
+    assert checker.first_contact(forward_kinematics(model, np.zeros(5))[None], 0.0) is None
     poses = forward_kinematics(model, configurations(model, 200))
-    assert checker.ground_height(poses) == pytest.approx(0.0, abs=1e-12)
-    free = [not checker.touches(p, 0.0) for p in poses]
+    assert checker.groups.ground_height(poses) == pytest.approx(0.0, abs=1e-12)
+    free = [checker.first_contact(p[None], 0.0) is None for p in poses]
     assert 0.6 < np.mean(free) < 0.95
     down = forward_kinematics(model, np.radians([0, -90, -60, 0, 0]))
     contact = checker.first_contact(down[None], 0.0)
