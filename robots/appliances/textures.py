@@ -103,7 +103,7 @@ def text_image(
     text: str, ink: Color, paper: Color, scale: int = 4, margin: int = 1
 ) -> PaletteImage:
     """Return a line of capitals and digits; a dot and the unit of margins are `scale` px."""
-    return PaletteImage(_written(text, margin).repeat(scale, 0).repeat(scale, 1), (paper, ink))
+    return PaletteImage(_text_dots(text, margin).repeat(scale, 0).repeat(scale, 1), (paper, ink))
 
 
 def keypad_image(
@@ -122,7 +122,7 @@ def keypad_image(
             du = np.maximum(np.maximum(r - u, u - (wide - 1 - r)), 0)
             dv = np.maximum(np.maximum(r - v, v - (high - 1 - r)), 0)
             out[top : top + high, left : left + wide][du * du + dv * dv <= r * r] = 2
-            dots = _written(text, 0)
+            dots = _text_dots(text, 0)
             scale = 2 if 2 * dots.shape[1] <= wide - 4 else 1
             dots = dots.repeat(scale, 0).repeat(scale, 1)[: high - 2, : wide - 2]
             y, x = top + (high - dots.shape[0]) // 2, left + (wide - dots.shape[1]) // 2
@@ -192,7 +192,7 @@ def _levels(values: NDArray[np.int64]) -> NDArray[np.uint8]:
     return np.clip(32 + values, 0, 63).astype(np.uint8)
 
 
-def _written(text: str, margin: int) -> NDArray[np.uint8]:
+def _text_dots(text: str, margin: int) -> NDArray[np.uint8]:
     """[h w] 1 where there is ink."""
     columns: list[int] = []
     for letter in text:
