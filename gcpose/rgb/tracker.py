@@ -65,10 +65,10 @@ class VideoTracker:
         self._ranks: dict[tuple[SampledPixels, tuple[float, ...]], Array] = {}
 
     def sample(self, frames: tuple[int, ...], most: int) -> SampledPixels:
-        """Return about `most` pixels of each key frame, the same in each call."""
-        if (frames, most) not in self._samples:
-            self._samples[frames, most] = sample_pixels(
-                self.evidence, frames, most, self.settings)
+        """Return about `most` pixels of each key frame, the same object in each call."""
+        if (frames, most) not in self._samples:  # two threads may sample: both get the first
+            self._samples.setdefault(
+                (frames, most), sample_pixels(self.evidence, frames, most, self.settings))
         return self._samples[frames, most]
 
     def relabel(self, hypothesis: VideoHypothesis, points: SampledPixels) -> VideoHypothesis:

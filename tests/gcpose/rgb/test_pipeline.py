@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from threading import Barrier
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,8 @@ from gcbench.gcpose.images.flow import Flow, dis_flow
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence, moving_foreground, video_evidence
 from gcbench.gcpose.method import GCPose
-from gcbench.gcpose.rgb.labels import sample_pixels
+from gcbench.gcpose.numerics.threads import thread_map
+from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, scale_axes
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.search import score_hypothesis
@@ -238,6 +241,21 @@ def test_sampled_pixels_stay_on_what_moves() -> None:
     found = sample_pixels(seen, (0, 4), 60, SETTINGS)
     assert seen.moving[found.frame, found.pixel[:, 1], found.pixel[:, 0]].all()
     assert set(found.frame) == {0, 4}
+
+
+def test_two_threads_sample_the_same_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hypotheses on the same pixels are told by identity: a second sample changed the estimate."""
+    one = JointPriors(np.zeros(1, bool), np.array([-1]), np.array([[0.0, 1.0, 0.0]]), None)
+    tracker = VideoTracker(evidence_of(door(0.5)), one, SETTINGS)
+    together = Barrier(2, timeout=60.0)
+
+    def sample(*arguments: Any) -> SampledPixels:
+        together.wait()
+        return sample_pixels(*arguments)
+
+    monkeypatch.setattr("gcbench.gcpose.rgb.tracker.sample_pixels", sample)
+    first, second = thread_map(lambda _: tracker.sample((0, 3), 50), range(2), threads=2)
+    assert first is second is tracker.sample((0, 3), 50)
 
 
 def test_options_make_another_row() -> None:
