@@ -244,7 +244,7 @@ def _import_module(name: str, source: str) -> ModuleType:
 
 
 def _import_file(path: Path) -> ModuleType:
-    path = path.expanduser()
+    path = path.expanduser().resolve()
     if not path.is_file():
         raise MethodError(f"{path}: no such file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -252,6 +252,6 @@ def _import_file(path: Path) -> ModuleType:
         raise MethodError(f"{path}: not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)  # dataclasses need it
-    sys.path.append(str(path.resolve().parent))
+    sys.path.append(str(path.parent))
     spec.loader.exec_module(module)
     return module

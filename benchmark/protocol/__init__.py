@@ -5,9 +5,9 @@ from __future__ import annotations
 from .metrics import PCP5, PCP_DEGREES, pcp_thresholds
 from .observations import ORACLES, are_compatible, observe
 from .scoring import AXES_KNOWN, score_sequence, shape_of
-from .truth import truth_of
+from .truth import truth_digest, truth_of
 
 __all__ = [
     "AXES_KNOWN", "ORACLES", "PCP5", "PCP_DEGREES", "are_compatible", "observe", "pcp_thresholds",
-    "score_sequence", "shape_of", "truth_of",
+    "score_sequence", "shape_of", "truth_digest", "truth_of",
 ]

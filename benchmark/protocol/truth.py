@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,17 @@ def truth_of(sequence: Sequence) -> Truth:
         label=label,
         parent=tuple(int(label[p]) - 1 for p in state.joint_parent_part[scored]),
     )
+
+
+def truth_digest(sequence: Sequence) -> str:
+    """Return a hash of all that the scores of a sequence depend on, except its part masks."""
+    meta, state = sequence.meta, sequence.state
+    names = (meta.scored_joints, meta.joint_names, meta.joint_types, meta.frames)
+    digest = hashlib.sha256(repr(names).encode())
+    for array in (state.joint_positions, state.joint_screw, state.joint_child_part,
+                  state.joint_parent_part, state.world_from_part, state.cam_from_world):
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()[:32]
 
 
 def part_labels(state: State, child: NDArray[np.int64]) -> NDArray[np.uint8]:

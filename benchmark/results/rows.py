@@ -6,11 +6,14 @@ import csv
 import dataclasses
 import hashlib
 import io
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Literal, get_args
+
+import msgspec
 
 from ...errors import DatasetError
 from ...renderer.types import Inputs, Knowledge
@@ -46,26 +49,26 @@ class Result:
     """Unit of the bootstrap: the sequence, or the object's instance if there are several."""
     joint: str
     """Name; empty if the number is about the whole sequence."""
-    joint_index: int
+    joint_index: Annotated[int, msgspec.Meta(ge=0, le=10_000)]
     """1 .. J from the base outward, 0 for the whole sequence."""
     joint_type: str
     """revolute, continuous or prismatic."""
-    frame: int
+    frame: Annotated[int, msgspec.Meta(ge=-1, le=1_000_000)]
     """Frame of the metric `error`, which has one line for each frame."""
     metric: str
     """benchmark/protocol/metrics.py defines each name."""
-    value: float
-    unit: str
+    value: Annotated[float, msgspec.Meta(ge=0.0)]
+    unit: Literal["deg", "m", "s", "MiB", ""]
     """deg, m, s, MiB, or empty for a share."""
-    sign: str
+    sign: Literal["given", "screw", "best", ""]
     """How the sign of the joint was decided: given (by the knowledge), screw (by the returned
     axis) or best (the sign with the smaller error)."""
-    status: str
+    status: Literal["ok", "raised", "timeout", "crashed", "invalid"]
     """ok, or what went wrong: raised, timeout, crashed, invalid."""
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(Result))
-_INTEGERS = ("joint_index", "frame")
+_ERROR = re.compile(".*_error|error|displacement")
 
 
 @dataclass(frozen=True)
@@ -126,10 +129,13 @@ def read_scores(path: Path) -> list[Result]:
         for cells in lines:
             if len(cells) != len(COLUMNS):
                 raise ValueError(f"{len(cells)} cells instead of {len(COLUMNS)}")
-            values: dict[str, Any] = dict(zip(COLUMNS, cells, strict=True))
-            values |= {name: int(values[name]) for name in _INTEGERS}
-            values["value"] = float(values["value"])
-            out.append(Result(**values))
+            tree = dict(zip(COLUMNS, cells, strict=True))
+            result = msgspec.convert(tree, Result, strict=False)
+            if not math.isfinite(result.value) and result.metric != "sigma":
+                raise ValueError(f"$.value: {tree['value']} is not a finite number")
+            if _ERROR.fullmatch(result.metric) and result.unit not in ("deg", "m"):
+                raise ValueError(f"$.unit: {result.metric} is in deg or m, got {result.unit!r}")
+            out.append(result)
     except (ValueError, csv.Error) as error:
         raise DatasetError(f"{path}: line {lines.line_num}: {error}") from error
     return out

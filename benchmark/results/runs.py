@@ -59,6 +59,8 @@ class Run:
     """Versions and machine of each installation that ran a part, in order."""
     settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Tuned numbers of the method; empty if it has none, or in files of earlier versions."""
+    digests: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Hash of the truth of each sequence, by name; empty in files of earlier versions."""
 
 
 @dataclass(frozen=True)

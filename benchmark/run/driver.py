@@ -5,24 +5,22 @@ Each estimate is stored at once. A run is scored when all of its estimates exist
 
 from __future__ import annotations
 
-import json
-import os
-import platform
 import sys
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
-from ... import __version__
-from ...errors import ConfigError, DatasetError, GcbenchError
-from ...renderer.dataset import environment
-from ...renderer.runtime import Bar, dump_json, uninterrupted
-from ...renderer.scene import differences
-from ...renderer.types import Inputs, Knowledge
-from ...robots.files import remove_leftovers, write_atomically
+from ...errors import ConfigError, MethodError
+from ...renderer.dataset import Dataset
+from ...renderer.runtime import Bar, uninterrupted
+from ...renderer.scene import model_of
+from ...renderer.types import Inputs, Knowledge, Observation
+from ...renderer.types import Sequence as Video
+from ...robots.catalog import is_category
+from ...robots.model import ArticulatedModel
 from ..methods import (
     Declaration,
     method_identity,
@@ -31,27 +29,12 @@ from ..methods import (
     split_oracles,
     with_options,
 )
-from ..protocol import score_sequence, shape_of
-from ..results import (
-    ESTIMATES,
-    RUN,
-    SCORES,
-    Result,
-    Results,
-    Row,
-    Run,
-    RunFolder,
-    Status,
-    Stored,
-    read_run,
-    read_stored,
-    run_folder,
-    write_run,
-    write_scores,
-)
-from .datasets import SUITES, Data, from_folders, from_suite
-from .isolation import read_declaration, run
-from .method_worker import Task
+from ..protocol import observe, shape_of
+from ..results import EstimateShape, Results, Row, Status
+from .datasets import SUITES, from_folders, from_suite
+from .isolation import Limits, read_declaration, run_method
+from .jobs import Job, cpu_count, describe_run, prepare_job
+from .schedule import Clock, cheap_first, describe_plan, interleave
 from .suite import read_suite
 
 
@@ -76,14 +59,20 @@ class EvalConfig:
     """Dataset folders to use instead of a suite."""
     inputs: tuple[Inputs, ...] = ()
     """Input tracks to evaluate. Default: all that the method supports."""
-    knowledge: tuple[Knowledge, ...] = ()
-    """Knowledge levels to evaluate. Default: all that the method supports."""
-    workers: int = 1
-    """Number of parallel processes. They share the CPU cores; use 1 to compare run times."""
+    knowledge: tuple[Knowledge | Literal["all"], ...] = ()
+    """Knowledge levels to evaluate; all: each that the method supports. Default: axes; all if the
+    method does not support axes."""
+    limit: int = 0
+    """Largest number of sequences of each dataset. 0: all."""
+    workers: int = 0
+    """Number of parallel processes. They share the CPU cores; use 1 to compare run times.
+    0: one for each core, at most 4."""
     results: Path = Path("results")
     """Folder for estimates and scores."""
     timeout: float = 300.0
     """Time limit per sequence, s."""
+    memory: float = 0.0
+    """Largest private memory of each process of a method, GiB. 0: no limit."""
     retry: tuple[Status, ...] = ()
     """Statuses whose existing estimates are computed again. With ok, estimates of another
     version of the method or the dataset are replaced too."""
@@ -91,15 +80,6 @@ class EvalConfig:
     """Also evaluate sequences whose motion cannot be observed in the images."""
     suites: Path = SUITES
     """Folder for the rendered datasets of suites."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """A row on a dataset, and the names of the sequences without an estimate."""
-
-    folder: RunFolder
-    data: Data
-    todo: tuple[str, ...]
 
 
 def evaluate(config: EvalConfig, progress: bool = True) -> Results:
@@ -119,7 +99,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
 
     Raises:
         ConfigError: For an invalid option.
-        MethodError: If a method cannot be loaded or does not support the requested options.
+        MethodError: If no method can be loaded, or one does not support the requested options.
         DatasetError: If data cannot be read, or `config.results` contains estimates of another
             version of the method or of another dataset.
 
@@ -134,208 +114,156 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         >>> bool((finals.value > 0).all())
         True
     """
-    _check(config)
-    declared, rows = _plan(config)
+    limits = _limits(config)
+    declared, rows, refused = _plan(config, limits)
     if config.data:
-        data = from_folders(config.data, config.keep_unobservable)
+        data = from_folders(config.data, config.keep_unobservable, config.limit)
     else:
-        suite = read_suite(config.suite)
-        data = from_suite(suite, config.suites, None, config.keep_unobservable, progress, _say)
-    threads = max(1, cpu_count() // config.workers)
-    limits = {
-        "seconds_per_sequence": config.timeout, "workers": config.workers, "threads": threads,
+        data = from_suite(read_suite(config.suite), config.suites, config.keep_unobservable,
+                          config.limit, progress)
+    recorded = {
+        "seconds_per_sequence": limits.timeout, "workers": limits.workers,
+        "threads": limits.threads, **({"memory": limits.memory} if limits.memory else {}),
     }  # fmt: skip
-    jobs = [
-        prepare(describe_run(row, source, d, limits, declared[source].settings), d,
-                config.results, config.retry)
+    jobs = cheap_first([
+        prepare_job(describe_run(row, source, d, recorded, declared[source].settings), d,
+                    config.results, config.retry)
         for source, row in rows
         for d in data
-    ]
-    done = _estimate(jobs, config, threads, progress)
-    return Results(tuple(job.folder for job in jobs), done, tuple(_failures(jobs)))
+    ])  # fmt: skip
+    if progress:
+        print(describe_plan(jobs, limits.workers), file=sys.stderr)
+    refused |= _estimate(jobs, limits, progress)
+    complete = [job for job in jobs if job.folder.run.source not in refused]
+    failures = [line for job in complete for line in job.failures()]
+    return Results(
+        tuple(job.folder for job in complete), sum(len(job.todo) for job in complete),
+        (*refused.values(), *failures),
+    )
 
 
-def _plan(config: EvalConfig) -> tuple[dict[str, Declaration], list[tuple[str, Row]]]:
-    """Return the declaration of each method by its identity, and (identity, row) of each row."""
+def _limits(config: EvalConfig) -> Limits:
+    if not config.method:
+        raise ConfigError("name a method: --method gcpose (or several)")
+    if min(config.workers, config.limit, config.memory) < 0 or not config.timeout > 0:
+        raise ConfigError("--timeout must be more than 0; --workers, --limit, --memory 0 or more")
+    workers = config.workers or min(cpu_count(), 4)
+    return Limits(workers, max(1, cpu_count() // workers), config.timeout, config.memory)
+
+
+def _plan(
+    config: EvalConfig, limits: Limits
+) -> tuple[dict[str, Declaration], list[tuple[str, Row]], dict[str, str]]:
+    """Return the declaration of each method by its identity, (identity, row) of each row, and why
+    the other methods cannot be loaded. Raises MethodError if none can."""
     options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
                                  ("set", " ".join(config.set))) if v}
     for name, _ in map(split_oracles, config.method):
         method_source(name)  # fail on an unknown name before a process starts
-    named = [(with_options(method_identity(method), options), oracles)
-             for method, oracles in map(split_oracles, config.method)]
-    declared = {source: read_declaration(source) for source in dict.fromkeys(s for s, _ in named)}
+    named = dict.fromkeys((with_options(method_identity(method), options), oracles)
+                          for method, oracles in map(split_oracles, config.method))
+    declared: dict[str, Declaration] = {}
+    refused: dict[str, str] = {}
+    for source in dict.fromkeys(source for source, _ in named):
+        try:
+            declared[source] = read_declaration(source, limits)
+        except MethodError as error:
+            refused[source] = str(error)
+    if not declared:
+        raise MethodError("; ".join(refused.values()))
     rows = [
         (source, row)
-        for source, oracles in dict.fromkeys(named)
-        for row in plan_rows(declared[source], oracles, config.inputs, config.knowledge)
-    ]
-    return declared, rows
+        for source, oracles in named if source in declared
+        for row in plan_rows(declared[source], oracles, config.inputs,
+                             _knowledge(config, declared[source]))
+    ]  # fmt: skip
+    return declared, rows, refused
 
 
-def prepare(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -> Job:
-    """Create or reopen the folder of a run, and find the sequences without an estimate.
+def _knowledge(config: EvalConfig, declared: Declaration) -> tuple[Knowledge, ...]:
+    """Return the requested levels; by default axes where the method supports it."""
+    if not config.knowledge and "axes" in declared.knowledge:
+        return ("axes",)
+    return tuple(k for k in config.knowledge if k != "all") if "all" not in config.knowledge else ()
 
-    Raises DatasetError if the folder has estimates of another method version or dataset.
+
+def _estimate(jobs: Sequence[Job], limits: Limits, progress: bool) -> dict[str, str]:
+    """Compute and store the missing estimates and score each finished job.
+
+    Returns why a method could not be run to its end, by its identity.
     """
-    path = run_folder(results, new.row, new.dataset)
-    estimates = path / ESTIMATES
-    if (path / RUN).exists() and estimates.is_dir() and any(estimates.glob("*.zip")):
-        old = read_run(path / RUN)
-        changed = differences(_identity(old), _identity(new))
-        if changed and "ok" in retry:
-            for file in estimates.glob("*.zip"):
-                file.unlink()
-        elif changed:
-            raise DatasetError(
-                f"{path} holds estimates of something else ({'; '.join(changed)}); choose another "
-                "--results folder, delete this one, or discard them by --retry ok"
-            )
-        there = [e for e in old.environments if e not in new.environments]
-        new = replace(new, environments=(*there, *new.environments))
-    folder = RunFolder(path, new)
-    write_run(path, new)
-    estimates.mkdir(exist_ok=True)
-    remove_leftovers(estimates)
-    todo = [s for s in new.sequences if not _is_done(folder, data, s, retry)]
-    if todo:
-        (path / SCORES).unlink(missing_ok=True)  # outdated by the new estimates
-    return Job(folder, data, tuple(todo))
-
-
-def score_run(folder: RunFolder, data: Data) -> list[Result]:
-    """Score every stored estimate of a run, write the table and return its lines.
-
-    Raises DatasetError if an estimate is missing or damaged.
-    """
-    out: list[Result] = []
-    for name in folder.run.sequences:
-        sequence = data.dataset[name]
-        stored = read_stored(folder.estimate_path(name), shape_of(sequence))
-        out += score_sequence(sequence, stored, folder.run, name, data.cluster(name))
-    write_scores(folder.path / SCORES, out)
-    return out
-
-
-def describe_environment() -> dict[str, Any]:
-    """Return package versions, CPU model and core count; no host name."""
-    cpu = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        cpu = next((x.partition(":")[2].strip() for x in lines if x.startswith("model name")), cpu)
-    except OSError:
-        pass
-    here = environment()
-    return {"gcbench": __version__, **here, "cpu": cpu, "cores": cpu_count()}
-
-
-def cpu_count() -> int:
-    """Return the number of CPU cores available to this process."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _check(config: EvalConfig) -> None:
-    if not config.method:
-        raise ConfigError("name a method: --method gcpose (or several)")
-    if config.workers < 1 or not config.timeout > 0:
-        raise ConfigError("--workers and --timeout must be more than 0")
-
-
-def describe_run(row: Row, source: str, data: Data, limits: dict[str, Any],
-                 settings: Mapping[str, Any]) -> Run:
-    """Return the record that `run.json` stores for a row on a dataset, with this environment."""
-    info = data.dataset.info
-    return Run(
-        row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
-        assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
-        environments=(describe_environment(),), settings=settings,
-    )  # fmt: skip
-
-
-def _identity(run: Run) -> dict[str, Any]:
-    """Return the fields that are equal in all estimates of one row."""
-    row = run.row
-    tree = {
-        "version": row.version, "training": row.training, "source": method_identity(run.source),
-    }  # fmt: skip
-    return json.loads(dump_json({**tree, "config": run.config}))
-
-
-def _is_done(folder: RunFolder, data: Data, sequence: str, retry: Sequence[Status]) -> bool:
-    path = folder.estimate_path(sequence)
-    if not path.exists():
-        return False
-    try:
-        return read_stored(path, shape_of(data.dataset[sequence])).status not in retry
-    except GcbenchError:
-        return False  # damaged
-
-
-def _estimate(jobs: list[Job], config: EvalConfig, threads: int, progress: bool) -> int:
-    """Compute and store the missing estimates, score each finished job, return their number."""
+    refused: dict[str, str] = {}
     total = sum(len(job.folder.run.sequences) for job in jobs)
     todo = sum(len(job.todo) for job in jobs)
+    clock = Clock(limits.workers, list(jobs))
     with _bar(total, total - todo, progress and todo > 0) as bar:
         for source in dict.fromkeys(job.folder.run.source for job in jobs):
             mine = [job for job in jobs if job.folder.run.source == source]
-            _estimate_by(source, mine, config, threads, bar)
-    return todo
+            try:
+                _estimate_by(source, mine, limits, clock, bar)
+            except MethodError as error:
+                refused[source] = f"{source}: {error}"
+    if len(refused) == len({job.folder.run.source for job in jobs}):
+        raise MethodError("; ".join(refused.values()))
+    return refused
 
 
-def _estimate_by(source: str, jobs: list[Job], config: EvalConfig, threads: int, bar: Bar) -> None:
+def _estimate_by(
+    source: str, jobs: Sequence[Job], limits: Limits, clock: Clock, bar: Bar
+) -> None:
     """Estimate all rows of one method with one pool of workers."""
-    owner: dict[Task, Job] = {}
+    left = {job: len(job.todo) for job in jobs}
     for job in jobs:
-        row = job.folder.run.row
-        for name in job.todo:
-            path = str(job.data.dataset.path)
-            owner[Task(path, name, row.inputs, row.knowledge, row.oracles)] = job
         if not job.todo:
-            score_run(job.folder, job.data)
-    left = Counter(id(job) for job in owner.values())
-    failed = 0
-    with closing(run(source, list(owner), config.workers, threads, config.timeout)) as answers:
-        for task, data in answers:
-            job = owner[task]
-            path = job.folder.estimate_path(task.sequence)
-            write_atomically(path, data)
-            stored = _stored(job, task.sequence)
-            if stored.status != "ok":
+            job.score()
+    failed, before = 0, time.monotonic()
+    tasks = interleave(jobs)
+    with closing(run_method(source, tasks, _Observer().observe, limits)) as answers:
+        for (job, name), estimate in answers:
+            stored = job.write(name, estimate)
+            if line := job.describe_failure(name, stored):
                 failed += 1
-                reason = stored.reason.splitlines()[0] if stored.reason else ""
-                title = f"{job.folder.run.row.title}: {job.folder.run.dataset}/{task.sequence}"
-                bar.write(f"gcbench: {title}: {stored.status}: {reason}", file=sys.stderr)
-                bar.set_postfix(failed=failed)
+                bar.write(f"gcbench: {line}", file=sys.stderr)
+            clock.count(job, stored, time.monotonic() - before)
+            before = time.monotonic()
+            left_time = clock.left()
+            more = [f"{left_time} left"] * bool(left_time) + [f"{failed} failed"] * bool(failed)
+            bar.set_postfix_str(", ".join(more), refresh=False)
             bar.update()
-            left[id(job)] -= 1
-            if not left[id(job)]:
-                bar.set_description(f"score {job.folder.run.row.name}")
-                score_run(job.folder, job.data)
-                bar.set_description("estimate")
+            left[job] -= 1
+            if not left[job]:
+                job.score()
+
+
+class _Observer:
+    """Reads observations, with the model of a dataset at knowledge `model`."""
+
+    def __init__(self) -> None:
+        self._key: tuple[object, ...] = ()
+        self._model: ArticulatedModel | None = None
+
+    def observe(self, task: tuple[Job, str]) -> tuple[Observation, EstimateShape]:
+        job, name = task
+        row, dataset = job.row, job.data.dataset
+        sequence = dataset[name]
+        model = self._model_of(dataset, sequence) if row.knowledge == "model" else None
+        seen = observe(sequence, row.inputs, row.knowledge, row.oracles, model)
+        return seen, shape_of(sequence)
+
+    def _model_of(self, dataset: Dataset, sequence: Video) -> ArticulatedModel:
+        """Return the model of a sequence; only categories have several."""
+        several = is_category(dataset.config.robot)
+        key = (dataset.path, sequence.meta.name if several else "")
+        if self._model is None or key != self._key:
+            self._model = model_of(dataset.config, sequence.meta, download=True)
+            self._key = key
+        return self._model
 
 
 def _bar(total: int, done: int, visible: bool) -> Bar:
     with uninterrupted():
         return Bar(
-            total=total, initial=done, unit="sequence", desc="estimate", smoothing=0.1,
-            disable=not visible, file=sys.stderr, dynamic_ncols=True,
+            total=total, initial=done, unit="sequence", desc="estimate", disable=not visible,
+            bar_format="{desc}: {percentage:3.0f}% {n_fmt}/{total_fmt} [{elapsed}{postfix}]",
+            file=sys.stderr, dynamic_ncols=True,
         )  # fmt: skip
-
-
-def _failures(jobs: Iterable[Job]) -> Iterable[str]:
-    for job in jobs:
-        for name in job.folder.run.sequences:
-            stored = _stored(job, name)
-            if stored.status != "ok":
-                first = stored.reason.splitlines()[0] if stored.reason else ""
-                run = job.folder.run
-                yield f"{run.row.title} on {run.dataset}/{name}: {stored.status}: {first}"
-
-
-def _stored(job: Job, name: str) -> Stored:
-    return read_stored(job.folder.estimate_path(name), shape_of(job.data.dataset[name]))
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Run methods in separate processes with a time limit; a hang or crash fails only one sequence.
+"""Run methods in separate processes with limits; a hang or crash fails only one sequence.
 
 Messages are bytes, so no output of a method is unpickled (see method_worker.py).
 """
@@ -6,49 +6,75 @@ Messages are bytes, so no output of a method is unpickled (see method_worker.py)
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from ...errors import MethodError
+from ...errors import DatasetError, MethodError
 from ...renderer.runtime import WorkerPool, WorkerSettings
+from ...renderer.types import Observation
 from ..methods import Declaration
-from ..results import Status, Stored, dump_stored
-from .method_worker import DONE, PROBLEM, READY, STARTED, Task
+from ..results import EstimateShape, Status, Stored, dump_stored
+from .handover import pack_observation, send_observation
+from .method_worker import DONE, PROBLEM, READY, STARTED
 
+Task = TypeVar("Task")
+Observe = Callable[[Task], tuple[Observation, EstimateShape]]
 START_LIMIT = 600.0
-"""Time limit for loading a method or reading a sequence, s."""
+"""Time limit for loading a method, s."""
 _LIFETIME = 200
 """Sequences per process, because methods may leak memory."""
 _MAX_ANSWER = 2**28
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def read_declaration(source: str) -> Declaration:
+@dataclass(frozen=True)
+class Limits:
+    """What the processes of a method may use."""
+
+    workers: int = 1
+    """Number of parallel processes."""
+    threads: int = 1
+    """Number of threads per process."""
+    timeout: float = 300.0
+    """Time limit of `estimate`, s."""
+    memory: float = 0.0
+    """Private memory of each process, GiB; 0: no limit."""
+
+
+def read_declaration(source: str, limits: Limits) -> Declaration:
     """Load a method in a separate process and return its declaration.
 
     Raises:
         MethodError: If it cannot be loaded.
     """
-    with closing(_pool(source, [None], 1, 1).events()) as events:
+    pool = WorkerPool[None](_settings(source, limits), [None], receive=_receive)
+    with closing(pool.events()) as events:
         event = next(events)
-    if event.kind == "late":
-        raise MethodError(f"{source}: did not load within {START_LIMIT:g} s")
-    if event.kind == "died":
         said = event.worker.last_words()
+    if event.kind == "late":
+        raise MethodError(f"{source}: did not load within {START_LIMIT:g} s{said}")
+    if event.kind == "died":
         raise MethodError(f"{source}: the method's process {event.content} while it loaded{said}")
     answer: bytes = event.content
     if answer[:1] == PROBLEM:
         raise MethodError(answer[1:].decode(errors="replace"))
-    tree: dict[str, Any] = json.loads(answer[1:])
-    tree |= {name: tuple(tree[name]) for name in ("inputs", "knowledge")}
-    return Declaration(**tree)
+    try:
+        tree: dict[str, Any] = json.loads(answer[1:])
+        tree |= {name: tuple(tree[name]) for name in ("inputs", "knowledge")}
+        return Declaration(**tree)
+    except (ValueError, TypeError, KeyError) as error:
+        raise MethodError(f"{source}: its process sent no declaration") from error
 
 
-def run(
-    source: str, tasks: Sequence[Task], workers: int, threads: int, timeout: float
+def run_method(
+    source: str, tasks: Sequence[Task], observe: Observe[Task], limits: Limits
 ) -> Generator[tuple[Task, bytes]]:
     """Yield each finished task with the ZIP of its stored estimate (results/estimates.py).
 
@@ -56,58 +82,83 @@ def run(
 
     Args:
         source: Name or source of the method.
-        tasks: The sequences to estimate, with the row of each.
-        workers: Number of parallel processes.
-        threads: Number of threads per process.
-        timeout: Time limit of `estimate`, s.
+        tasks: What to estimate, in order.
+        observe: Reads the observation of a task, in this process.
+        limits: What the processes may use.
 
     Raises:
-        MethodError: If the method cannot be loaded or the data cannot be read.
+        MethodError: If the method cannot be loaded.
     """
+    reader = _Reader(observe, tasks, limits.workers)
+    pool = WorkerPool[Task](_settings(source, limits), tasks, partial(_send, reader), _receive)
     started: set[Task] = set()
-    with closing(_pool(source, tasks, workers, threads).events()) as events:
+    with closing(reader), closing(pool.events()) as events:
         for event in events:
             worker, task = event.worker, event.worker.task
             if event.kind != "message":
                 how = f"the method's process {event.content}"
-                if task is None or task not in started:
-                    raise MethodError(
-                        f"{how}{worker.last_words()} before it began to estimate"
-                        if event.kind == "died" else
-                        f"a worker did not begin to estimate within {START_LIMIT:g} s"
-                    )
+                said = worker.last_words()
+                if task is None:
+                    late = f"{source}: a process did not load within {START_LIMIT:g} s"
+                    raise MethodError(late if event.kind == "late" else f"{source}: {how}{said}")
                 if event.kind == "died":
-                    yield task, _failure("crashed", how + worker.last_words())
+                    yield task, _failure("crashed", how + said)
                 else:
-                    said = worker.last_words()
-                    yield task, _failure("timeout", f"no estimate within {timeout:g} s{said}")
+                    late = f"no estimate within {limits.timeout:g} s{said}"
+                    yield task, _failure("timeout", late)
                 continue
             kind, content = event.content[:1], event.content[1:]
             if kind == PROBLEM:
-                where = f"sequence {task.sequence}: " if task else ""
-                raise MethodError(where + content.decode(errors="replace"))
-            if kind == STARTED and task is not None:
+                raise MethodError(content.decode(errors="replace"))
+            if kind == STARTED and task is not None and task not in started:
                 started.add(task)
-                worker.allow(timeout)
+                worker.allow(limits.timeout)
             elif kind in (READY, DONE):
                 worker.release()
                 if task is not None:
                     yield task, content
 
 
-def _pool(
-    source: str, tasks: Sequence[Task | None], workers: int, threads: int
-) -> WorkerPool[Task | None]:
-    settings = WorkerSettings(
-        "gcbench.benchmark.run.method_worker:serve", (source, threads), workers, _LIFETIME,
-        START_LIMIT, dict.fromkeys(_THREADS, str(threads)), foreign=True,
+class _Reader(Generic[Task]):
+    """Reads observations; with several workers, ahead of them and in a thread."""
+
+    def __init__(self, observe: Observe[Task], tasks: Sequence[Task], workers: int) -> None:
+        self._observe, self._todo = observe, deque(tasks)
+        self._ahead = workers if workers > 1 else 0
+        self._threads = ThreadPoolExecutor(1)
+        self._ready: dict[Task, Future[tuple[Observation, EstimateShape]]] = {}
+
+    def read(self, task: Task) -> tuple[Observation, EstimateShape]:
+        self._todo.remove(task)
+        future = self._ready.pop(task, None)
+        found = future.result() if future else self._observe(task)
+        for following in islice(self._todo, self._ahead):
+            if following not in self._ready:
+                self._ready[following] = self._threads.submit(self._observe, following)
+        return found
+
+    def close(self) -> None:
+        self._threads.shutdown(cancel_futures=True)
+
+
+def _settings(source: str, limits: Limits) -> WorkerSettings:
+    return WorkerSettings(
+        "gcbench.benchmark.run.method_worker:serve", (source, limits.threads), limits.workers,
+        _LIFETIME, START_LIMIT, dict.fromkeys(_THREADS, str(limits.threads)), foreign=True,
+        memory=int(limits.memory * 2**30) or None,
     )
-    return WorkerPool(settings, tasks, _send, lambda connection: connection.recv_bytes(_MAX_ANSWER))
 
 
-def _send(connection: Connection, task: Task | None) -> None:
-    if task is not None:
-        connection.send_bytes(json.dumps(asdict(task)).encode())
+def _send(reader: _Reader[Task], connection: Connection, task: Task) -> None:
+    try:
+        observation = pack_observation(*reader.read(task))
+    except OSError as error:  # the pool takes one for the end of the process
+        raise DatasetError(f"cannot hand over an observation: {error.strerror}") from error
+    send_observation(connection, observation)
+
+
+def _receive(connection: Connection) -> bytes:
+    return connection.recv_bytes(_MAX_ANSWER)
 
 
 def _failure(status: Status, reason: str) -> bytes:

@@ -18,15 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DatasetError
-from ...renderer.runtime import ArraySpec, parse_npz
-from ...renderer.types import Estimate, Inputs, Knowledge
+from ...renderer.runtime import ArraySpec, parse_npz, to_record
+from ...renderer.types import Estimate
 from ...robots.files import read_bounded, write_atomically
 from ...robots.geometry import Array
-from ..protocol import are_compatible, shape_of
+from ..protocol import are_compatible, truth_of
 from ..results import (
-    ESTIMATES,
-    INPUTS,
-    KNOWLEDGE,
+    LABEL,
     RUN,
     STATUSES,
     Results,
@@ -35,11 +33,12 @@ from ..results import (
     RunFolder,
     Stored,
     dump_stored,
+    is_label,
     read_run,
     run_folder,
 )
 from .datasets import SUITES, Data, from_folders, from_suite
-from .driver import describe_run, prepare, score_run
+from .jobs import describe_run, name_unwritable, prepare_job
 from .suite import read_suite
 
 PREDICTIONS_FORMAT = """\
@@ -52,12 +51,16 @@ expected a CSV
     sequence,frame,joint,displacement
     000000,1,1,0.0123
 sequence: a name, or DATASET/NAME if there are several datasets; frame: 1 .. T-1 (frame 0 is 0);
-joint: 1 .. J from the base outward; displacement: since frame 0, rad or m, nan where unknown.
+joint: its name, or 1 .. J from the base outward; displacement: since frame 0, rad or m, nan where
+unknown.
+`gcbench score --template --predictions FILE` writes such a CSV with every target.
 Or an NPZ (numpy.savez): texts method, inputs, knowledge, training, and an array [T J] for each
 sequence by its name; NAME.screw [J 6] beside it may hold axes"""
 MAX_BYTES = 2**28
 _COLUMNS = ["sequence", "frame", "joint", "displacement"]
 _KEYS = ("method", "inputs", "knowledge", "training", "version")
+SOURCE = "predictions"
+"""Identity of a method that ran elsewhere."""
 _LISTED = 20  # missing targets in a message
 _MAX_HEADER = 50  # lines
 _MAX_TEXT = 200  # characters
@@ -70,7 +73,13 @@ class Target:
     data: Data
     sequence: str
     frames: int
-    joints: int
+    names: tuple[str, ...]
+    """Of the scored joints, from the base outward."""
+
+    @property
+    def joints(self) -> int:
+        """Number of scored joints."""
+        return len(self.names)
 
 
 @dataclass(frozen=True)
@@ -90,6 +99,8 @@ class ScoreConfig:
 
     predictions: Path
     """File of predictions, CSV or NPZ."""
+    template: bool = False
+    """Write a CSV with every target into the file of --predictions, to be filled in."""
     suite: str = "mini"
     """Name or TOML file of the predicted suite. Missing sequences are rendered first."""
     data: tuple[Path, ...] = ()
@@ -130,33 +141,36 @@ def score(
         'mine'
     """
     folders = [data] if isinstance(data, str | Path) else data
-    return score_predictions(
-        ScoreConfig(Path(predictions), suite, tuple(map(Path, folders)), Path(results))
-    )
+    return score_predictions(ScoreConfig(
+        Path(predictions), suite=suite, data=tuple(map(Path, folders)), results=Path(results)
+    ))  # fmt: skip
 
 
 def score_predictions(config: ScoreConfig) -> Results:
-    """Score predictions; like `score`, with all options."""
+    """Score predictions; like `score`, with all options. A template has no runs."""
     file, results = config.predictions, config.results
-    if not file.is_file():
-        raise DatasetError(f"{file}: no such file")
+    if file.exists() == config.template:
+        raise DatasetError(f"{file}: {'exists' if config.template else 'no such file'}")
     if config.data:
         data = from_folders(config.data, config.keep_unobservable)
     else:
-        data = from_suite(read_suite(config.suite), config.suites, None, config.keep_unobservable)
-    wanted = targets(data)
+        data = from_suite(read_suite(config.suite), config.suites, config.keep_unobservable)
+    wanted = list_targets(data)
+    if config.template:
+        with name_unwritable(file):
+            write_atomically(file, template(wanted).encode())
+        return Results(())
     found = read_predictions(file, wanted)
     folders: list[RunFolder] = []
     for d in data:
-        run = describe_run(found.row, "predictions", d, {}, {})
+        run = describe_run(found.row, SOURCE, d, {}, {})
         check_source(run, results)
-        job = prepare(run, d, results, retry=STATUSES)
+        job = prepare_job(run, d, results, retry=STATUSES)
         for key, target in wanted.items():
             if target.data is d:
                 estimate = Estimate(found.displacement[key], found.screw.get(key))
-                path = job.folder.path / ESTIMATES / f"{target.sequence}.zip"
-                write_atomically(path, dump_stored(Stored("ok", estimate=estimate)))
-        score_run(job.folder, d)
+                job.write(target.sequence, dump_stored(Stored("ok", estimate=estimate)))
+        job.score()
         folders.append(job.folder)
     return Results(tuple(folders), len(wanted))
 
@@ -166,20 +180,33 @@ def check_source(run: Run, results: Path) -> None:
     path = run_folder(results, run.row, run.dataset) / RUN
     if path.exists() and read_run(path).source != run.source:
         raise DatasetError(
-            f"{path.parent} holds a method that ran here, {run.row.title}; declare another name, "
-            "or choose another --results folder"
+            f"{path.parent} holds estimates of {run.row.title} that gcbench eval made; declare "
+            "another method name, or choose another --results folder"
         )
 
 
-def targets(data: Sequence[Data]) -> dict[str, Target]:
+def list_targets(data: Sequence[Data]) -> dict[str, Target]:
     """Return the targets by name of the sequence, or by DATASET/NAME for several datasets."""
     out: dict[str, Target] = {}
     for d in data:
         for name in d.sequences:
-            shape = shape_of(d.dataset[name])
+            sequence = d.dataset[name]
             key = name if len(data) == 1 else f"{d.name}/{name}"
-            out[key] = Target(d, name, shape.frames, shape.joints)
+            out[key] = Target(d, name, len(sequence), truth_of(sequence).joint_names)
     return out
+
+
+def template(wanted: Mapping[str, Target]) -> str:
+    """Return a CSV of predictions with nan for every target."""
+    text = io.StringIO()
+    examples = ("my-method", "rgbd", "free", "none", "1")
+    text.writelines(f"# {key}: {value}\n" for key, value in zip(_KEYS, examples, strict=True))
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for key, target in wanted.items():
+        for t in range(1, target.frames):
+            writer.writerows((key, t, name, "nan") for name in target.names)
+    return text.getvalue()
 
 
 def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
@@ -187,7 +214,7 @@ def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
     data = read_bounded(file, MAX_BYTES, DatasetError)
     try:
         return parse_arrays(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
-    except (ValueError, csv.Error) as error:
+    except (ValueError, csv.Error, DatasetError) as error:
         raise DatasetError(f"{file}: {error}; {PREDICTIONS_FORMAT}") from error
 
 
@@ -220,7 +247,10 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
             raise ValueError(f"line {at}: no sequence {_short(key)}; {_known(wanted)}")
         target = wanted[key]
         t = _whole(frame, 0, target.frames - 1, f"line {at}: frame")
-        j = _whole(joint, 1, target.joints, f"line {at}: joint") - 1
+        if joint in target.names:
+            j = target.names.index(joint)
+        else:
+            j = _whole(joint, 1, target.joints, f"line {at}: joint", target.names) - 1
         if given[key][t, j]:
             raise ValueError(f"line {at}: {key}, frame {t}, joint {j + 1} is there twice")
         given[key][t, j] = True
@@ -235,10 +265,7 @@ def parse_arrays(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
     for key, target in wanted.items():
         specs[key] = ArraySpec((target.frames, target.joints), "iuf")
         specs[f"{key}.screw"] = ArraySpec((target.joints, 6), "iuf")
-    try:
-        arrays = parse_npz(data, specs, "the NPZ", only_known=True)
-    except DatasetError as error:
-        raise ValueError(str(error)) from error
+    arrays = parse_npz(data, specs, "the NPZ", only_known=True)
     row = parse_header({key: str(arrays.pop(key)) for key in _KEYS if key in arrays})
     numbers = {name: array.astype(np.float64) for name, array in arrays.items()}
     found = {key: numbers[key] for key in wanted if key in numbers}
@@ -255,20 +282,12 @@ def parse_header(header: Mapping[str, str]) -> Row:
     if unknown := [key for key in header if key not in _KEYS]:
         raise ValueError(f"the header says {_short(unknown[0])}; there are {', '.join(_KEYS)}")
     for key, value in header.items():
-        if not re.fullmatch(r"[^\x00-\x1f\x7f@]{1,200}", value) or not value.isprintable():
-            raise ValueError(f"{key} is {_short(value)}, expected a line of text without @")
-    inputs: dict[str, Inputs] = {value: value for value in INPUTS}
-    knowledge: dict[str, Knowledge] = {value: value for value in KNOWLEDGE}
-    if header["inputs"] not in inputs:
-        raise ValueError(f"inputs {_short(header['inputs'])}: there are {', '.join(inputs)}")
-    if header["knowledge"] not in knowledge:
-        raise ValueError(
-            f"knowledge {_short(header['knowledge'])}: there are {', '.join(knowledge)}"
-        )
-    i, k = inputs[header["inputs"]], knowledge[header["knowledge"]]
-    if not are_compatible(i, k):
-        raise ValueError(f"inputs {i} and knowledge {k} do not go together")
-    return Row(header["method"], header.get("version", "1"), i, k, header["training"])
+        if not is_label(value):
+            raise ValueError(f"{key} is {_short(value)}, expected {LABEL}")
+    row = to_record({"version": "1", **header}, Row, "the header")
+    if not are_compatible(row.inputs, row.knowledge):
+        raise ValueError(f"inputs {row.inputs} and knowledge {row.knowledge} do not go together")
+    return row
 
 
 def _rows(lines: io.StringIO, number: int) -> Iterator[tuple[int, list[str]]]:
@@ -302,9 +321,10 @@ def _blank(target: Target) -> Array:
     return np.zeros((target.frames, target.joints))
 
 
-def _whole(text: str, low: int, high: int, where: str) -> int:
+def _whole(text: str, low: int, high: int, where: str, names: Sequence[str] = ()) -> int:
     if not re.fullmatch(r"\d{1,9}", text, re.ASCII) or not low <= int(text) <= high:
-        raise ValueError(f"{where} is {_short(text)}, expected {low} to {high}")
+        known = "".join(f", {_short(name)[1:-1]}" for name in names[:_LISTED])
+        raise ValueError(f"{where} is {_short(text)}, expected {low} to {high}{known}")
     return int(text)
 
 
@@ -324,4 +344,4 @@ def _known(wanted: Mapping[str, Target]) -> str:
 
 
 def _short(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")
+    return ascii(text if len(text) <= 60 else text[:57] + "...")

@@ -53,7 +53,10 @@ class WorkerSettings:
     environment: Mapping[str, str] = field(default_factory=dict[str, str])
     """Variables of the processes. Those that the user has set take precedence."""
     foreign: bool = False
-    """The target runs foreign code: what it starts ends with it, what it prints goes to a file."""
+    """The target runs foreign code: what it starts ends with it, what it prints goes to a file, its
+    temporary files go to a folder of the pool (see supervisor.py)."""
+    memory: int | None = None
+    """Largest private memory of a process of foreign code, bytes."""
 
 
 @dataclass(eq=False)
@@ -184,12 +187,16 @@ class WorkerPool(Generic[_Task]):
 
     def _start(self, logs: Path) -> Worker[_Task]:
         s = self.settings
-        log = logs / str(next(self._number)) if s.foreign else None
+        log = None
+        if s.foreign:
+            log = logs / str(next(self._number)) / "output"
+            log.parent.mkdir()
         context: SpawnContext = multiprocessing.get_context("spawn")
-        with uninterrupted(), _variables(s.environment):
+        with uninterrupted(), _variables(s.environment), _arguments(not s.foreign):
             mine, its = context.Pipe()
             process = context.Process(
-                target=_main, args=(its, s.target, s.arguments, log), daemon=not s.foreign
+                target=_main, args=(its, s.target, s.arguments, log, s.memory),
+                daemon=not s.foreign,
             )
             process.start()
             its.close()  # now the end of the process is the end of the connection
@@ -198,9 +205,9 @@ class WorkerPool(Generic[_Task]):
 
 def _kill(worker: Worker[Any]) -> None:
     """Kill the process, and what foreign code in it has started."""
-    if worker.log is not None and worker.process.pid is not None:
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(worker.process.pid, signal.SIGKILL)
+    if worker.log is not None:
+        worker.process.terminate()  # the supervisor kills what it started
+        worker.process.join(10.0)
     worker.process.kill()
 
 
@@ -238,6 +245,17 @@ def _variables(values: Mapping[str, str]) -> Generator[None]:
             del os.environ[key]
 
 
+@contextmanager
+def _arguments(shown: bool) -> Generator[None]:
+    """Without those of the command line for what is started in the block, unless `shown`."""
+    mine = sys.argv
+    sys.argv = mine if shown else mine[:1]
+    try:
+        yield
+    finally:
+        sys.argv = mine
+
+
 # -- in the process ---------------------------------------------------------------------------
 
 
@@ -254,15 +272,19 @@ def receive_tasks(
 
 
 def _main(
-    connection: Connection, target: str, arguments: tuple[Any, ...], log: Path | None
+    connection: Connection, target: str, arguments: tuple[Any, ...], log: Path | None,
+    memory: int | None,
 ) -> None:
     """The main function of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent decides
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     if log is not None:
-        with suppress(OSError):
-            os.setsid()  # a process group of its own
+        from .supervisor import supervise
+
+        os.setsid()  # Ctrl-C does not reach it
         _redirect_output(log)
+        os.environ["TMPDIR"], tempfile.tempdir = str(log.parent), None
+        supervise(connection, memory, _wait_for_parent)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     module, _, function = target.partition(":")
     with suppress(EOFError, BrokenPipeError):  # the parent closed the connection
         getattr(import_module(module), function)(connection, *arguments)
@@ -281,9 +303,13 @@ def _redirect_output(log: Path) -> None:
     faulthandler.enable()  # prints where a segmentation fault happened
 
 
-def _end_with_parent() -> None:
-    """End this process at once when its parent ends, for whatever reason."""
+def _wait_for_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
-        os._exit(1)  # unfinished files have temporary names: nothing to tidy up
+
+
+def _end_with_parent() -> None:
+    """End this process at once when its parent ends, for whatever reason."""
+    _wait_for_parent()
+    os._exit(1)  # unfinished files have temporary names: nothing to tidy up

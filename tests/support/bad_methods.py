@@ -5,7 +5,10 @@ The environment variable CALLS names a file that counts the calls.
 
 from __future__ import annotations
 
+import gc
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -105,6 +108,121 @@ class Nonsense(_Accident):
 
     def accident(self, estimate: Estimate) -> Estimate:
         return "an estimate"  # type: ignore[return-value]
+
+
+class ReturnsExit(_Accident):
+    name = "returns-exit"
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        class Trap:
+            @property
+            def displacement(self) -> None:
+                raise SystemExit(0)
+
+        return Trap()  # type: ignore[return-value]
+
+
+class ReturnsInterrupt(_Accident):
+    name = "returns-interrupt"
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        class Trap:
+            def __array__(self, *_: object, **__: object) -> None:
+                raise KeyboardInterrupt
+
+        return Estimate(Trap())  # type: ignore[arg-type]
+
+
+class RaisesUnprintable(_Accident):
+    name = "raises-unprintable"
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        class UnprintableError(Exception):
+            def __str__(self) -> str:
+                raise SystemExit(0)
+
+        raise UnprintableError
+
+
+class ForksAndExits(_Accident):
+    """Its copy sleeps, with all files open; CALLS.pid names the copy."""
+
+    name = "forks-and-exits"
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        copy = os.fork()
+        if copy == 0:
+            time.sleep(600)
+        Path(os.environ["CALLS"] + ".pid").write_text(str(copy))
+        os._exit(0)
+
+
+class LeavesSession(_Accident):
+    """Starts a process in a session of its own and hangs."""
+
+    name = "leaves-session"
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        code = "import os, time; os.fork() and os._exit(0); os.setsid(); " \
+               "open(os.environ['CALLS'] + '.pid', 'w').write(str(os.getpid())); time.sleep(600)"
+        subprocess.run([sys.executable, "-c", code], start_new_session=True, check=True)
+        time.sleep(600)
+        return estimate
+
+
+class Allocates(_Accident):
+    name = "allocates"
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        np.ones(2**31, np.uint8)
+        return estimate
+
+
+class Searches(Good):
+    """Looks for the truth and the data in its own process."""
+
+    name = "searches"
+
+    def estimate(self, observation: Observation) -> Estimate:
+        secret = Path(os.environ["CALLS"] + ".secret").read_text()
+        frames, frame = [], sys._getframe(1)
+        while frame:
+            frames.append(repr(frame.f_locals))
+            frame = frame.f_back
+        places = {
+            "arguments": Path("/proc/self/cmdline").read_text() + repr(sys.argv),
+            "environment": repr({**os.environ, "PYTEST_CURRENT_TEST": ""}),
+            "folder": str(Path.cwd()),
+            "frames": repr(frames),
+            "objects": repr([type(x).__name__ for x in gc.get_objects()
+                             if type(x).__name__ in ("State", "Sequence", "Dataset", "Truth")]),
+        }
+        found = [name for name, text in places.items() if secret in text]
+        assert not found, found
+        assert places["objects"] == "[]", places["objects"]
+        return super().estimate(observation)
+
+
+class Tampers(Good):
+    """Writes the first sequence over the second one, so that another truth is scored."""
+
+    name = "tampers"
+
+    def estimate(self, observation: Observation) -> Estimate:
+        folder = Path(os.environ["CALLS"] + ".data")
+        if folder.exists():
+            sequences = Path(folder.read_text()) / "sequences"
+            (sequences / "000001.zip").write_bytes((sequences / "000002.zip").read_bytes())
+        return super().estimate(observation)
+
+
+class SurrogateName(Good):
+    name = "mine\ud800"
+
+
+class ExitsAtStart(Good):
+    def __init__(self) -> None:
+        raise SystemExit(0)
 
 
 class NoMethod:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import os
 import pickle
 import zipfile
 from pathlib import Path
@@ -66,8 +67,15 @@ def test_the_frame_holds_every_score(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ("0.123456789", "zero", "line 3: could not convert"),
-    ("pan,1,", "pan,one,", "line 3: invalid literal"),
+    ("0.123456789", "zero", r"line 3: Expected `float`, got `str` - at `\$.value`"),
+    ("0.123456789", "nan", r"line 3: Expected `float` >= 0.0 - at `\$.value`"),
+    ("0.123456789", "inf", r"line 3: \$.value: inf is not a finite number"),
+    ("0.123456789", "1e999", r"line 3: Number out of range - at `\$.value`"),
+    ("0.123456789", "-1", r"line 3: Expected `float` >= 0.0 - at `\$.value`"),
+    ("pan,1,", "pan,one,", r"line 3: Expected `int`, got `str` - at `\$.joint_index`"),
+    ("pan,1,", f"pan,{'9' * 400},", r"line 3: .* - at `\$.joint_index`"),
+    (",deg,", ",px,", r"line 3: Invalid enum value 'px' - at `\$.unit`"),
+    (",deg,", ",s,", r"line 3: \$.unit: final_error is in deg or m, got 's'"),
     ("method,", "methods,", "line 1: the first line is not method,"),
     (",ok", "", "line 3: 18 cells instead of 19"),
 ])  # fmt: skip
@@ -77,6 +85,16 @@ def test_a_damaged_table_names_its_line(tmp_path: Path, old: str, new: str, mess
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(GcbenchError, match=message):
         read_scores(path)
+
+
+@pytest.mark.parametrize("name", ["run.json", "scores.csv"])
+def test_a_pipe_in_place_of_a_file_is_refused(tmp_path: Path, name: str) -> None:
+    write_run(tmp_path, RUN)
+    write_scores(tmp_path / SCORES, [RESULT])
+    (tmp_path / name).unlink()
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(DatasetError, match=rf"{name}: is not a regular file"):
+        find_runs(tmp_path)[0].results()
 
 
 def test_runs_come_back_and_are_found(tmp_path: Path) -> None:

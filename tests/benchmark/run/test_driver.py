@@ -26,7 +26,8 @@ from gcbench.benchmark.results.estimates import read_stored
 from gcbench.benchmark.results.rows import Result
 from gcbench.benchmark.results.runs import Results
 from gcbench.benchmark.run.datasets import from_folders
-from gcbench.benchmark.run.driver import EvalConfig, evaluate, score_run
+from gcbench.benchmark.run.driver import EvalConfig, evaluate
+from gcbench.benchmark.run.jobs import Job
 from gcbench.renderer.dataset.reader import open_dataset
 
 from ...support import analytic, bench_data
@@ -47,7 +48,7 @@ def calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def run(data: Path, results: Path, name: str, **changes: object) -> Results:
     method = name if name in methods.METHODS else f"{METHODS}:{name}"
-    config = EvalConfig(method=(method,), data=(data,), results=results)
+    config = EvalConfig(method=(method,), data=(data,), results=results, workers=1)
     return evaluate(dataclasses.replace(config, **changes), progress=False)  # type: ignore[arg-type]
 
 
@@ -189,7 +190,7 @@ def test_scores_do_not_depend_on_the_order_of_sequences(data: Path, tmp_path: Pa
     before = folder.results()
     names = folder.run.sequences[::-1]
     turned = dataclasses.replace(folder, run=dataclasses.replace(folder.run, sequences=names))
-    score_run(turned, d)
+    Job(turned, d, ()).score()
     after = folder.results()
     assert after != before
     assert sorted(after, key=repr) == sorted(before, key=repr)
@@ -201,14 +202,14 @@ def test_only_what_can_be_seen_is_scored(tmp_path: Path) -> None:
     assert d.sequences == ("000000", "000002")
     assert d.left_out == 1
     assert len(from_folders([folder], keep_unobservable=True)[0].sequences) == 3
-    with pytest.raises(GcbenchError, match="two datasets are called 'arm'"):
+    with pytest.raises(GcbenchError, match="two datasets are called 'arm-seed-0'"):
         from_folders([folder, folder])
 
 
 def test_a_killed_run_continues(data: Path, tmp_path: Path, calls: Path) -> None:
     results = tmp_path / "results"
     command = [sys.executable, "-m", "gcbench", "eval", "--method", f"{METHODS}:Hangs",
-               "--data", str(data), "--results", str(results)]
+               "--data", str(data), "--results", str(results), "--workers", "1"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
     try:
         deadline = time.monotonic() + 60

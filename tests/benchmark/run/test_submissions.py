@@ -100,7 +100,7 @@ def test_nan_is_an_answer_that_failed(data: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("old", "new", "message"), [
     ("# method: mine\n", "", "the header does not say method"),
-    ("rgbd", "lidar", "inputs 'lidar': there are none, rgb, rgbd"),
+    ("rgbd", "lidar", "inputs: expected one of none, rgb, rgbd, rgbd-noise, got 'lidar'"),
     ("knowledge: free", "knowledge: none", "do not go together"),
     ("knowledge: free", "knowledge: free\n# knowledge: axes", "knowledge is there twice"),
     ("training: none", "training: none\n# colour: red", "the header says 'colour'"),
@@ -108,8 +108,8 @@ def test_nan_is_an_answer_that_failed(data: Path, tmp_path: Path) -> None:
     ("displacement", "angle", "line 5: 'sequence,frame,joint,angle' instead of sequence,frame"),
     ("000000,1,1,", "000009,1,1,", "line 6: no sequence '000009'; there are 000000 to 000001"),
     ("000000,1,1,", "000000,4,1,", "line 6: frame is '4', expected 0 to 3"),
-    ("000000,1,1,", "000000,1,0,", "line 6: joint is '0', expected 1 to 2"),
-    ("000000,1,1,", "000000,1,pan,", "line 6: joint is 'pan'"),
+    ("000000,1,1,", "000000,1,0,", "line 6: joint is '0', expected 1 to 2, "),
+    ("000000,1,1,", "000000,1,lid,", "line 6: joint is 'lid', expected 1 to 2, pan"),
     ("000000,1,2,", "000000,1,1,", "line 7: 000000, frame 1, joint 1 is there twice"),
     ("000000,1,1,", "000000,1,1,0.1,", "line 6: 5 cells instead of 4"),
     ("000000,1,1,", "000000,1,1,x", "line 6: displacement is 'x"),

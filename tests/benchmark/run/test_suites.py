@@ -96,7 +96,7 @@ def test_unknown_suites_list_what_exists(tmp_path: Path) -> None:
 
 
 def test_what_is_missing_is_rendered_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[tuple[str, int]] = []
 
@@ -106,12 +106,12 @@ def test_what_is_missing_is_rendered_first(
             bench_data.make_dataset(out, n + 1, unobservable=(0,))
 
     monkeypatch.setattr(generate, "render_dataset", render)
-    said: list[str] = []
     suite = parse_suite(MINE, "mine")
     for _ in range(2):
-        data = datasets.from_suite(suite, tmp_path, say=said.append)
+        data = datasets.from_suite(suite, tmp_path)
     assert asked == [("ur5", 2), ("iiwa14", 3)] * 2
-    assert said == ["mine/one: 2 of 2 sequences to render", "mine/two: 3 of 3 sequences to render"]
+    assert capsys.readouterr().err.splitlines() == [
+        "mine/one: 2 of 2 sequences to render", "mine/two: 3 of 3 sequences to render"]
     one, two = data
     assert (one.name, one.sequences, one.left_out) == ("mine/one", ("000001",), 1)
     assert two.sequences == ("000001", "000002")

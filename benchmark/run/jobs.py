@@ -1,0 +1,205 @@
+"""Jobs: a row on a dataset, its results folder, and what is missing in it."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ... import __version__
+from ...errors import DatasetError, GcbenchError
+from ...renderer.dataset import environment
+from ...renderer.runtime import dump_json
+from ...renderer.scene import differences
+from ...robots.files import remove_leftovers, write_atomically
+from ..methods import method_identity
+from ..protocol import score_sequence, shape_of, truth_digest
+from ..results import (
+    ESTIMATES,
+    RUN,
+    SCORES,
+    Result,
+    Row,
+    Run,
+    RunFolder,
+    Status,
+    Stored,
+    dump_stored,
+    read_run,
+    read_stored,
+    run_folder,
+    write_run,
+    write_scores,
+)
+from .datasets import Data
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A row on a dataset, and the names of the sequences without an estimate."""
+
+    folder: RunFolder
+    data: Data
+    todo: tuple[str, ...]
+
+    @property
+    def row(self) -> Row:
+        """The row."""
+        return self.folder.run.row
+
+    def read(self, sequence: str) -> Stored:
+        """Read a stored estimate. Raises DatasetError if it is missing or damaged."""
+        shape = shape_of(self.data.dataset[sequence])
+        return read_stored(self.folder.estimate_path(sequence), shape)
+
+    def write(self, sequence: str, estimate: bytes) -> Stored:
+        """Store and read an estimate; bytes that are none become a failure."""
+        path = self.folder.estimate_path(sequence)
+        with name_unwritable(path.parent):
+            write_atomically(path, estimate)
+        try:
+            return self.read(sequence)
+        except DatasetError as error:
+            stored = Stored("invalid", f"the method's process sent no estimate: {error}")
+            with name_unwritable(path.parent):
+                write_atomically(path, dump_stored(stored))
+            return stored
+
+    def score(self) -> list[Result]:
+        """Score every stored estimate, write the table and return its lines.
+
+        Raises DatasetError if an estimate is missing or damaged, or if a sequence is not the one
+        that was estimated.
+        """
+        out: list[Result] = []
+        for name in self.folder.run.sequences:
+            sequence = self.data.dataset[name]
+            known = self.folder.run.digests.get(name)
+            if known not in (None, truth_digest(sequence)):
+                raise DatasetError(
+                    f"{self.data.dataset.path}: sequence {name} changed after it was estimated; "
+                    f"restore it, or delete {self.folder.path}")
+            cluster = self.data.cluster(name)
+            out += score_sequence(sequence, self.read(name), self.folder.run, name, cluster)
+        with name_unwritable(self.folder.path):
+            write_scores(self.folder.path / SCORES, out)
+        return out
+
+    def failures(self) -> Iterator[str]:
+        """Yield a line for each sequence whose estimate failed."""
+        for name in self.folder.run.sequences:
+            if line := self.describe_failure(name, self.read(name)):
+                yield line
+
+    def describe_failure(self, sequence: str, stored: Stored) -> str:
+        """Return what went wrong in one line; empty if nothing did."""
+        if stored.status == "ok":
+            return ""
+        reason = stored.reason.splitlines()[0] if stored.reason else ""
+        where = f"{self.folder.run.dataset}/{sequence}"
+        return f"{self.row.title} on {where}: {stored.status}: {reason}"
+
+
+def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -> Job:
+    """Create or reopen the folder of a run, and find the sequences without an estimate.
+
+    Raises DatasetError if the folder has estimates of another method version or dataset, or cannot
+    be written.
+    """
+    new = _with_free_name(new, results)
+    path = run_folder(results, new.row, new.dataset)
+    estimates = path / ESTIMATES
+    with name_unwritable(path):
+        if (path / RUN).exists() and estimates.is_dir() and any(estimates.glob("*.zip")):
+            old = read_run(path / RUN)
+            changed = differences(_identity(old, new), _identity(new, old))
+            if changed and "ok" in retry:
+                for file in estimates.glob("*.zip"):
+                    file.unlink()
+            elif changed:
+                raise DatasetError(
+                    f"{path} holds estimates of something else ({'; '.join(changed)}); choose "
+                    "another --results folder, delete this one, or discard them by --retry ok"
+                )
+            there = [e for e in old.environments if e not in new.environments]
+            new = replace(new, environments=(*there, *new.environments))
+        folder = RunFolder(path, new)
+        write_run(path, new)
+        estimates.mkdir(exist_ok=True)
+        remove_leftovers(estimates)
+        job = Job(folder, data, ())
+        todo = tuple(name for name in new.sequences if not _is_done(job, name, retry))
+        if todo:
+            (path / SCORES).unlink(missing_ok=True)  # outdated by the new estimates
+    return replace(job, todo=todo)
+
+
+@contextmanager
+def name_unwritable(path: Path) -> Generator[None]:
+    """Turn an OSError of writing below `path` into a DatasetError."""
+    try:
+        yield
+    except OSError as error:
+        raise DatasetError(f"cannot write to {path}: {error.strerror or error}") from error
+
+
+def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
+                 settings: Mapping[str, Any]) -> Run:
+    """Return the record that `run.json` stores for a row on a dataset, with this environment."""
+    info = data.dataset.info
+    return Run(
+        row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
+        assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
+        environments=(_describe_environment(),), settings=settings, digests=data.digests,
+    )  # fmt: skip
+
+
+def cpu_count() -> int:
+    """Return the number of CPU cores available to this process."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _describe_environment() -> dict[str, Any]:
+    """Return package versions, CPU model and core count; no host name."""
+    cpu = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        cpu = next((x.partition(":")[2].strip() for x in lines if x.startswith("model name")), cpu)
+    except OSError:
+        pass
+    return {"gcbench": __version__, **environment(), "cpu": cpu, "cores": cpu_count()}
+
+
+def _with_free_name(new: Run, results: Path) -> Run:
+    """Add the seed to the name of a dataset if the results hold another seed under this name."""
+    seed = new.config.get("seed")
+    path = run_folder(results, new.row, new.dataset) / RUN
+    if path.exists() and "/" not in new.dataset and read_run(path).config.get("seed") != seed:
+        return replace(new, dataset=f"{new.dataset}-seed-{seed}")
+    return new
+
+
+def _identity(run: Run, other: Run) -> dict[str, Any]:
+    """Return the fields that are equal in all estimates of one row, for comparison with `other`."""
+    row = run.row
+    common = run.digests.keys() & other.digests.keys()
+    return json.loads(dump_json({
+        "version": row.version, "training": row.training, "source": method_identity(run.source),
+        "config": run.config, "truth": {name: run.digests[name] for name in sorted(common)},
+    }))  # fmt: skip
+
+
+def _is_done(job: Job, sequence: str, retry: Sequence[Status]) -> bool:
+    if not job.folder.estimate_path(sequence).exists():
+        return False
+    try:
+        return job.read(sequence).status not in retry
+    except GcbenchError:
+        return False  # damaged
