@@ -13,18 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ...robots.model import Material, Tiling
+from ...robots.model import Material
 from ..scene import Scene, clip_from_light
 from .buffers import DrawRange, Piece, VertexArray, delete_vertex_array, draw_range, upload_pieces
 from .context import Program, Programs
 from .framebuffers import (
     SHADOW_SIZE,
     Framebuffer,
+    TextureCache,
     delete_textures,
     picture_texture,
     shadow_texture,
 )
-from .programs import ShaderFeatures, features_of
+from .programs import TEXTURE_UNITS, Features, features_of, textures_of
 from .uploaded_model import Shot
 
 
@@ -53,14 +54,14 @@ class _UploadedScene:
 
     scene: Scene
     room: VertexArray | None
-    features: Sequence[ShaderFeatures]
+    features: Sequence[Features]
     """of each visual of the model"""
     room_materials: Sequence[Material]
-    room_features: Sequence[ShaderFeatures]
+    room_features: Sequence[Features]
     shadows: Sequence[int]
     """the shadow map of each light; none if the scene has no shadows"""
-    textures: dict[tuple[int, tuple[Tiling, Tiling]], int]
-    """those made so far, by the picture's identity and its tiling; the scene holds the pictures"""
+    textures: TextureCache
+    """of the scene's pictures"""
 
 
 def _upload_scene(gl: Any, scene: Scene) -> _UploadedScene:
@@ -74,7 +75,7 @@ def _upload_scene(gl: Any, scene: Scene) -> _UploadedScene:
     return _UploadedScene(
         scene, upload_pieces(gl, pieces) if pieces else None, features, materials,
         [features_of(m) for m in materials],
-        [shadow_texture(gl) for _ in scene.lights if scene.shadows], {})
+        [shadow_texture(gl) for _ in scene.lights if scene.shadows], TextureCache(gl))
 
 
 class ColorPass:
@@ -139,8 +140,8 @@ class ColorPass:
     def forget(self) -> None:
         """Free what goes with the scene."""
         if self._uploaded is not None:
-            delete_textures(
-                self._gl, [*self._uploaded.textures.values(), *self._uploaded.shadows])
+            self._uploaded.textures.delete()
+            delete_textures(self._gl, self._uploaded.shadows)
             delete_vertex_array(self._gl, self._uploaded.room)
         self._uploaded = self._still_of = None
 
@@ -185,7 +186,7 @@ class ColorPass:
             self._set_pose(program, shot, shot.pose(r, t), 1.0 / size if size > 0 else 1.0)
             self._shade_range(uploaded, program, r, scene.materials[r.material])
 
-    def _program(self, uploaded: _UploadedScene, features: ShaderFeatures) -> Program:
+    def _program(self, uploaded: _UploadedScene, features: Features) -> Program:
         """The program for a surface, in use, with the scene's lights set."""
         scene = uploaded.scene
         program = self._programs.surface(features, len(scene.lights), scene.shadows)
@@ -210,9 +211,8 @@ class ColorPass:
         gl.glUniform3f(program["material.emissive_factor"], *material.emission)
         if material.alpha_cutoff is not None:
             gl.glUniform1f(program["alpha_cutoff"], material.alpha_cutoff)
-        textures = [(unit, self._texture(uploaded, picture, material.tiling)) for unit, picture
-                    in zip(_UNITS.values(), _pictures(material), strict=True)
-                    if picture is not None]
+        textures = [(TEXTURE_UNITS[name], uploaded.textures.texture(picture, material.tiling))
+                    for name, picture in textures_of(material).items()]
         for unit, texture in textures:  # once all are made: making one binds it
             gl.glActiveTexture(gl.GL_TEXTURE0 + unit)
             gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
@@ -227,7 +227,7 @@ class ColorPass:
         gl = self._gl
         gl.glUniform3f(program["cam_pos"], *scene.camera.world_from_cam[:3, 3])
         gl.glUniform3f(program["ambient_light"], *[scene.ambient] * 3)
-        for name, unit in _UNITS.items():
+        for name, unit in TEXTURE_UNITS.items():
             gl.glUniform1i(program[f"material.{name}_texture"], unit)
         for k, light in enumerate(scene.lights):
             name = f"directional_lights[{k}]."
@@ -237,7 +237,7 @@ class ColorPass:
 
     def _draw_backdrop(self, picture: NDArray[np.uint8]) -> None:
         gl, program = self._gl, self._programs.backdrop
-        texture = picture_texture(gl, picture[::-1], repeat=False)  # it turns them upside down
+        texture = picture_texture(gl, picture[::-1], None)  # it turns them upside down
         gl.glUseProgram(program.id)
         gl.glUniform1i(program["picture"], 0)
         gl.glActiveTexture(gl.GL_TEXTURE0)
@@ -276,22 +276,3 @@ class ColorPass:
             gl.glActiveTexture(gl.GL_TEXTURE0 + 1 + k)
             gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
         gl.glDisable(gl.GL_POLYGON_OFFSET_FILL)
-
-    def _texture(
-        self, uploaded: _UploadedScene, picture: NDArray[np.uint8], tiling: tuple[Tiling, Tiling]
-    ) -> int:
-        """The texture of a picture of the scene, made on first use."""
-        key = id(picture), tiling
-        if key not in uploaded.textures:
-            uploaded.textures[key] = picture_texture(self._gl, picture, tiling=tiling)
-        return uploaded.textures[key]
-
-
-_UNITS = {"base_color": 0, "metallic_roughness": 9, "normal": 10, "occlusion": 11, "emissive": 12}
-"""Texture units by pyrender's names; shadow maps take those between."""
-
-
-def _pictures(material: Material) -> tuple[NDArray[np.uint8] | None, ...]:
-    """The textures of a material in the order of their units."""
-    maps = material.maps
-    return (material.texture, maps.metallic_roughness, maps.normal, maps.occlusion, maps.emission)

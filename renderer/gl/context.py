@@ -16,12 +16,7 @@ import numpy as np
 from ...robots.geometry import Array
 from ..scene import Scene
 from .framebuffers import NoRendererError
-from .programs import (
-    ShaderFeatures,
-    shader_source,
-    surface_fragment_shader,
-    surface_vertex_shader,
-)
+from .programs import Features, shader_source, surface_shaders
 
 os.environ["PYOPENGL_PLATFORM"] = "egl"  # the only one that this package draws with
 os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
@@ -141,7 +136,7 @@ class Programs:
 
     def __init__(self, gl: Any, faces: bool = False) -> None:
         self.gl, self.faces = gl, faces
-        self._surface: dict[tuple[ShaderFeatures, int, bool], Program] = {}
+        self._surface: dict[tuple[Features, int, bool], Program] = {}
         self._solid: dict[tuple[str, bool], Program] = {}
         self.backdrop = Program(
             gl, shader_source("backdrop.vert.glsl"), shader_source("backdrop.frag.glsl"))
@@ -158,13 +153,12 @@ class Programs:
                            for text in (vertex, fragment)))
         return self._solid[name, cut]
 
-    def surface(self, features: ShaderFeatures, lights: int, shadows: bool) -> Program:
-        """The program of the colours of a surface, for this many lights."""
+    def surface(self, features: Features, lights: int, shadows: bool) -> Program:
+        """The program of the colours of a surface, for a number of lights."""
         key = (features, lights, shadows)
         if key not in self._surface:
             import pyrender
 
             mesh_frag = Path(pyrender.__file__).parent / "shaders" / "mesh.frag"
-            fragment = surface_fragment_shader(mesh_frag.read_text(), *key)
-            self._surface[key] = Program(self.gl, surface_vertex_shader(features), fragment)
+            self._surface[key] = Program(self.gl, *surface_shaders(mesh_frag.read_text(), *key))
         return self._surface[key]

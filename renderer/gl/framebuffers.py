@@ -83,48 +83,65 @@ class Framebuffer:
         gl.glReadPixels(0, 0, *self.size, layout, kind, out)
 
 
-def picture_texture(gl: Any, picture: NDArray[np.uint8], repeat: bool = True,
-                    tiling: tuple[Tiling, Tiling] = ("repeat", "repeat")) -> int:
+def picture_texture(
+    gl: Any, picture: NDArray[np.uint8], tiling: tuple[Tiling, Tiling] | None
+) -> int:
     """Upload a picture [H W 1|3|4]: mipmapped, with row 0 of the texture at its bottom (v = 0).
 
-    Without `repeat` the texture has no mipmaps and is shown once.
+    Without `tiling` the texture has no mipmaps and is shown once.
     """
-    texture = int(gl.glGenTextures(1))
-    gl.glActiveTexture(gl.GL_TEXTURE0)
-    gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
     data = np.ascontiguousarray(picture[::-1])
     layout = {1: gl.GL_RED, 3: gl.GL_RGB, 4: gl.GL_RGBA}[data.shape[2]]
     height, width = data.shape[:2]
-    gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_RGBA8, width, height, 0, layout,
-                    gl.GL_UNSIGNED_BYTE, data)
     modes = {"repeat": gl.GL_REPEAT, "mirror": gl.GL_MIRRORED_REPEAT,
              "clamp": gl.GL_CLAMP_TO_EDGE}
-    wrap = [modes[t] for t in tiling] if repeat else [gl.GL_CLAMP_TO_EDGE] * 2
-    smaller = gl.GL_LINEAR_MIPMAP_LINEAR if repeat else gl.GL_LINEAR
-    for name, value in (
-        (gl.GL_TEXTURE_WRAP_S, wrap[0]), (gl.GL_TEXTURE_WRAP_T, wrap[1]),
-        (gl.GL_TEXTURE_MIN_FILTER, smaller), (gl.GL_TEXTURE_MAG_FILTER, gl.GL_LINEAR),
-    ):
-        gl.glTexParameteri(gl.GL_TEXTURE_2D, name, value)
-    if repeat:
+    wrap = [modes[t] for t in tiling or ("clamp", "clamp")]
+    smaller = gl.GL_LINEAR_MIPMAP_LINEAR if tiling else gl.GL_LINEAR
+    texture = _new_texture(gl, *wrap, smaller, gl.GL_LINEAR)
+    gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_RGBA8, width, height, 0, layout,
+                    gl.GL_UNSIGNED_BYTE, data)
+    if tiling:
         gl.glGenerateMipmap(gl.GL_TEXTURE_2D)
     return texture
 
 
+class TextureCache:
+    """Tiled textures of pictures, uploaded on first use. The caller keeps the pictures alive."""
+
+    def __init__(self, gl: Any) -> None:
+        self._gl = gl
+        self._made: dict[tuple[int, tuple[Tiling, Tiling]], int] = {}
+
+    def texture(self, picture: NDArray[np.uint8], tiling: tuple[Tiling, Tiling]) -> int:
+        """Return the texture of a picture."""
+        key = id(picture), tiling
+        if key not in self._made:
+            self._made[key] = picture_texture(self._gl, picture, tiling)
+        return self._made[key]
+
+    def delete(self) -> None:
+        """Free the textures."""
+        delete_textures(self._gl, [*self._made.values()])
+
+
 def shadow_texture(gl: Any) -> int:
     """Make a depth texture of SHADOW_SIZE px a side; what lies outside it is lit."""
+    border = gl.GL_CLAMP_TO_BORDER
+    texture = _new_texture(gl, border, border, gl.GL_NEAREST, gl.GL_NEAREST)
+    gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_DEPTH_COMPONENT24, SHADOW_SIZE, SHADOW_SIZE,
+                    0, gl.GL_DEPTH_COMPONENT, gl.GL_FLOAT, None)
+    gl.glTexParameterfv(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
+    return texture
+
+
+def _new_texture(gl: Any, wrap_s: Any, wrap_t: Any, smaller: Any, larger: Any) -> int:
+    """A texture, bound to unit 0."""
     texture = int(gl.glGenTextures(1))
     gl.glActiveTexture(gl.GL_TEXTURE0)
     gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
-    gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_DEPTH_COMPONENT24, SHADOW_SIZE, SHADOW_SIZE,
-                    0, gl.GL_DEPTH_COMPONENT, gl.GL_FLOAT, None)
-    for name, value in (
-        (gl.GL_TEXTURE_WRAP_S, gl.GL_CLAMP_TO_BORDER),
-        (gl.GL_TEXTURE_WRAP_T, gl.GL_CLAMP_TO_BORDER),
-        (gl.GL_TEXTURE_MIN_FILTER, gl.GL_NEAREST), (gl.GL_TEXTURE_MAG_FILTER, gl.GL_NEAREST),
-    ):
+    for name, value in ((gl.GL_TEXTURE_WRAP_S, wrap_s), (gl.GL_TEXTURE_WRAP_T, wrap_t),
+                        (gl.GL_TEXTURE_MIN_FILTER, smaller), (gl.GL_TEXTURE_MAG_FILTER, larger)):
         gl.glTexParameteri(gl.GL_TEXTURE_2D, name, value)
-    gl.glTexParameterfv(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
     return texture
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array
 from ..scene import PosedModel, Scene
 from ..types import Camera
 from .color_pass import ColorPass, DrawnColor
@@ -26,18 +25,12 @@ class Rasterizer:
 
     The software rasterizer works in threads of its own: between a draw and the first access to
     its images, the caller can do other work. Frames may be drawn in any order.
-
-    Args:
-        width: px
-        height: px
-        finer: Samples of colour along each side of a pixel.
-        faces: Whether the truth includes the triangle of each pixel.
-
-    Raises:
-        NoRendererError: no EGL device of this machine can draw images of this size.
     """
 
     def __init__(self, width: int, height: int, finer: int = 2, faces: bool = False) -> None:
+        """Colour has `finer` samples along each side of a pixel; with `faces`, the truth includes
+        triangles. Raises NoRendererError if no EGL device can draw images of this size.
+        """
         self.context = GLContext()
         gl = self.context.gl
         self.width, self.height = width, height
@@ -84,15 +77,8 @@ class Rasterizer:
         where: NDArray[np.int64],
     ) -> NDArray[np.uint32]:
         """Return bits [H W]: bit g is set where parts of group g would be visible with nothing in
-        front of them.
-
-        Args:
-            posed: The model.
-            camera: Its camera.
-            t: Frame.
-            group: [P] group of each part, 0..31; -1 leaves the part out.
-            where: [P 4] px, the box in which each part is drawn: first column and row, and those
-                after the last.
+        front of them. `group` [P] is 0..31, or -1 for a part that is left out; a part is drawn in
+        its box `where` [P 4] px (as `outlines`) only.
         """
         shot = self._shot(posed, camera)
         self._place(shot, t)
@@ -124,11 +110,10 @@ class Rasterizer:
 
     def _shot(self, posed: PosedModel, camera: Camera) -> Shot:
         """The shot of the truth, which is kept while the arguments stay the same."""
-        shot = self._truth_shot
-        self._upload(posed, None)
-        if shot is None or shot.uploaded is not self._uploaded or (
+        shot, uploaded = self._truth_shot, self._upload(posed, None)
+        if shot is None or shot.uploaded is not uploaded or (
                 shot.posed is not posed or shot.camera is not camera):
-            shot = self._truth_shot = self._new_shot(posed, camera, np.zeros((0, 3)))
+            shot = self._truth_shot = Shot(uploaded, posed, camera, np.zeros((0, 3)))
         return shot
 
     def _colored(self, scene: Scene, posed: PosedModel) -> Shot:
@@ -137,19 +122,15 @@ class Rasterizer:
         if self._color.scene is not scene:
             self._color.take(scene)
             shot = None
-        self._upload(posed, scene.texture_size > 0)
-        if shot is None or shot.uploaded is not self._uploaded or shot.posed is not posed:
+        uploaded = self._upload(posed, scene.texture_size > 0)
+        if shot is None or shot.uploaded is not uploaded or shot.posed is not posed:
             room = np.concatenate([np.zeros((0, 3)), *(s.vertices for s in scene.room)])
-            shot = self._color_shot = self._new_shot(posed, scene.camera, room)
+            shot = self._color_shot = Shot(uploaded, posed, scene.camera, room)
         return shot
 
-    def _upload(self, posed: PosedModel, projected: NDArray[np.bool_] | None) -> None:
-        gl = self.context.gl
-        self._uploaded = upload_model(gl, posed.model, projected, self._uploaded)
-
-    def _new_shot(self, posed: PosedModel, camera: Camera, around: Array) -> Shot:
-        assert self._uploaded is not None
-        return Shot(self._uploaded, posed, camera, around)
+    def _upload(self, posed: PosedModel, projected: NDArray[np.bool_] | None) -> UploadedModel:
+        self._uploaded = upload_model(self.context.gl, posed.model, projected, self._uploaded)
+        return self._uploaded
 
     def _place(self, shot: Shot, t: int) -> None:
         """Put the surfaces that deform where they are in frame t."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply
-from ...robots.model import ArticulatedModel, Tiling
+from ...robots.model import ArticulatedModel
 from ..scene import PosedModel, box_corners, box_split, clip_from_world, rest
 from ..types import Camera
 from .buffers import (
@@ -25,7 +25,7 @@ from .buffers import (
 )
 from .context import Program, Programs
 from .culling import one_sided_of
-from .framebuffers import delete_textures, picture_texture
+from .framebuffers import TextureCache
 
 _WHITE = np.full((1, 1, 4), 255, np.uint8)
 
@@ -57,11 +57,12 @@ class UploadedModel:
     """in the order of the visuals"""
     cut: Mapping[int, int]
     """the texture whose alpha cuts holes, by visual"""
+    textures: TextureCache
 
     def delete(self, gl: Any) -> None:
         """Free what is on the device."""
         delete_vertex_array(gl, self.array)
-        delete_textures(gl, list(set(self.cut.values())))
+        self.textures.delete()
 
 
 def upload_model(
@@ -96,22 +97,11 @@ def upload_model(
                             one_sided[k], visual.deforms, color))
         moving[k] = DeformingPiece(k, kept, np.zeros((len(kept), 2)) if uv is None else uv)
     boxes = [(v.part, box_corners(v.vertices)) for v in model.visuals if not v.deforms]
+    textures = TextureCache(gl)
+    cut = {k: textures.texture(_WHITE if m.texture is None else m.texture, m.tiling)
+           for k, m in enumerate(v.material for v in model.visuals) if m.alpha_cutoff is not None}
     return UploadedModel(model, projected, upload_pieces(gl, pieces), one_sided, boxes,
-                         [moving[k] for k in deforming], _cut_textures(gl, model))
-
-
-def _cut_textures(gl: Any, model: ArticulatedModel) -> dict[int, int]:
-    """The texture whose alpha cuts holes into each visual that may have some."""
-    made: dict[tuple[int, tuple[Tiling, Tiling]], int] = {}
-    found: dict[int, int] = {}
-    for k, material in enumerate(v.material for v in model.visuals):
-        if material.alpha_cutoff is not None:
-            picture = _WHITE if material.texture is None else material.texture
-            key = id(picture), material.tiling
-            if key not in made:
-                made[key] = picture_texture(gl, picture, tiling=material.tiling)
-            found[k] = made[key]
-    return found
+                         [moving[k] for k in deforming], cut, textures)
 
 
 @dataclass(frozen=True, eq=False)

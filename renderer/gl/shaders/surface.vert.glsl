@@ -10,20 +10,20 @@ uniform mat4 world_from_part;
 uniform vec2 uv_scale;
 out vec3 frag_position;
 out vec3 frag_normal;
-#if TEXTURED
+#ifdef TEXCOORD_0_LOC
 out vec2 uv_0;
 #endif
-#if COLORED
+#ifdef COLOR_0_LOC
 out vec4 color_multiplier;
 #endif
 void main() {
     gl_Position = clip_from_part * vec4(position, 1.0);
     frag_position = vec3(world_from_part * vec4(position, 1.0));
     frag_normal = mat3(world_from_part) * normal;
-#if TEXTURED
+#ifdef TEXCOORD_0_LOC
     uv_0 = texcoord * uv_scale;
 #endif
-#if COLORED
+#ifdef COLOR_0_LOC
     color_multiplier = vertex_color;
 #endif
 }
