@@ -75,10 +75,7 @@ class Summary:
 
 
 def plan_workers(cpu_count: int, requested: int | None) -> tuple[int, int]:
-    """(processes, threads of the software rasterizer in each).
-
-    Raises ConfigError for fewer than one process.
-    """
+    """(processes, threads of the software rasterizer in each); at least one process."""
     workers = cpu_count if requested is None else requested
     if workers < 1:
         raise ConfigError(f"{workers} workers cannot render; ask for 1 or more")
@@ -220,10 +217,7 @@ def _open(out: Path, config: RenderConfig) -> Provenance:
 
 
 def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> Provenance:
-    """The provenance with the model's, on disk before the first sequence is.
-
-    Raises ConfigError if the model's file is not what it was.
-    """
+    """The provenance with the model's, on disk before the first sequence is."""
     now = json.loads(dump_json(asset))
     if provenance.assets and now not in provenance.assets:
         changed = "; ".join(differences(provenance.assets[0], now))

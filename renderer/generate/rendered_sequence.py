@@ -19,8 +19,6 @@ class RenderedSequence:
     frames: Iterator[Frame]
     depth_unit: float
     """m per unit of the depth images"""
-    refused: Mapping[str, int]
-    """Draws that were refused, by reason."""
     coordinate_box: Array | None
     """[P 2 3] m, if the frames have coordinates"""
     finish: Callable[[], tuple[Meta, State]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -35,11 +35,6 @@ class SequenceRenderer:
         return self._source.model
 
     @property
-    def scored(self) -> tuple[str, ...]:
-        """Names of its scored joints, from the base outward."""
-        return self._source.scored
-
-    @property
     def asset(self) -> dict[str, Any]:
         """Where the model or the models came from, for `dataset.json`."""
         return dataset_asset(self.config, self._source)
@@ -50,7 +45,10 @@ class SequenceRenderer:
 
     def render(self, index: int) -> RenderedSequence:
         """Draw sequence `index`; its images render while they are iterated."""
-        self._load_model(index)
+        source = model_source(self.config, index, self._source)
+        if source is not self._source:  # the device holds one at a time
+            self._source = source
+            self._sampler = self._new_sampler()
         streams = Streams(self.config, index)
         draw, refused = self._sampler.draw(streams)
         motion = draw.motion
@@ -67,7 +65,7 @@ class SequenceRenderer:
                 behind = room_normal(scene.room, room.face, draw.camera)
         unit = depth_unit(max(float(d.max()) for d in draw.depth))
         truth = SequenceTruth(self.config, index, self.model, draw, unit, behind)
-        frames = self.frames(truth, scene)
+        frames = self._frames(truth, scene)
 
         def finish() -> tuple[Meta, State]:
             if next(frames, None) is not None:
@@ -75,14 +73,7 @@ class SequenceRenderer:
             state = self._state(truth)
             return self._meta(index, record, truth, refused, state), state
 
-        return RenderedSequence(frames, unit, refused, truth.coordinate_box, finish)
-
-    def _load_model(self, index: int) -> None:
-        """Load the model of sequence `index`; the device holds one at a time."""
-        source = model_source(self.config, index, self._source)
-        if source is not self._source:
-            self._source = source
-            self._sampler = self._new_sampler()
+        return RenderedSequence(frames, unit, truth.coordinate_box, finish)
 
     def _new_sampler(self) -> DrawSampler:
         source = self._source
@@ -98,9 +89,7 @@ class SequenceRenderer:
         draw = replace(draw, depth=depth, part=part)
         return self._sampler.update_evidence(draw, part) if any(h.any() for h in hidden) else draw
 
-    # -- frames -------------------------------------------------------------------------------
-
-    def frames(self, truth: SequenceTruth, scene: Scene) -> Iterator[Frame]:
+    def _frames(self, truth: SequenceTruth, scene: Scene) -> Iterator[Frame]:
         """Draw the images of a scene with their truth."""
         posed = truth.draw.motion.posed
         for t in range(self.config.frames):
@@ -124,8 +113,8 @@ class SequenceRenderer:
         )
 
     def _meta(
-        self, index: int, record: dict[str, Any], truth: SequenceTruth,
-        refused: Mapping[str, int], state: State,
+        self, index: int, record: dict[str, Any], truth: SequenceTruth, refused: dict[str, int],
+        state: State,
     ) -> Meta:
         draw, has_keypoints = truth.draw, "keypoints" in self.config.layers
         config, model, context = self.config, self.model, self._rasterizer.context
@@ -139,7 +128,7 @@ class SequenceRenderer:
                 for a, b in model.limits
             ),
             part_names=model.part_names,
-            scored_joints=self.scored,
+            scored_joints=self._source.scored,
             width=config.width,
             height=config.height,
             frames=config.frames,
@@ -151,7 +140,7 @@ class SequenceRenderer:
                 # The rule is about joints: it says nothing of a motion that has none.
                 "observable": None if "animation" in record else not draw.reason,
                 "reason": draw.reason,
-                "refused": dict(refused),
+                "refused": refused,
                 "joints": {name: asdict(seen) for name, seen in draw.joints.items()},
             },
             depth_unit=truth.depth_unit,

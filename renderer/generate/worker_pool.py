@@ -38,13 +38,9 @@ def render_in_workers(
 ) -> Generator[Message | WorkerDied]:
     """Render sequences in order with several processes at a time, and yield what happens.
 
-    A sequence whose process dies is tried once more. Close the iterator to stop at once: no
-    process outlives it.
-
-    Raises:
-        RenderError: if the model or a sequence cannot be rendered. If processes died, after the
-            other sequences are rendered.
-        RuntimeError: with the worker's traceback, for a bug.
+    A sequence whose process dies is tried once more; if it dies again, RenderError is raised after
+    the other sequences are rendered. Close the iterator to stop at once: no process outlives it.
+    RuntimeError has the traceback of a bug in a worker.
     """
     settings = WorkerSettings(
         "gcbench.renderer.generate.worker_process:render_tasks", (task,), workers, lifetime,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -95,7 +95,4 @@ def _render(renderer: Renderer, index: int, dataset: Path, connection: Connectio
         for frame in rendered.frames:
             writer.add(frame)
             connection.send(FrameDone())
-        meta, state = rendered.finish()
-        # With the sequence, so that the dataset's sum follows from what is on disk.
-        seen = {**meta.observability, "refused": dict(rendered.refused)}
-        writer.finish(replace(meta, observability=seen), state)
+        writer.finish(*rendered.finish())

@@ -15,16 +15,6 @@ _OFFSETS = np.array([[0.0, 0.0], [0.37, 0.61], [0.71, 0.23]])
 """Shift of each axis in tiles: adjacent sides of a box do not mirror each other."""
 
 
-def box_projection(vertices: Array, faces: Faces, normals: Array,
-                   scale: float) -> tuple[Array, Faces, Array, Array]:
-    """Return vertices [V' 3], faces [F 3], normals [V' 3] and uv [V' 2] of a mesh.
-
-    A tile is `scale` m wide. See `box_split`.
-    """
-    old, split, uv = box_split(vertices, faces, scale)
-    return vertices[old], split, normals[old], uv
-
-
 def box_split(vertices: Array, faces: Faces,
               scale: float) -> tuple[NDArray[np.intp], Faces, Array]:
     """Return the old number [V'] of each new vertex, faces [F 3] and uv [V' 2].

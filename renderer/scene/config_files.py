@@ -27,13 +27,9 @@ def parse_config(
     base: RenderConfig | None = None,
     error: type[GcbenchError] = ConfigError,
 ) -> RenderConfig:
-    """Return the config in a tree.
+    """Return the config in a tree of fields; an absent field has its value in `base`.
 
-    Args:
-        tree: Fields and their values; a field that is absent has its value in `base`.
-        where: Beginning of an error message.
-        base: Default: `RenderConfig()`.
-        error: Kind of the error for an unknown field, another type or a number out of bounds.
+    An unknown field or an invalid value is an `error`, whose message begins with `where`.
     """
     found = to_record(tree, RenderConfig, where, only_known=True, error=error)
     config = _overlay(base or RenderConfig(), found, tree)
@@ -43,11 +39,7 @@ def parse_config(
 
 
 def read_config(path: Path, base: RenderConfig | None = None) -> RenderConfig:
-    """Return the config in a TOML or JSON file, or in a `dataset.json`; see `parse_config`.
-
-    Raises:
-        ConfigError: if the file cannot be read, or has a field or value that a config lacks.
-    """
+    """Return the config in a TOML or JSON file, or in a `dataset.json`; see `parse_config`."""
     data = read_bounded(path, MAX_JSON, ConfigError)
     if path.suffix == ".toml":
         tree = parse_toml(data, str(path))

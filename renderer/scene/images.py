@@ -7,8 +7,8 @@ octave; the total cost is close to that of the last enlargement.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import gcd
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -181,11 +181,6 @@ def _shapes(radius: float, rng: np.random.Generator) -> list[NDArray[np.float64]
             for a, b, t in zip(edges[:-1], edges[1:], tops, strict=True)]
 
 
-class _Draw(Protocol):
-    def __call__(self, size: tuple[int, int], rng: np.random.Generator,
-                 tileable: bool, /) -> TextureImage: ...
-
-
-KINDS: dict[str, _Draw] = {
+KINDS: dict[str, Callable[[tuple[int, int], np.random.Generator, bool], TextureImage]] = {
     "noise": _noise, "checker": _checker, "stripes": _stripes, "wood": _wood, "clutter": _clutter,
 }

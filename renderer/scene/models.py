@@ -48,10 +48,6 @@ def model_source(config: RenderConfig, index: int, last: ModelSource | None = No
     """Load the model of sequence `index`; return `last` if it has that model.
 
     Instances of a category that lack a joint of `scored_joints` are drawn again.
-
-    Raises:
-        ModelError: The model cannot be loaded or has no visible geometry.
-        ConfigError: The model lacks a joint of `scored_joints`.
     """
     reason = ""
     for attempt in range(_TRIES if is_category(config.robot) else 1):
@@ -74,10 +70,7 @@ def draw_instance(streams: Streams, attempt: int = 0) -> str:
 
 
 def robot_of(config: RenderConfig, meta: Meta) -> str:
-    """Return the name of the model that a sequence of a config shows.
-
-    Raises:
-        DatasetError: The sequence names no instance that the config may show.
+    """Return the name of the model that a sequence shows; DatasetError if the config excludes it.
     """
     if not is_category(config.robot):
         return config.robot
@@ -92,15 +85,9 @@ def robot_of(config: RenderConfig, meta: Meta) -> str:
 def model_of(
     config: RenderConfig, meta: Meta | None = None, download: bool = False
 ) -> ArticulatedModel:
-    """Load the model that a sequence shows.
+    """Load the model that a sequence shows, downloading its files only if `download`.
 
-    Args:
-        config: The config of the sequence's dataset.
-        meta: The sequence's metadata; needed only where each sequence shows another instance.
-        download: Whether the model's files may be downloaded.
-
-    Raises:
-        GcbenchError: The model is not on this machine or cannot be read.
+    `meta` is needed only where each sequence shows another instance.
     """
     robot = config.robot if meta is None else robot_of(config, meta)
     return load_robot(robot, packages_of(config), config.allow_missing, download)
@@ -115,11 +102,7 @@ def dataset_asset(config: RenderConfig, source: ModelSource) -> dict[str, Any]:
 
 
 def packages_of(config: RenderConfig) -> dict[str, Path]:
-    """Return the folders of `--package NAME=DIR` by package name.
-
-    Raises:
-        ConfigError: An entry has another form, or its folder does not exist.
-    """
+    """Return the folders of `--package NAME=DIR` by package name; each must exist."""
     out: dict[str, Path] = {}
     for item in config.package:
         name, equals, folder = item.partition("=")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...robots.geometry import Array, rotation_about
-from .box_mapping import Faces, box_projection
+from .box_mapping import Faces, box_split
 from .config import BackgroundConfig
 from .image_sources import ImageFolder, draw_image
 from .images import TextureImage
@@ -46,36 +46,19 @@ class RoomSurface:
     roughness: float
 
 
-@dataclass(frozen=True)
-class RoomSetting:
-    """What a room is built around. World frame, z up, m."""
-
-    floor_z: float
-    """Height of the floor."""
-    center: Array
-    """[3] centre of the robot."""
-    camera_position: Array
-    """[3]"""
-    reach: float
-    """The robot stays within this distance of `center`."""
-
-    @property
-    def distance(self) -> float:
-        """Distance of the camera from `center`, m."""
-        return float(np.linalg.norm(self.camera_position - self.center))
-
-
-def draw_room(rng: np.random.Generator, config: BackgroundConfig,
-              setting: RoomSetting) -> tuple[RoomSurface, ...]:
+def draw_room(
+    rng: np.random.Generator, config: BackgroundConfig, floor: float, middle: Array, eye: Array,
+    reach: float,
+) -> tuple[RoomSurface, ...]:
     """Draw floor, four walls, ceiling and 2-6 pieces of furniture: fewer than 300 triangles.
 
-    Furniture stays clear of the upright cylinder with the radius of the robot's reach, and of
-    everything between it and the camera. The floor is lower than `floor_z` if the camera would be
-    below it. Raises ConfigError if no texture can be drawn.
+    World frame, m. The robot stays within `reach` of its centre `middle` [3]; the camera is at
+    `eye` [3]. Furniture stays clear of the upright cylinder with the radius of the robot's reach,
+    and of everything between it and the camera. The room's floor is lower than `floor` if the
+    camera would be below it. Raises ConfigError if no texture can be drawn.
     """
-    middle, eye = setting.center, setting.camera_position
-    distance, reach = setting.distance, setting.reach
-    bottom = min(setting.floor_z, float(eye[2]) - 0.05 * distance)
+    distance = float(np.linalg.norm(eye - middle))
+    bottom = min(floor, float(eye[2]) - 0.05 * distance)
     origin = np.array([middle[0], middle[1], bottom])
     world_from_room = rotation_about((0.0, 0.0, 1.0), rng.uniform(-np.pi, np.pi))
     eye_xy = ((eye - origin) @ world_from_room)[:2]
@@ -90,11 +73,12 @@ def draw_room(rng: np.random.Generator, config: BackgroundConfig,
     high = np.array([walls[0], walls[2], height])
 
     def surface(name: str, mesh: _Mesh, tile: float, pixels: int) -> RoomSurface:
-        vertices, faces, normals, uv = box_projection(*mesh, tile)
+        vertices, faces, normals = mesh
+        old, faces, uv = box_split(vertices, faces, tile)
         image = draw_image(config.kinds, images, (pixels, pixels), rng, tileable=True)
         red, green, blue = rng.uniform(0.7, 1.0, 3).tolist()
-        return RoomSurface(name, vertices @ world_from_room.T + origin, faces,
-                           normals @ world_from_room.T, uv, image, (red, green, blue),
+        return RoomSurface(name, vertices[old] @ world_from_room.T + origin, faces,
+                           normals[old] @ world_from_room.T, uv, image, (red, green, blue),
                            rng.uniform(0.5, 1.0))
 
     vertices, faces, normals = _box(low, high, inward=True)

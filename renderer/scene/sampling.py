@@ -26,7 +26,7 @@ from .config import (
     TexturesConfig,
 )
 from .image_sources import ImageFolder, draw_image
-from .room import RoomSetting, RoomSurface, draw_room
+from .room import RoomSurface, draw_room
 from .scene import Light, Scene
 
 
@@ -176,8 +176,8 @@ def draw_background(
     """Draw a background image [H W 3] or the surfaces of a room; also return its name."""
     is_room, kind = rng.random() < config.room, str(rng.choice(config.kinds))
     if is_room:
-        setting = RoomSetting(floor, center, camera.world_from_cam[:3, 3], reach)
-        return None, draw_room(rng, config, setting), "room"
+        eye = camera.world_from_cam[:3, 3]
+        return None, draw_room(rng, config, floor, center, eye, reach), "room"
     shape = (camera.height, camera.width)
     if kind == "plain" and not config.folder:
         gray = np.round(255.0 * np.asarray(config.color)).astype(np.uint8)

@@ -40,7 +40,7 @@ class Moved:
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """What N pixels of a frame show: points of parts (and of the world, if it moves), by part.
+    """What N pixels of a frame show: points of parts, in the order of the parts.
 
     `points` lie in memory column by column, which makes `moved` faster.
     """
@@ -76,13 +76,10 @@ class SurfacePoints:
             if np.array_equal(here[number], there[number]):
                 continue  # exactly zero
             part = self.of_part(number)
-            uv, depth[part] = self.project(apply(motion[number], self.points[part]))
+            points = apply(motion[number], self.points[part])
+            uv, depth[part] = project_in_front(self.intrinsics, points)
             np.subtract(uv, self.pixels[part], out=flow[part], casting="same_kind")
         return Moved(flow, depth)
-
-    def project(self, points_in_cam: Array) -> tuple[Array, Array]:
-        """Pixels [M 2] and depth [M] m of camera-frame points [M 3] m; NaN behind the camera."""
-        return project_in_front(self.intrinsics, points_in_cam)
 
     def flow_image(self, moved: Moved) -> NDArray[np.float32]:
         """Flow [H W 2] px; NaN where there is no surface."""
@@ -102,14 +99,12 @@ def project_in_front(intrinsics: Array, points_in_cam: Array) -> tuple[Array, Ar
 
 
 def surface_points(
-    depth: NDArray[np.float32], part: NDArray[np.uint16], k: Array, parts: int,
-    world_moves: bool = False,
+    depth: NDArray[np.float32], part: NDArray[np.uint16], k: Array, parts: int
 ) -> SurfacePoints:
     """Points of a frame from depth [H W] m (0: no surface), part numbers [H W] in 0..parts and
-    intrinsics [3 3]. Those of the world are left out, with zero flow, unless it moves against the
-    camera (`world_moves`).
+    intrinsics [3 3]. Those of the world, which stands still, are left out.
     """
-    seen = np.flatnonzero(depth > 0 if world_moves else part > 0)  # bool: five times faster
+    seen = np.flatnonzero(part > 0)  # of bool: five times faster
     number = part.ravel()[seen]
     order = np.argsort(number, kind="stable")  # a radix sort; parts become slices
     index = seen[order].astype(np.int32)
@@ -139,7 +134,6 @@ def visibility(
     seen = is_seen(target, moved.depth, number, (next_depth, next_part), depth_unit)
     answer = np.where(seen, np.uint8(VISIBLE), np.uint8(OCCLUDED))
     answer[~pinhole.inside_image(target, *next_part.shape)] = OUT_OF_IMAGE
-    answer[:points.first[1]] = BACKGROUND  # of the world
     out = np.full(next_part.shape, BACKGROUND, np.uint8)
     out.ravel()[points.index] = answer
     return out

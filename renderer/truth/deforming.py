@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..scene import PosedModel
-from .correspondence import Moved, SurfacePoints
+from .correspondence import Moved, SurfacePoints, project_in_front
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class DeformingPoints:
         where they would be if each moved with its part.
         """
         shift = np.einsum("mk,mki->mi", self.weight, vertices[self.corner] - self.here)
-        uv, z = self.points.project(self.points.points[self.chosen] + shift)
+        points = self.points.points[self.chosen] + shift
+        uv, z = project_in_front(self.points.intrinsics, points)
         flow, depth = rigid.flow.copy(), rigid.depth.copy()
         stands = (shift == 0).all(axis=1, keepdims=True)
         flow[self.chosen] = np.where(stands, 0.0, uv - self.points.pixels[self.chosen])

@@ -44,25 +44,25 @@ class SequenceTruth:
     ) -> None:
         """`room_normal` [H W 3] is what the layer `normal` shows where the model is not."""
         self.config, self.model, self.draw = config, model, draw
-        self.layers, self._index, self.depth_unit = config.layers, index, depth_unit
+        self._index, self.depth_unit = index, depth_unit
         self._room_normal = room_normal
         frames = config.frames
         self.cam_from_world = np.tile(draw.camera.cam_from_world, (frames, 1, 1))
         self._table = pose_table(self.cam_from_world, draw.motion.world_from_part)
         self.part_pixels = np.zeros((frames, len(model.parent)), np.int64)
-        wanted = "coordinates" in self.layers
-        self.coordinate_box = coordinate_boxes(model) if wanted else None
+        wanted = "coordinates" in config.layers
         self._at_rest = rest_in_part(model) if wanted else np.zeros((0, 3))
-        outline = draw.motion.posed.vertices(0) if "keypoints" in self.layers else np.zeros((1, 3))
-        self.keypoint_tolerance = KEYPOINT_SHARE * float(np.linalg.norm(np.ptp(outline, axis=0)))
+        self.coordinate_box = coordinate_boxes(model, self._at_rest) if wanted else None
+        self.keypoint_tolerance = 0.0
+        if "keypoints" in config.layers:
+            size = np.linalg.norm(np.ptp(draw.motion.posed.vertices(0), axis=0))
+            self.keypoint_tolerance = KEYPOINT_SHARE * float(size)
 
     def frame(self, t: int, rgb: Callable[[], NDArray[np.uint8]]) -> Frame:
         """Frame t; `rgb` is called last, because the device may draw its image meanwhile."""
         draw, table = self.draw, self._table
         depth, part = draw.depth[t], draw.part[t]
-        world_moves = bool((table[:, 0] != table[0, 0]).any())
-        points = surface_points(
-            depth, part, draw.camera.intrinsics, len(self.model.parent), world_moves)
+        points = surface_points(depth, part, draw.camera.intrinsics, len(self.model.parent))
         self.part_pixels[t] = points.part_pixels
         deforming = self._deforming(points, t)
         forward = backward = seen = None
@@ -74,9 +74,9 @@ class SequenceTruth:
             seen = visibility(
                 points, moved, draw.depth[t + 1], draw.part[t + 1], self.depth_unit)
         coordinates = None
-        if "coordinates" in self.layers:
+        if "coordinates" in self.config.layers:
             coordinates = coordinate_image(points, table[t], deforming, self._at_rest, part.shape)
-        normal = self._normal(t) if "normal" in self.layers else None
+        normal = self._normal(t) if "normal" in self.config.layers else None
         return Frame(rgb(), depth, part, forward, backward, seen, normal, coordinates)
 
     def point_state(self) -> dict[str, Any]:
@@ -86,11 +86,11 @@ class SequenceTruth:
         images = TruthImages(draw.camera, draw.depth, draw.part, self.depth_unit)
         if self.coordinate_box is not None:
             out["coordinate_box"] = self.coordinate_box
-        if "keypoints" in self.layers:
+        if "keypoints" in config.layers:
             found = keypoint_paths(
                 self.model, posed.world_from_part, images, self.keypoint_tolerance)
             out |= {f"keypoint_{name}": value for name, value in vars(found).items()}
-        if "tracks" in self.layers:
+        if "tracks" in config.layers:
             rng = named_rng(config.seed, config.stream, self._index, "tracks")
             found, query = track_paths(
                 rng, config.track_points, posed.world_from_part, images,

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply, inverse
 from ...robots.model import ArticulatedModel
-from ..scene import rest_in_part
 from .correspondence import SurfacePoints
 from .deforming import DeformingPoints
 
@@ -41,7 +40,7 @@ def coordinate_image(
     """Where each pixel's point is in its part's own frame, [H W 3] m; NaN where there is no part.
 
     From the points of a frame and the poses cam_from_part [P+1 4 4] by part number. A point that
-    deforms has the place that it has at rest: `at_rest` [V 3] (posed.rest_in_part).
+    deforms has the place that it has at rest: `at_rest` [V 3] (posed_model.rest_in_part).
     """
     found = np.full((len(points.index), 3), np.nan)
     for number in range(1, len(points.first) - 1):
@@ -55,14 +54,13 @@ def coordinate_image(
     return out
 
 
-def coordinate_boxes(model: ArticulatedModel) -> Array:
+def coordinate_boxes(model: ArticulatedModel, at_rest: Array) -> Array:
     """[P 2 3] m: least and greatest coordinates of each part's surfaces at rest, in its frame;
-    zeros for a part without any.
+    zeros for a part without any. `at_rest` [V 3] is from `posed_model.rest_in_part`.
     """
-    vertices = rest_in_part(model)
     part = np.repeat([v.part for v in model.visuals], [len(v.vertices) for v in model.visuals])
     boxes = np.zeros((len(model.parent), 2, 3))
     for p in np.unique(part):
-        mine = vertices[part == p]
+        mine = at_rest[part == p]
         boxes[p] = mine.min(0), mine.max(0)
     return boxes

@@ -56,32 +56,15 @@ def subtrees(model: ArticulatedModel, joints: NDArray[np.int64]) -> NDArray[np.b
     return out
 
 
-@dataclass(frozen=True)
-class PartPixels:
-    """The pixels of a frame that show a part."""
-
-    depth: NDArray[np.float32]
-    """[H W] m"""
-    index: NDArray[np.int64]
-    """[N] flat index of each pixel"""
-    number: NDArray[np.uint16]
-    """[N] its part number"""
-    camera: Camera
-
-
 def own_motion(
-    pixels: PartPixels, moved: NDArray[np.bool_], screw: Array, prismatic: bool, step: float
+    camera: Camera, depth: NDArray[np.float32], index: NDArray[np.int64], screw: Array,
+    prismatic: bool, step: float,
 ) -> float:
-    """Return the median length, px, of the flow that one joint's step alone causes.
+    """Return the median length, px, of the flow that one joint's step (rad or m) alone causes.
 
-    Args:
-        pixels: What the frame shows.
-        moved: [P] parts that the joint moves.
-        screw: [6] the joint's screw in the camera frame.
-        prismatic: Whether the joint shifts.
-        step: The joint's step, rad or m.
+    `index` [N] are the flat indices of the pixels that show what the joint moves, at `depth` [H W]
+    m; its `screw` [6] is in the camera frame.
     """
-    index, camera = pixels.index[moved[pixels.number - 1]], pixels.camera
     if not index.size:
         return 0.0
     index = index[:: max(1, len(index) // 2000)]  # 2000 suffice for the median
@@ -89,12 +72,7 @@ def own_motion(
     uv = np.stack([u, v], axis=1)
     # By the inverse matrix, not by `pinhole.unproject`: meta.json keeps its last digit.
     rays = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(camera.intrinsics).T
-    points = rays * pixels.depth.ravel()[index, None]
+    points = rays * depth.ravel()[index, None]
     motion = (prismatic_motion if prismatic else revolute_motion)(screw, step)
     there = pinhole.project(camera.intrinsics, apply(motion, points))
     return float(np.median(np.linalg.norm(there[:, :2] - uv, axis=1)))
-
-
-def is_prismatic(model: ArticulatedModel, joint: int) -> bool:
-    """Whether an independent joint shifts rather than turns."""
-    return bool(model.prismatic[model.joint_child[joint]])

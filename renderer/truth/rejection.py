@@ -20,14 +20,7 @@ from ...robots.model import Animation, ArticulatedModel, joint_screws
 from ..gl import Rasterizer
 from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera
 from ..types import Camera
-from .observability import (
-    MIN_ANGLE,
-    JointVisibility,
-    PartPixels,
-    is_prismatic,
-    own_motion,
-    subtrees,
-)
+from .observability import MIN_ANGLE, JointVisibility, own_motion, subtrees
 
 MAX_DRAWS = 100
 """Draws per sequence; after these the best one is kept and marked as not observable."""
@@ -66,7 +59,7 @@ class DrawSampler:
         self.motions = MotionSampler(model, scored, config, animation)
         self._rasterizer = rasterizer
         self._joints = np.array([model.joint_names.index(n) for n in scored], np.int64)
-        self._prismatic = [is_prismatic(model, int(j)) for j in self._joints]
+        self._prismatic = model.prismatic[model.joint_child[self._joints]].tolist()
         self._moved = subtrees(model, self._joints)
         self._patterns, self._group = _groups(self._moved)
         longest = np.radians(config.randomization.motion.max_step) * (config.frames - 1)
@@ -137,16 +130,15 @@ class DrawSampler:
             pixels[t] = self._count(number)
             covered[t] = pixels[t] + self._hidden(motion, t, camera, index, number)
             for j in range(joints) if t < frames - 1 else ():
-                flow[t, j] = own_motion(
-                    PartPixels(depth[t], index, number, camera), self._moved[j], screws[t, j],
-                    self._prismatic[j], steps[t, j])
+                of_joint = index[self._moved[j][number - 1]]
+                flow[t, j] = own_motion(camera, depth[t], of_joint, screws[t, j],
+                                        self._prismatic[j], steps[t, j])
             reason = "" if keep else self._reason(_seen(pixels[[t]], covered[[t]]))
             if reason:
                 return reason
         seen, reason = self._verdict(motion, pixels, covered, flow)
-        if face[0] is None:
-            face = []
-        return Draw(motion, camera, depth, part, face, covered, flow, seen, reason)
+        faces = [] if face[0] is None else face
+        return Draw(motion, camera, depth, part, faces, covered, flow, seen, reason)
 
     def _verdict(
         self, motion: Motion, pixels: NDArray[np.int64], covered: NDArray[np.int64], flow: Array

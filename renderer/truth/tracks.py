@@ -67,22 +67,12 @@ def track_paths(
     rng: np.random.Generator, count: int, world_from_part: Array, images: TruthImages,
     deforming: tuple[PosedModel, list[NDArray[np.int32]]] | None = None,
 ) -> tuple[PointPaths, NDArray[np.int64]]:
-    """Choose points on a model's surface and follow them over all frames.
+    """Choose N points on a model's surface; return their paths and their query frames [N].
 
     Each point is the centre of a pixel in its query frame. Query frames are spread evenly over
     the frames that show a part; there all visible parts are equally likely, and then all pixels
-    of the part.
-
-    Args:
-        rng: Chooses parts and pixels.
-        count: Number of points N.
-        world_from_part: [T P 4 4]
-        images: What the frames show.
-        deforming: The posed model and, for each frame, the triangle [H W] that a pixel shows
-            (-1: none), where surfaces deform.
-
-    Returns:
-        The paths of N points (0 if no part is ever visible), and their query frames [N].
+    of the part. N is `count`, or 0 if no part is ever visible. Parts are in poses [T P 4 4]; where
+    surfaces deform, the posed model and each frame's triangles [H W] (-1: none) are needed.
     """
     seen = [t for t, part in enumerate(images.part) if (part > 0).any()]
     if not seen:

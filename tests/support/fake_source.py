@@ -94,13 +94,13 @@ def render(config: RenderConfig, index: int) -> RenderedSequence:
             yield frame
 
     def finish() -> tuple[Meta, State]:
-        seen = {"observable": index % 4 != 2}
+        seen = {"observable": index % 4 != 2, "refused": {"collision": index % 3}}
         meta = make_meta(
             *size, name=f"{index:06d}", index=index, seed=config.seed, observability=seen
         )
         return meta, make_state(rng, config.frames)
 
-    return RenderedSequence(frames(), 0.0001, {"collision": index % 3}, None, finish)
+    return RenderedSequence(frames(), 0.0001, None, finish)
 
 
 class FakeRenderer:

@@ -12,7 +12,14 @@ from typing import Annotated, Any, Literal
 import msgspec
 import pytest
 from gcbench.errors import ConfigError, DatasetError
-from gcbench.renderer.runtime import dump_json, parse_json, parse_toml, read_record, to_record
+from gcbench.renderer.runtime import (
+    MAX_JSON,
+    dump_json,
+    parse_json,
+    parse_toml,
+    read_record,
+    to_record,
+)
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -108,8 +115,9 @@ def test_the_format_of_a_file_is_checked(tmp_path: Path) -> None:
     assert read_record(path, Outer, "x/1", only_known=True).frames == 3
     with pytest.raises(DatasetError, match="'x/1'; this version reads 'x/2'"):
         read_record(path, Outer, "x/2")
-    with pytest.raises(DatasetError, match="larger than 10 bytes"):
-        read_record(path, Outer, limit=10)
+    with pytest.raises(DatasetError, match="is larger than"):
+        path.write_bytes(b" " * (MAX_JSON + 1))
+        read_record(path, Outer)
     with pytest.raises(DatasetError, match="No such file"):
         read_record(tmp_path / "nowhere", Outer)
 

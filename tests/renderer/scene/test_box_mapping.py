@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from gcbench.renderer.scene.box_mapping import box_projection
+from gcbench.renderer.scene.box_mapping import box_split
+
+
+def box_projection(
+    vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, scale: float
+) -> tuple[np.ndarray, ...]:
+    old, split, uv = box_split(vertices, faces, scale)
+    return vertices[old], split, normals[old], uv
 
 
 def _mesh(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

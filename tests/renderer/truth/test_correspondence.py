@@ -19,9 +19,9 @@ def plane(z: float = 2.0, part: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return np.full((HEIGHT, WIDTH), z, np.float32), np.full((HEIGHT, WIDTH), part, np.uint16)
 
 
-def flow(depth, part, motion, world_moves=False) -> np.ndarray:
-    """[H W 2] px where parts (and the world) move by `motion` [3 4 4] in the camera frame."""
-    points = surface_points(depth, part, K, 2, world_moves)
+def flow(depth, part, motion) -> np.ndarray:
+    """[H W 2] px where parts move by `motion` [3 4 4] in the camera frame."""
+    points = surface_points(depth, part, K, 2)
     return points.flow_image(points.moved(NOW, motion))
 
 
@@ -77,15 +77,6 @@ def test_no_surface_is_nan_and_a_still_room_is_zero() -> None:
     assert (actual[10:, :, 0] > 0).all()
 
 
-def test_a_moving_camera_moves_the_room_too() -> None:
-    depth, part = plane(part=0)
-    depth[:5] = 0
-    motion = np.stack([transform(None, (0.1, 0, 0))] * 3)
-    actual = flow(depth, part, motion, world_moves=True)
-    assert np.isnan(actual[:5]).all()
-    np.testing.assert_allclose(actual[5:, :, 0], 2.5, atol=1e-5)
-
-
 def test_what_passes_behind_the_camera_is_nan() -> None:
     motion = NOW.copy()
     motion[1] = transform(None, (0, 0, -3.0))
@@ -105,8 +96,6 @@ def test_part_pixels_are_counted() -> None:
     part[:3], part[10:, 5:] = 0, 2
     points = surface_points(depth, part, K, 2)
     assert points.part_pixels.tolist() == [(part == 1).sum(), (part == 2).sum()]
-    assert surface_points(depth, part, K, 2, True).part_pixels.tolist() == [
-        (part == 1).sum(), (part == 2).sum()]
 
 
 def test_a_wall_that_slides_under_another_is_occluded_and_leaves_the_image() -> None:
@@ -136,10 +125,3 @@ def test_the_same_part_at_another_depth_hides_too() -> None:
     assert (visibility(points, moved, *nearer, UNIT) == OCCLUDED).all()
     within = (depth * np.float32(0.999), part)
     assert (visibility(points, moved, *within, UNIT) == VISIBLE).all()
-
-
-def test_the_world_is_background_to_visibility() -> None:
-    depth, part = plane(part=0)
-    points = surface_points(depth, part, K, 2, world_moves=True)
-    seen = visibility(points, points.moved(NOW, NOW), depth, part, UNIT)
-    assert (seen == BACKGROUND).all()

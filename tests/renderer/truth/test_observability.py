@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gcbench import open_dataset
 from gcbench.renderer.scene.config import STUDIO, RenderConfig
-from gcbench.renderer.truth.observability import JointVisibility, PartPixels, own_motion
+from gcbench.renderer.truth.observability import JointVisibility, own_motion
 from gcbench.renderer.types.camera import Camera, intrinsics_from_fov
 
 WIDTH, HEIGHT, FAR = 64, 48, 2.0
@@ -72,8 +72,8 @@ def shown(screw: list[float], prismatic: bool, step: float, pixels: np.ndarray) 
     number = np.ones((HEIGHT, WIDTH), np.uint16)
     number[pixels[:, 1], pixels[:, 0]] = 2
     depth = np.full((HEIGHT, WIDTH), FAR, np.float32)
-    shows = PartPixels(depth, np.arange(number.size), number.ravel(), camera)
-    return own_motion(shows, np.array([False, True]), np.array(screw), prismatic, step)
+    index = np.flatnonzero(number == 2)
+    return own_motion(camera, depth, index, np.array(screw), prismatic, step)
 
 
 def test_a_slide_across_shifts_every_pixel_by_as_much() -> None:

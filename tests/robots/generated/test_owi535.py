@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.scene.config import RenderConfig
+from gcbench.renderer.scene.sampling import Streams
 from gcbench.robots.catalog import find_robot, load_robot
 from gcbench.robots.geometry import apply, inverse
 from gcbench.robots.model import (
@@ -146,7 +147,8 @@ def test_it_does_not_touch_itself_where_it_is_used(model: ArticulatedModel) -> N
 def test_sequences_are_found_in_few_draws() -> None:
     renderer = SequenceRenderer(RenderConfig(robot="owi535", seed=11))
     try:
-        refused = [sum(renderer.render(i).refused.values()) for i in range(12)]
+        draws = [renderer._sampler.draw(Streams(renderer.config, i)) for i in range(12)]
+        refused = [sum(reasons.values()) for _, reasons in draws]
     finally:
         renderer.close()
     assert np.mean(refused) < 4 and max(refused) < 20
