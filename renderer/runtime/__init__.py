@@ -11,24 +11,7 @@ from .workers import WorkerPool, WorkerSettings, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
-    "MAX_JSON",
-    "Archive",
-    "ArchiveWriter",
-    "ArraySpec",
-    "Bar",
-    "WorkerPool",
-    "WorkerSettings",
-    "dump_json",
-    "dump_npy",
-    "frame_bar",
-    "named_rng",
-    "open_archive",
-    "parse_json",
-    "parse_npy",
-    "parse_npz",
-    "parse_toml",
-    "read_record",
-    "receive_tasks",
-    "to_record",
-    "uninterrupted",
+    "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "WorkerPool", "WorkerSettings",
+    "dump_json", "dump_npy", "frame_bar", "named_rng", "open_archive", "parse_json", "parse_npy",
+    "parse_npz", "parse_toml", "read_record", "receive_tasks", "to_record", "uninterrupted",
 ]

@@ -45,10 +45,8 @@ _SHOWN = 60  # characters of a wrong value in a message
 def dump_json(tree: Any) -> bytes:
     """Return indented JSON of dicts, lists, tuples, numbers, strings and NumPy values.
 
-    Raises:
-        ValueError: for NaN and infinity, which JSON cannot express.
+    Raises ValueError for NaN and infinity, which JSON cannot express.
     """
-
     def plain(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
             return value.tolist()
@@ -62,13 +60,9 @@ def dump_json(tree: Any) -> bytes:
 def parse_json(
     data: bytes, where: str, file_format: str = "", error: type[GcbenchError] = DatasetError
 ) -> dict[str, Any]:
-    """Return the JSON object in `data`.
+    """Return the JSON object in `data`, whose field `format` is `file_format` (empty: any).
 
-    Args:
-        data: UTF-8 text.
-        where: Beginning of an error message: the file, or the file and its member.
-        file_format: Required value of the object's field `format`; empty: any.
-        error: Kind of the error to raise.
+    Anything else is an `error`, whose message begins with `where`: the file, and its member.
     """
     try:
         tree = msgspec.json.decode(data)
@@ -86,10 +80,8 @@ def parse_json(
     return found
 
 
-def parse_toml(
-    data: bytes, where: str, error: type[GcbenchError] = ConfigError
-) -> dict[str, Any]:
-    """Return the table in `data`; arguments as in `parse_json`."""
+def parse_toml(data: bytes, where: str) -> dict[str, Any]:
+    """Return the table in `data`; `where` begins the ConfigError of anything else."""
 
     def finite(text: str) -> float:
         if not np.isfinite(value := float(text)):
@@ -101,7 +93,7 @@ def parse_toml(
         _check_tree(tree)
         return tree
     except (ValueError, RecursionError) as problem:
-        raise error(f"{where}: not TOML ({_one_line(problem)})") from problem
+        raise ConfigError(f"{where}: not TOML ({_one_line(problem)})") from problem
 
 
 def _check_tree(tree: Any) -> None:
@@ -132,14 +124,10 @@ def to_record(
     only_known: bool = False,
     error: type[GcbenchError] = DatasetError,
 ) -> Record:
-    """Return the record of type `kind` in a plain tree of dicts, lists and values.
+    """Return the record of type `kind` (a dataclass) in a tree of `parse_json` or `parse_toml`.
 
-    Args:
-        tree: A result of `parse_json` or `parse_toml`, or a part of one.
-        kind: A dataclass, or any annotation that msgspec supports.
-        where: Beginning of an error message.
-        only_known: Refuse fields that the record lacks. They are ignored otherwise.
-        error: Kind of the error to raise.
+    Fields that the record lacks are ignored, or refused with `only_known`. `where` and `error` as
+    in `parse_json`.
     """
     if only_known:
         for path, known in _unknown_fields(kind, tree, "$"):
@@ -151,15 +139,10 @@ def to_record(
 
 
 def read_record(
-    path: Path, kind: type[Record], file_format: str = "", only_known: bool = False,
-    limit: int = MAX_JSON,
+    path: Path, kind: type[Record], file_format: str = "", only_known: bool = False
 ) -> Record:
-    """Return the record in a JSON file of at most `limit` bytes; see `parse_json`, `to_record`.
-
-    Raises:
-        DatasetError: if the file cannot be read, or its content is not such a record.
-    """
-    tree = parse_json(read_bounded(path, limit, DatasetError), str(path), file_format)
+    """Return the record in a JSON file, or raise DatasetError; see `parse_json`, `to_record`."""
+    tree = parse_json(read_bounded(path, MAX_JSON, DatasetError), str(path), file_format)
     if only_known:
         tree.pop("format", None)
     return to_record(tree, kind, str(path), only_known)

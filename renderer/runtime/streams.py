@@ -13,12 +13,8 @@ def named_rng(
 ) -> np.random.Generator:
     """Return a fresh generator; equal arguments give equal numbers, on every machine.
 
-    Args:
-        seed: Of the dataset.
-        split: Sequences of `test` and `train` share no draw.
-        index: Number of the sequence.
-        name: Of what is drawn. Streams of different names are independent.
-        more: Further numbers that distinguish draws, such as the attempt.
+    Splits, sequences `index` and names of what is drawn have independent streams; `more` numbers
+    distinguish further draws, such as the attempt.
     """
     number = 0 if split == "test" else 1
     return np.random.default_rng([seed, number, index, zlib.crc32(name.encode()), *more])

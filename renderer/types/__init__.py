@@ -18,22 +18,7 @@ from .sequence import (
 )
 
 __all__ = [
-    "BACKGROUND",
-    "FORMAT",
-    "MAX_PIXELS",
-    "OCCLUDED",
-    "OUT_OF_IMAGE",
-    "VISIBLE",
-    "Camera",
-    "Estimate",
-    "Frame",
-    "Inputs",
-    "Knowledge",
-    "Meta",
-    "Method",
-    "Observation",
-    "Sequence",
-    "State",
-    "intrinsics_from_fov",
-    "look_at",
+    "BACKGROUND", "FORMAT", "MAX_PIXELS", "OCCLUDED", "OUT_OF_IMAGE", "VISIBLE", "Camera",
+    "Estimate", "Frame", "Inputs", "Knowledge", "Meta", "Method", "Observation", "Sequence",
+    "State", "intrinsics_from_fov", "look_at",
 ]
