@@ -223,7 +223,7 @@ def _decode(
     png: bytes, size: tuple[int, int], where: str, color: int, bits: int
 ) -> NDArray[Any]:
     """Return the pixels in OpenCV's order (BGR) after verifying the header and checksums."""
-    width, height, depth, kind = _read_header(png, where)
+    png, (width, height, depth, kind) = _parse_png(png, where)
     if (width, height) != size or width * height > MAX_PIXELS:
         raise DatasetError(f"{where}: {width}x{height} px, expected {size[0]}x{size[1]}")
     if (kind, depth) != (color, bits):
@@ -239,26 +239,34 @@ def _decode(
     return image
 
 
-def _read_header(png: bytes, where: str) -> tuple[int, int, int, int]:
-    """Return (width, height, bits, colour type) of a PNG whose chunks are complete and intact."""
+def _parse_png(png: bytes, where: str) -> tuple[bytes, tuple[int, int, int, int]]:
+    """Return a PNG without the chunks that do not concern its pixels, and its header.
+
+    The header is (width, height, bits, colour type). All chunks are complete and intact, and the
+    compressed data begins as zlib's: libpng would print its complaints.
+    """
     if png[:8] != b"\x89PNG\r\n\x1a\n":
         raise DatasetError(f"{where}: not a PNG")
-    header: tuple[int, int, int, int] | None = None
-    at = 8
+    at, kept, packed = 8, [png[:8]], b""
     while at + 12 <= len(png):
         length, kind = struct.unpack_from(">I4s", png, at)
         end = at + 12 + length
-        if end > len(png) or struct.unpack_from(">I", png, end - 4)[0] != zlib.crc32(
-            memoryview(png)[at + 4 : end - 4]
-        ):
+        chunk = png[at:end]
+        if len(chunk) < 12 + length or chunk[-4:] != struct.pack(">I", zlib.crc32(chunk[4:-4])):
             break
-        if header is None:
-            if kind != b"IHDR" or length != 13:
-                break
-            header = struct.unpack_from(">IIBB", png, at + 8)
-        elif kind == b"acTL":
+        if (len(kept) == 1) != (kind == b"IHDR" and length == 13):
+            break
+        if kind == b"acTL":
             raise DatasetError(f"{where}: an animated PNG")
-        elif kind == b"IEND" and end == len(png):
-            return header
+        if kind in (b"IHDR", b"IDAT", b"IEND"):
+            kept.append(chunk)
+        if kind == b"IDAT" and len(packed) < 2:
+            packed += chunk[8:10]
+        if kind == b"IEND" and end == len(png):
+            width, height, bits, color, *methods = struct.unpack(">IIBBBBB", kept[1][8:-4])
+            if methods != [0, 0, 0] or len(packed) < 2 or packed[0] & 0x8F != 8 \
+                    or int.from_bytes(packed[:2], "big") % 31:
+                break
+            return b"".join(kept), (width, height, bits, color)
         at = end
     raise DatasetError(f"{where}: damaged PNG")

@@ -67,7 +67,8 @@ def parse_state(data: bytes, meta: Meta, where: str) -> State:
     arrays: dict[str, Any] = {}
     for key, array in expected.items():
         arrays[key] = values = found[key].astype(array.dtype)
-        if not (array.may_be_unknown or np.isfinite(values).all()):
+        finite = np.isfinite(values) | (np.isnan(values) if array.may_be_unknown else False)
+        if not finite.all():
             raise DatasetError(f"{where}: {key} is not finite")
         if array.bounds and values.size:
             low, high = array.bounds

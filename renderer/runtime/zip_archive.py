@@ -61,7 +61,10 @@ class Archive:
         self.require([member])
         try:
             if self.entries is None:
-                return read_bounded(self.path / member, limit, DatasetError)
+                file = (self.path / member).resolve()
+                if not file.is_relative_to(self.path.resolve()):
+                    raise DatasetError(f"{self.where(member)}: a link that leaves the folder")
+                return read_bounded(file, limit, DatasetError)
             return self._read_entry(member, self.entries[member], limit)
         except OSError as error:
             raise DatasetError(f"{self.where(member)}: {error.strerror}") from error

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import os
 import pickle
+import re
 import struct
 import subprocess
 import sys
@@ -316,6 +318,38 @@ IMAGES = {
 }
 
 
+def test_a_damaged_image_prints_nothing(path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Chunks that do not concern pixels are ignored; OpenCV prints complaints about others."""
+    whole = png(np.ones((H, W, 3), np.uint8))
+    start, (_, *rest) = whole[:8], re.split(b"(?=....IHDR|....IDAT|....IEND)", whole, flags=re.S)
+    header, *others = rest
+    profile = chunked((b"iCCP", b"x\0\0y"), (b"tEXt", b"a\0b"))[8:]
+    image = start + header + profile + b"".join(others)
+    remake(path, lambda m: m.update({"rgb/000002.png": image}))
+    assert (open_sequence(path).rgb[2] == 1).all()
+    info = struct.pack(">IIBBBBB", W, H, 8, 2, 0, 0, 0)
+    for chunks in (
+        [(b"IHDR", info), (b"IDAT", b"no zlib"), (b"IEND", b"")],
+        [(b"IHDR", info[:-2] + b"\1\0"), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")],
+        [(b"IHDR", info[:-1] + b"\7"), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")],
+        [(b"IHDR", info), (b"IEND", b"")],
+    ):
+        remake(path, lambda m, c=chunks: m.update({"rgb/000002.png": chunked(*c)}))
+        refused(path, "rgb/000002.png", "damaged")
+    assert capfd.readouterr().err == ""
+
+
+def test_a_member_that_leads_out_of_its_folder_is_refused(path: Path, tmp_path: Path) -> None:
+    """An export would copy the file."""
+    folder = tmp_path / "unpacked"
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+    image, outside = folder / "rgb/000001.png", tmp_path / "secret.png"
+    image.rename(outside)
+    image.symlink_to(outside)
+    refused(folder, "rgb/000001.png", "leaves the folder")
+
+
 @pytest.mark.parametrize("kind", IMAGES)
 def test_an_image_of_another_kind_is_refused(path: Path, kind: str) -> None:
     remake(path, lambda members: members.update({"rgb/000002.png": IMAGES[kind]}))
@@ -468,6 +502,21 @@ STATES = {
 def test_state_is_checked(path: Path, kind: str) -> None:
     remake(path, with_array("times", STATES[kind]))
     refused(path, "state.npz", "times")
+
+
+def test_a_state_may_be_unknown_but_not_infinite(
+    path: Path, content: tuple[list[Frame], Meta, State]
+) -> None:
+    """Points behind the camera have no image; JSON has no infinity."""
+    layers = {"track_part": np.ones(2, int), "track_query": np.zeros(2, int),
+              "track_world": np.zeros((T, 2, 3)), "track_image": np.full((T, 2, 2), np.nan),
+              "track_visible": np.zeros((T, 2), bool)}
+    meta = dataclasses.replace(content[1], layers=("tracks",), tracks=2)
+    state = dataclasses.replace(content[2], **layers)
+    assert np.isnan(parse_state(dump_state(state, meta), meta, "").track_image).all()
+    layers["track_image"][1, 1] = np.inf
+    with pytest.raises(GcbenchError, match="track_image is not finite"):
+        parse_state(dump_state(dataclasses.replace(state, **layers), meta), meta, "here")
 
 
 def test_part_numbers_of_the_state_are_checked(path: Path) -> None:
