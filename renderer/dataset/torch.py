@@ -6,23 +6,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ...errors import ConfigError, GcbenchError
-from ..types import Sequence
+from ...errors import ConfigError, DatasetError, GcbenchError
+from ..types import Sequence, State
 from .reader import Dataset
 
 try:
     import torch
     from torch.utils.data import Dataset as TorchBase
+    from torch.utils.data import default_collate
 except ImportError as error:
     raise GcbenchError("tensors need PyTorch: pip install 'gcbench[learn]'") from error
 
 IMAGES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility")
+STATE = ("times", "intrinsics", "cam_from_world")
+"""Arrays of `State` whose sizes do not depend on the model."""
 _LAYERS = ("normal", "coordinates")
 """Images that only some datasets have."""
+_PER_STEP = ("flow", "flow_backward", "visibility")
+"""Images that join two frames."""
+_NUMBERS = ("part", "visibility")
+_Item = dict[str, Any]
 
 
 class TorchDataset(TorchBase):
@@ -32,43 +41,113 @@ class TorchDataset(TorchBase):
     frames (2 in a pair) and G = F - 1 steps between them: "rgb" [F 3 H W] uint8, "depth" [F H W] m,
     "part" [F H W] int32, "flow" and "flow_backward" [G 2 H W] px with NaN where unknown
     ("flow_backward" of step g is from frame g+1), "visibility" [G H W], "normal" and "coordinates"
-    [F 3 H W] (if asked for), "sequence" and "frame" (the first), and the arrays of `State`, those
-    of T frames cut to F.
+    [F 3 H W] (if asked for), "sequence" and "frame" (the first), and the arrays of `State` in
+    `state`, those of T frames cut to F.
+
+    By default, all items of datasets of one image size have equal shapes, also of several robots.
+    Arrays of joints, parts and points have not: batches of them need `collate_fn=pad_collate`.
     """
 
     def __init__(
-        self, dataset: Dataset, pairs: bool = True, images: tuple[str, ...] = IMAGES
+        self,
+        dataset: Dataset,
+        pairs: bool = True,
+        images: tuple[str, ...] = IMAGES,
+        state: tuple[str, ...] = STATE,
+        masks: bool = False,
+        transform: Callable[[_Item], Any] | None = None,
     ) -> None:
-        """Raises ConfigError if there is no image of a name."""
-        there = [*IMAGES, *(name for name in _LAYERS if name in dataset.config.layers)]
-        if unknown := [name for name in images if name not in there]:
-            raise ConfigError(f"no image {unknown[0]!r}; there are {', '.join(there)}")
-        self.dataset, self.pairs, self.images = dataset, pairs, images
+        """Open nothing yet.
+
+        Args:
+            dataset: The sequences.
+            pairs: An item is a pair of frames, not a sequence.
+            images: Names of images.
+            state: Names of arrays of `State`.
+            masks: Make items ready for loss functions: unknown values are 0, and a mask says where
+                values are known ("flow_valid" [G H W] bool beside "flow"; also for "flow_backward",
+                "normal" and "coordinates"). "part" and "visibility" are int64.
+            transform: Applied to each item.
+
+        Raises:
+            ConfigError: there is no image or array of a name.
+        """
+        layers = dataset.config.layers
+        _check("image", images, [*IMAGES, *(name for name in _LAYERS if name in layers)])
+        _check("array", state, [f.name for f in dataclasses.fields(State)])
+        self.dataset, self.pairs, self.images, self.state = dataset, pairs, images, state
+        self.masks, self.transform = masks, transform
         self._steps = dataset.config.frames - 1 if pairs else 1
 
     def __len__(self) -> int:
         return len(self.dataset) * self._steps
 
-    def __getitem__(self, index: int) -> dict[str, Any]:
+    def __getitem__(self, index: int) -> Any:
         """Raises IndexError, or DatasetError if a file is damaged."""
         if not -len(self) <= index < len(self):
             raise IndexError(index)
         number, frame = divmod(index % len(self), self._steps)
         sequence = self.dataset[number]
+        self._check_sequence(sequence, self.dataset.names[number])
         stop = frame + 2 if self.pairs else len(sequence)
-        return {
-            "sequence": number,
-            "frame": frame,
-            **{name: _images(sequence, name, frame, stop) for name in self.images},
-            **{k: torch.tensor(v) for k, v in sequence.state.at(slice(frame, stop)).items()},
-        }
+        item: _Item = {"sequence": number, "frame": frame}
+        for name in self.images:
+            item |= self._images(sequence, name, frame, stop)
+        arrays = sequence.state.at(slice(frame, stop))
+        item |= {name: torch.tensor(arrays[name]) for name in self.state}
+        return item if self.transform is None else self.transform(item)
+
+    def _check_sequence(self, sequence: Sequence, name: str) -> None:
+        """A foreign sequence may differ from what its dataset says."""
+        config, meta = self.dataset.config, sequence.meta
+        found = meta.frames, meta.width, meta.height
+        if found != (config.frames, config.width, config.height):
+            raise DatasetError(f"{self.dataset.path}: sequence {name} has (frames, width, height) "
+                               f"{found}, and not those of dataset.json")
+        lacks = [k for k in (*self.images, *self.state)
+                 if getattr(sequence, k, None) is None and getattr(sequence.state, k, None) is None]
+        if lacks:
+            raise DatasetError(f"{self.dataset.path}: sequence {name} has no {lacks[0]}; render "
+                               "with --layers")
+
+    def _images(self, sequence: Sequence, name: str, start: int, stop: int) -> _Item:
+        stack = np.asarray(getattr(sequence, name)[start : stop - (name in _PER_STEP)])
+        if name in _NUMBERS and (self.masks or name == "part"):
+            stack = stack.astype(np.int64 if self.masks else np.int32)
+        if stack.ndim == 4:
+            stack = np.ascontiguousarray(np.moveaxis(stack, -1, 1))
+        if not self.masks or stack.ndim == 3 or name == "rgb":
+            return {name: torch.from_numpy(stack)}
+        valid = np.isfinite(stack).all(axis=1)
+        stack[~np.broadcast_to(valid[:, None], stack.shape)] = 0
+        return {name: torch.from_numpy(stack), f"{name}_valid": torch.from_numpy(valid)}
 
 
-def _images(sequence: Sequence, name: str, start: int, stop: int) -> torch.Tensor:
-    per_step = name in ("flow", "flow_backward", "visibility")
-    stack = np.asarray(getattr(sequence, name)[start : stop - 1 if per_step else stop])
-    if stack.dtype == np.uint16:
-        stack = stack.astype(np.int32)
-    if stack.ndim == 4:
-        stack = np.ascontiguousarray(np.moveaxis(stack, -1, 1))
-    return torch.from_numpy(stack)
+def pad_collate(items: list[_Item]) -> _Item:
+    """Make a batch of items of different models, for `DataLoader(..., collate_fn=pad_collate)`.
+
+    Arrays of joints, parts and points are padded with zeros to the largest in the batch. Beside
+    each of these arrays, NAME_mask [batch ...] is True at its own values.
+    """
+    batch: _Item = {}
+    for name in items[0]:
+        values = [item[name] for item in items]
+        if name not in _VARIABLE:
+            batch[name] = default_collate(values)
+            continue
+        shape = np.max([value.shape for value in values], axis=0).tolist()
+        padded = values[0].new_zeros((len(values), *shape))
+        mask = torch.zeros(padded.shape, dtype=torch.bool)
+        for i, value in enumerate(values):
+            place = (i, *(slice(n) for n in value.shape))
+            padded[place], mask[place] = value, True
+        batch |= {name: padded, f"{name}_mask": mask}
+    return batch
+
+
+_VARIABLE = {field.name for field in dataclasses.fields(State)} - {*STATE}
+
+
+def _check(kind: str, names: tuple[str, ...], there: list[str]) -> None:
+    if unknown := [name for name in names if name not in there]:
+        raise ConfigError(f"no {kind} {unknown[0]!r}; there are {', '.join(there)}")

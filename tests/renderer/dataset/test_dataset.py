@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import json
 import pickle
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.scene.config import CameraConfig, RandomizationConfig, RenderConfig
 from gcbench.renderer.scene.config_files import config_tree, differences, parse_config, read_config
+
+from ...support import bench_data
 
 CONFIG = RenderConfig(
     robot="arm",
@@ -163,7 +166,8 @@ def test_tensors_of_pairs_and_sequences(dataset: Dataset) -> None:
     torch = pytest.importorskip("torch")
     from gcbench.renderer.dataset.torch import TorchDataset
 
-    pairs = TorchDataset(dataset)
+    arrays = ("intrinsics", "joint_positions")
+    pairs = TorchDataset(dataset, state=arrays)
     assert len(pairs) == N * 3
     assert isinstance(pairs, torch.utils.data.Dataset)
     item, sequence = pairs[3 + 2], dataset[1]
@@ -185,3 +189,77 @@ def test_tensors_of_pairs_and_sequences(dataset: Dataset) -> None:
     assert batch["rgb"].shape == (3, 4, 3, 24, 32)
     with pytest.raises(GcbenchError, match="no image 'normals'"):
         TorchDataset(dataset, images=("normals",))
+    with pytest.raises(GcbenchError, match="no array 'joints'; there are times"):
+        TorchDataset(dataset, state=("joints",))
+
+
+@pytest.fixture(scope="module")
+def mix(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> tuple[Dataset, Dataset]:
+    """Two robots: with 2 joints and 3 parts, and with other numbers of both."""
+    other = bench_data.make_dataset(tmp_path_factory.mktemp("other") / "arm", 2)
+    return gcbench.open_dataset(folder), gcbench.open_dataset(other)
+
+
+def test_several_robots_make_batches(
+    mix: tuple[Dataset, Dataset], tmp_path: Path
+) -> None:
+    torch = pytest.importorskip("torch")
+    from gcbench.renderer.dataset.torch import TorchDataset, pad_collate
+    from torch.utils.data import ConcatDataset, DataLoader
+
+    sizes = [data[0].state.joint_positions.shape[1] for data in mix]
+    assert sizes[0] != sizes[1]
+
+    def crop(item: dict[str, Any]) -> dict[str, Any]:
+        return item | {"rgb": item["rgb"][..., :24, :32]}
+
+    fixed = ConcatDataset([TorchDataset(data, images=("rgb",), transform=crop) for data in mix])
+    (batch,) = DataLoader(fixed, batch_size=len(fixed))  # torch's own collate
+    assert batch["rgb"].shape == (N * 3 + 2 * 3, 2, 3, 24, 32)
+    assert batch["cam_from_world"].shape == (len(fixed), 2, 4, 4)
+
+    chosen = [TorchDataset(data, images=(), state=("joint_positions", "times")) for data in mix]
+    both = ConcatDataset(chosen)
+    with pytest.raises(RuntimeError, match="equal size"):
+        next(iter(DataLoader(both, batch_size=len(both))))
+    (batch,) = DataLoader(both, batch_size=len(both), collate_fn=pad_collate, num_workers=2)
+    positions, mask = batch["joint_positions"], batch["joint_positions_mask"]
+    assert positions.shape == mask.shape == (len(both), 2, max(sizes))
+    assert "times_mask" not in batch
+    for i, item in enumerate(both):
+        assert torch.equal(positions[i][mask[i]], item["joint_positions"].ravel())
+        assert not positions[i][~mask[i]].any()
+    (batch,) = DataLoader(chosen[0], batch_size=len(chosen[0]), collate_fn=pad_collate)
+    assert batch["joint_positions_mask"].all()  # the same keys where nothing is padded
+
+
+def test_tensors_are_ready_for_losses(dataset: Dataset) -> None:
+    torch = pytest.importorskip("torch")
+    from gcbench.renderer.dataset.torch import TorchDataset
+
+    plain, masked = (TorchDataset(dataset, masks=masks)[4] for masks in (False, True))
+    assert plain["flow"].isnan().any() and not masked["flow"].isnan().any()
+    assert torch.equal(masked["flow_valid"], plain["flow"].isfinite().all(dim=1))
+    assert torch.equal(masked["flow"], plain["flow"].nan_to_num() * masked["flow_valid"][:, None])
+    assert masked["part"].dtype == masked["visibility"].dtype == torch.int64
+    assert masked["rgb"].dtype == torch.uint8 and "depth_valid" not in masked
+    torch.nn.functional.cross_entropy(torch.zeros(2, 4, 24, 32), masked["part"])
+
+
+@pytest.mark.parametrize("change", [{"frames": 9}, {"width": 40}, {"layers": ["normal"]}])
+def test_a_sequence_of_another_kind_is_refused(
+    folder: Path, tmp_path: Path, change: dict[str, Any]
+) -> None:
+    """Where dataset.json says other things than its sequences."""
+    pytest.importorskip("torch")
+    from gcbench.renderer.dataset.torch import TorchDataset
+
+    shutil.copytree(folder, tmp_path / "data")
+    tree = json.loads((folder / "dataset.json").read_text())
+    tree["config"] |= change
+    (tmp_path / "data/dataset.json").write_text(json.dumps(tree))
+    data = gcbench.open_dataset(tmp_path / "data")
+    tensors = TorchDataset(data, images=("rgb", *data.config.layers))
+    with pytest.raises(GcbenchError, match="sequence 000000 has") as caught:
+        tensors[0]
+    assert "\n" not in str(caught.value)
