@@ -118,7 +118,7 @@ class TorchDataset(TorchBase):
             stack = np.ascontiguousarray(np.moveaxis(stack, -1, 1))
         if not self.masks or stack.ndim == 3 or name == "rgb":
             return {name: torch.from_numpy(stack)}
-        valid = np.isfinite(stack).all(axis=1)
+        valid = np.asarray(np.isfinite(stack).all(axis=1))
         stack[~np.broadcast_to(valid[:, None], stack.shape)] = 0
         return {name: torch.from_numpy(stack), f"{name}_valid": torch.from_numpy(valid)}
 
