@@ -52,7 +52,8 @@ LAYERS = {
         "files",
         "motion",
         "meshes appliances",
-        "urdf gltf generated",
+        "gltf generated",
+        "urdf",
         "catalog",
     ),
     "renderer": (

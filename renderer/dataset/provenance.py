@@ -20,7 +20,7 @@ from ..types import FORMAT, Meta
 DATASET_FILE = "dataset.json"
 _PACKAGES = (
     "numpy", "scipy", "opencv-python-headless", "opencv-python", "scikit-robot-pyrender",
-    "PyOpenGL", "trimesh", "pycollada", "pygltflib", "python-fcl", "yourdfpy",
+    "PyOpenGL", "trimesh", "pycollada", "python-fcl", "yourdfpy",
 )
 """Distributions that influence the images."""
 

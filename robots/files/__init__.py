@@ -13,7 +13,6 @@ from .bounded import MAX_FILE_BYTES, read_bounded
 from .download import WheelFiles, cache_folder
 from .lock import LOCK, lock_folder
 from .paths import (
-    BUFFERS,
     MATERIALS,
     TEXTURES,
     Asset,
@@ -25,7 +24,7 @@ from .progress import show_progress
 from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
-    "BUFFERS", "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
+    "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
     "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_folder_atomically",
     "lock_folder", "new_element", "parse_xml", "read_bounded", "refuse_doctype",
     "remove_leftovers", "replace_atomically", "show_progress", "temporary_name", "write_atomically",

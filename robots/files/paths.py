@@ -22,7 +22,6 @@ from ...errors import ModelError
 MESHES = frozenset({".stl", ".obj", ".dae", ".ply", ".glb", ".gltf"})
 TEXTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"})
 MATERIALS = frozenset({".mtl"})
-BUFFERS = frozenset({".bin"})
 _MAX_LEVELS = 3
 _MAX_REFERENCE = 1024
 

@@ -6,19 +6,18 @@ import base64
 import binascii
 import re
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ModelError
-from ..files import MAX_FILE_BYTES, AssetFinder, MissingAssetError, read_bounded
+from ..files import Asset, AssetFinder, MissingAssetError
 from ..geometry import Array
+from ..meshes import AssetReader
 from .document import GltfDocument
+from .records import Accessor, SparseIndices, SparseValues
 
-MAX_TOTAL_BYTES = 2**30
 MAX_TOTAL_NUMBERS = 2**26
 """Limit on the sum over all accessors of a file."""
 _COMPONENTS = {5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"),
@@ -39,22 +38,21 @@ class _Layout:
 
 
 class Accessors:
-    """Decoder of the accessors and images of one document; reads only below the model's folder."""
+    """Decoder of the accessors and images of one document; reads only inside the asset's root."""
 
-    def __init__(self, document: GltfDocument, path: Path) -> None:
-        folder = path.resolve().parent
-        self._gltf, self._binary = document.gltf, document.binary
-        self._finder = AssetFinder(folder, folder)
+    def __init__(self, document: GltfDocument, asset: Asset, reader: AssetReader) -> None:
+        self._gltf, self._binary, self._reader = document.gltf, document.binary, reader
+        self._finder = AssetFinder(asset.path.parent, asset.root)
         self._buffers: dict[int, bytes] = {}
         self._arrays: dict[int, NDArray[np.generic]] = {}
-        self._bytes = self._numbers = 0
+        self._numbers = 0
 
     def kind(self, number: int) -> str:
         """Return the type of an accessor: SCALAR, VEC2, ... MAT4."""
-        return str(self._gltf.accessors[number].type)
+        return self._gltf.accessors[number].type
 
     def count(self, number: int) -> int:
-        return int(self._gltf.accessors[number].count)
+        return self._gltf.accessors[number].count
 
     def integers(self, number: int) -> NDArray[np.int64]:
         """Return an accessor of unsigned integers, [N] or [N width]; raise ModelError otherwise."""
@@ -77,8 +75,8 @@ class Accessors:
     def image(self, number: int) -> tuple[bytes, str]:
         """Return the bytes of an image file, and its name for messages."""
         image, name = self._gltf.images[number], f"images[{number}]"
-        if image.bufferView is not None:  # pyright: ignore[reportUnnecessaryComparison]
-            return bytes(self._view(image.bufferView)), name
+        if image.buffer_view is not None:
+            return bytes(self._view(image.buffer_view)), name
         if image.uri is None:
             raise ModelError(f"{name} has neither uri nor bufferView")
         return self._resource(image.uri, name), name
@@ -90,36 +88,36 @@ class Accessors:
 
     def _decoded(self, number: int) -> NDArray[np.generic]:
         accessor, where = self._gltf.accessors[number], f"accessors[{number}]"
-        dtype, width, count = (_COMPONENTS[accessor.componentType], _WIDTHS[accessor.type],
-                               int(accessor.count))
+        dtype, width, count = (_COMPONENTS[accessor.component_type], _WIDTHS[accessor.type],
+                               accessor.count)
         self._numbers += count * width
         if self._numbers > MAX_TOTAL_NUMBERS:
             raise ModelError(f"has accessors of more than {MAX_TOTAL_NUMBERS} numbers")
-        if accessor.bufferView is None:
+        if accessor.buffer_view is None:
             array = np.zeros((count, width), dtype)
         else:
-            stride = self._gltf.bufferViews[accessor.bufferView].byteStride
+            stride = self._gltf.buffer_views[accessor.buffer_view].byte_stride
             array = self._elements(accessor, _Layout(dtype, accessor.type, stride), count, where)
         sparse = accessor.sparse
         if sparse is not None:
             if sparse.count > count:
                 raise ModelError(f"{where} replaces {sparse.count} of {count} elements")
-            replaced = int(sparse.count)
             at = self._elements(
-                sparse.indices, _Layout(_COMPONENTS[sparse.indices.componentType], "SCALAR"),
-                replaced, where).ravel().astype(np.int64)
+                sparse.indices, _Layout(_COMPONENTS[sparse.indices.component_type], "SCALAR"),
+                sparse.count, where).ravel().astype(np.int64)
             if at[-1] >= count or (np.diff(at) <= 0).any():
                 raise ModelError(f"{where} has sparse indices that do not rise within its count")
             array = array.copy()
             array[at] = self._elements(
-                sparse.values, _Layout(dtype, accessor.type), replaced, where)
+                sparse.values, _Layout(dtype, accessor.type), sparse.count, where)
         return array[:, 0] if width == 1 else array
 
     def _elements(
-        self, place: Any, layout: _Layout, count: int, where: str
+        self, place: Accessor | SparseIndices | SparseValues, layout: _Layout, count: int,
+        where: str,
     ) -> NDArray[np.generic]:
-        """Return [count width] elements at the `bufferView` and `byteOffset` of `place`."""
-        view, offset = int(place.bufferView), int(place.byteOffset or 0)
+        """Return [count width] elements at the buffer view and offset of `place`."""
+        view, offset = place.buffer_view or 0, place.byte_offset
         width, size = _WIDTHS[layout.kind], layout.dtype.itemsize
         rows = _ROWS.get(layout.kind, width)
         column = -(-rows * size // 4) * 4 if layout.kind in _ROWS else rows * size
@@ -134,13 +132,12 @@ class Accessors:
         return np.ndarray(shape, layout.dtype, data, offset, strides).reshape(count, width)
 
     def _view(self, number: int) -> memoryview:
-        view = self._gltf.bufferViews[number]
-        data = self._buffer(int(view.buffer))
-        start, length = int(view.byteOffset or 0), int(view.byteLength)
-        if start + length > len(data):
-            raise ModelError(f"bufferViews[{number}] ends at byte {start + length}, and "
+        view = self._gltf.buffer_views[number]
+        data, end = self._buffer(view.buffer), view.byte_offset + view.byte_length
+        if end > len(data):
+            raise ModelError(f"bufferViews[{number}] ends at byte {end}, and "
                              f"buffers[{view.buffer}] at {len(data)}")
-        return memoryview(data)[start:start + length]
+        return memoryview(data)[view.byte_offset:end]
 
     def _buffer(self, number: int) -> bytes:
         if number not in self._buffers:
@@ -151,28 +148,25 @@ class Accessors:
                 data = self._binary
             else:
                 raise ModelError(f"{where} has no uri, and there is no binary chunk for it")
-            if len(data) < buffer.byteLength:
-                raise ModelError(f"{where} has {len(data)} bytes of {buffer.byteLength}")
-            self._buffers[number] = data[:int(buffer.byteLength)]
+            if len(data) < buffer.byte_length:
+                raise ModelError(f"{where} has {len(data)} bytes of {buffer.byte_length}")
+            self._buffers[number] = data[:buffer.byte_length]
         return self._buffers[number]
 
     def _resource(self, uri: str, where: str) -> bytes:
         """Return the bytes of a data URI, or of a file in the model's folder or below it."""
         if uri[:5].lower() == "data:":
             data = _data_of_uri(uri, where)
-        else:
-            try:
-                name = f"./{uri}" if uri[:1].isspace() else uri  # "./" keeps a leading space
-                data = read_bounded(self._finder.find(name, None).path, MAX_FILE_BYTES)
-            except MissingAssetError:
-                raise
-            except ModelError as error:
-                raise ModelError(f"{where}: {error}; only files in the model's folder are read"
-                                 ) from error
-        self._bytes += len(data)
-        if self._bytes > MAX_TOTAL_BYTES:
-            raise ModelError(f"the model's files exceed {MAX_TOTAL_BYTES} bytes")
-        return data
+            self._reader.count(len(data), where)
+            return data
+        try:
+            name = f"./{uri}" if uri[:1].isspace() else uri  # "./" keeps a leading space
+            return self._reader.read(self._finder.find(name, None))
+        except MissingAssetError:
+            raise
+        except ModelError as error:
+            raise ModelError(f"{where}: {error}; only files in the model's folder are read"
+                             ) from error
 
 
 def _data_of_uri(uri: str, where: str) -> bytes:

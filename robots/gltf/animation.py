@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pygltflib
 from numpy.typing import NDArray
 
 from ...errors import ModelError
@@ -15,6 +14,7 @@ from ..model import ModelState
 from .accessors import Accessors
 from .document import GltfDocument
 from .nodes import Z_UP, NodeTree, Rig
+from .records import Animation, AnimationSampler
 
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
 _SAME = 1e-7
@@ -150,8 +150,8 @@ def read_animations(
     return tuple(found)
 
 
-def _named(name: str | None, number: int, names: set[str]) -> str:
-    text = "".join(c for c in (name or "") if c.isprintable()).strip()[:100]
+def _named(name: str, number: int, names: set[str]) -> str:
+    text = "".join(c for c in name if c.isprintable()).strip()[:100]
     text = text or f"animation_{number}"
     if text in names:
         text = f"{text}_{number}"
@@ -160,7 +160,7 @@ def _named(name: str | None, number: int, names: set[str]) -> str:
 
 
 def _tracks(
-    animation: pygltflib.Animation, where: str, accessors: Accessors, tree: NodeTree,
+    animation: Animation, where: str, accessors: Accessors, tree: NodeTree,
     document: GltfDocument,
 ) -> list[Track]:
     tracks: list[Track] = []
@@ -185,7 +185,7 @@ def _tracks(
 
 
 def _track(
-    sampler: pygltflib.AnimationSampler, node: int, path: str, where: str, accessors: Accessors,
+    sampler: AnimationSampler, node: int, path: str, where: str, accessors: Accessors,
     document: GltfDocument,
 ) -> Track:
     if (accessors.kind(sampler.input), accessors.kind(sampler.output)) != ("SCALAR", _KINDS[path]):
@@ -193,12 +193,11 @@ def _track(
     times, values = accessors.floats(sampler.input), accessors.floats(sampler.output)
     if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
         raise ModelError(f"{where} has key times that do not rise from 0")
-    interpolation = sampler.interpolation or "LINEAR"
-    each = 3 if interpolation == "CUBICSPLINE" else 1
+    each = 3 if sampler.interpolation == "CUBICSPLINE" else 1
     wide = 1
     if path == "weights":
         mesh = document.gltf.nodes[node].mesh
-        wide = 0 if mesh is None else len(document.gltf.meshes[mesh].primitives[0].targets or ())
+        wide = 0 if mesh is None else len(document.gltf.meshes[mesh].primitives[0].targets)
     if not wide or len(values) != each * wide * len(times):
         raise ModelError(f"{where} has {len(values)} values for {len(times)} keys")
     shape = (len(times), *((3,) if each == 3 else ()), wide if path == "weights" else -1)
@@ -209,7 +208,7 @@ def _track(
             raise ModelError(f"{where} has a rotation of zero length")
         if each == 1:
             values = _unit(values)
-    return Track(node, path, times, values, interpolation)
+    return Track(node, path, times, values, sampler.interpolation)
 
 
 def _what_moves(

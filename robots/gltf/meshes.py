@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pygltflib
 from numpy.typing import NDArray
 
 from ...errors import ModelError
@@ -15,8 +14,11 @@ from ..model import Material, Morph, Skin, Visual, clean_triangles
 from .accessors import Accessors
 from .document import GltfDocument
 from .materials import Materials
+from .records import Attributes, Primitive
 
 _LIMITS = MeshLimits()
+_TRIANGLES = 4
+"""Modes from this one on are triangles: a list, a strip, a fan."""
 MAX_VISITS = 20 * _LIMITS.triangles
 """Limit on vertices and corners of all primitives of all nodes; it bounds the reading time."""
 MAX_MORPH_NUMBERS = 2**27
@@ -81,7 +83,7 @@ class Meshes:
 
     def targets(self, mesh: int) -> int:
         """Return the number of morph targets of a mesh, equal in all its primitives."""
-        counts = {len(p.targets or ()) for p in self._gltf.meshes[mesh].primitives}
+        counts = {len(p.targets) for p in self._gltf.meshes[mesh].primitives}
         if len(counts) > 1:
             raise ModelError(f"meshes[{mesh}] has primitives of {sorted(counts)} morph targets")
         return counts.pop()
@@ -91,22 +93,21 @@ class Meshes:
         if self._visits > MAX_VISITS:
             raise ModelError(f"has more than {MAX_VISITS} vertices and corners")
 
-    def _patch(self, primitive: pygltflib.Primitive) -> Patch | None:
-        mode = pygltflib.TRIANGLES if primitive.mode is None else primitive.mode
-        attributes: dict[str, int] = primitive.attributes  # pyright: ignore[reportAssignmentType]
-        if mode < pygltflib.TRIANGLES or "POSITION" not in attributes:
+    def _patch(self, primitive: Primitive) -> Patch | None:
+        attributes = primitive.attributes
+        if primitive.mode < _TRIANGLES or "POSITION" not in attributes:
             self.notes["points and lines are not drawn"] = None
             return None
         positions = self._attribute(attributes["POSITION"], "POSITION", None, "VEC3")
         count = len(positions)
         indices = np.arange(count) if primitive.indices is None else self._indices(primitive, count)
         self._visit(count + len(indices))
-        faces = triangles_of(indices, mode)
+        faces = triangles_of(indices, primitive.mode)
         normals = (self._attribute(attributes["NORMAL"], "NORMAL", count, "VEC3")
                    if "NORMAL" in attributes else None)
         joints, weights = self._bones(attributes, count)
-        deltas = [self._deltas(target, "POSITION", count) for target in primitive.targets or ()]
-        bends = [self._deltas(target, "NORMAL", count) for target in primitive.targets or ()]
+        deltas = [self._deltas(target, "POSITION", count) for target in primitive.targets]
+        bends = [self._deltas(target, "NORMAL", count) for target in primitive.targets]
         place = self._materials.placement(primitive.material)
         uv = None
         if place.uv_set is not None and f"TEXCOORD_{place.uv_set}" in attributes:
@@ -147,7 +148,7 @@ class Meshes:
                              "vertices")
         return self._accessors.floats(accessor)
 
-    def _colors(self, attributes: dict[str, int], count: int, alpha: bool) -> Array | None:
+    def _colors(self, attributes: Attributes, count: int, alpha: bool) -> Array | None:
         """Return vertex colours [V 4], opaque without `alpha`; None if all are white."""
         if "COLOR_0" not in attributes:
             return None
@@ -159,14 +160,13 @@ class Meshes:
         out[:, :wide] = np.clip(given[:, :wide], 0.0, 1.0)
         return None if (out == 1.0).all() else out
 
-    def _deltas(self, target: object, name: str, count: int) -> Array | None:
-        attributes: dict[str, int] = target  # pyright: ignore[reportAssignmentType]
-        if name not in attributes:
+    def _deltas(self, target: Attributes, name: str, count: int) -> Array | None:
+        if name not in target:
             return None
         self._visit(count)
-        return self._attribute(attributes[name], f"morph target {name}", count, "VEC3")
+        return self._attribute(target[name], f"morph target {name}", count, "VEC3")
 
-    def _indices(self, primitive: pygltflib.Primitive, count: int) -> NDArray[np.int64]:
+    def _indices(self, primitive: Primitive, count: int) -> NDArray[np.int64]:
         number = primitive.indices
         assert number is not None
         if self._accessors.kind(number) != "SCALAR":
@@ -177,7 +177,7 @@ class Meshes:
         return indices
 
     def _bones(
-        self, attributes: dict[str, int], count: int
+        self, attributes: Attributes, count: int
     ) -> tuple[NDArray[np.int64] | None, Array | None]:
         """Return joints [V K] and weights [V K] of all sets, without columns of zero weight."""
         joints: list[NDArray[np.int64]] = []

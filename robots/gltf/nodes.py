@@ -23,7 +23,8 @@ from ..geometry import (
     rotation_from_quaternion,
     transform,
 )
-from .document import GltfDocument, Node
+from .document import GltfDocument
+from .records import Node
 
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation from glTF's y-up frame to the z-up world."""
@@ -54,6 +55,7 @@ class NodeTree:
     """[N 3 3] rotation * scale (or the matrix) at rest, no scale smaller than THIN"""
     vanished: NDArray[np.bool_]
     """[N] whether the node's own scale is zero"""
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -80,35 +82,38 @@ class Rig:
 def node_tree(document: GltfDocument) -> NodeTree:
     """Read the nodes; raise ModelError if they form no forest or a transform is invalid."""
     gltf = document.gltf
-    nodes: Sequence[Node] = gltf.nodes  # pyright: ignore[reportAssignmentType]
+    nodes = gltf.nodes
     parent = np.full(len(nodes), -1, np.int64)
     for n, node in enumerate(nodes):
-        for child in node.children or ():
+        for child in node.children:
             if parent[child] >= 0 or child == n:
                 raise ModelError(f"nodes[{child}] has two parents, {parent[child]} and {n}; "
                                  "the nodes of a glTF file make a tree")
             parent[child] = n
     roots = [n for n in range(len(nodes)) if parent[n] < 0]
-    drawn = roots
-    if gltf.scenes:
-        drawn = list(dict.fromkeys(gltf.scenes[gltf.scene or 0].nodes or ()))
-        for n in drawn:
-            if parent[n] >= 0:
-                raise ModelError(f"a scene lists nodes[{n}], which is a child of another node")
-    first = _depth_first(nodes, drawn)
-    order = [*first, *_depth_first(nodes, [n for n in roots if n not in set(drawn)])]
+    order = _depth_first(nodes, roots)
     if len(order) < len(nodes):
         lost = min(set(range(len(nodes))) - set(order))
         raise ModelError(f"nodes[{lost}] is its own ancestor; the nodes of a glTF file make a tree")
+    listed = dict.fromkeys(gltf.scenes[gltf.scene or 0].nodes if gltf.scenes else roots)
+    root, shown = dict[int, int](), set[int]()
+    for n in order:
+        above = int(parent[n])
+        root[n] = n if above < 0 else root[above]
+        if n in listed or above in shown:
+            shown.add(n)
+    order = _depth_first(nodes, dict.fromkeys([*(root[n] for n in listed), *roots]))
+    twice = [n for n in listed if parent[n] >= 0]
+    notes = (f"its scene lists nodes[{twice[0]}], the child of another node",) if twice else ()
     poses = [_pose(node, n) for n, node in enumerate(nodes)]
     translation, rotation, scale, linear, vanished = (
         np.array([p[k] for p in poses], np.float64) for k in range(5))
     count = len(nodes)
     return NodeTree(
-        tuple(node.name or "" for node in nodes), parent, tuple(order), frozenset(first),
+        tuple(node.name for node in nodes), parent, tuple(order), frozenset(shown),
         np.array([node.matrix is not None for node in nodes], bool),
         translation.reshape(count, 3), rotation.reshape(count, 4), scale.reshape(count, 3),
-        linear.reshape(count, 3, 3), vanished.astype(bool))
+        linear.reshape(count, 3, 3), vanished.astype(bool), notes)
 
 
 def _depth_first(nodes: Sequence[Node], roots: Iterable[int]) -> list[int]:
@@ -117,7 +122,7 @@ def _depth_first(nodes: Sequence[Node], roots: Iterable[int]) -> list[int]:
     while stack:
         n = stack.pop()
         order.append(n)
-        stack.extend(reversed(nodes[n].children or ()))
+        stack.extend(reversed(nodes[n].children))
     return order
 
 

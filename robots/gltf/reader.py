@@ -8,19 +8,19 @@ the model z up.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ModelError
-from ..files import read_bounded
+from ..files import Asset, AssetFinder, read_bounded
 from ..geometry import Array, inverse
-from ..meshes import quiet
+from ..meshes import AssetReader, quiet
 from ..model import ArticulatedModel, Link, Visual, deform_visual, forward_kinematics
 from .accessors import Accessors
 from .animation import KeyedAnimation, read_animations
@@ -53,9 +53,12 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
     if not path.is_file():
         raise ModelError(f"{path}: no such file")
     data = read_bounded(path)
+    real = path.resolve()
+    files = AssetReader(AssetFinder(real.parent, real.parent))
     try:
         with quiet():
-            reader = _Reader(read_gltf_document(data), path, allow_missing)
+            reader = _Reader(read_gltf_document(data), Asset(real, real.parent), files,
+                             allow_missing)
             model = reader.model(path.stem, 1.0)
             size = _size(model)
             if not _SMALLEST <= size <= _LARGEST:
@@ -78,10 +81,12 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
 class _Reader:
     """Conversion of one document to a model."""
 
-    def __init__(self, document: GltfDocument, path: Path, allow_missing: bool) -> None:
+    def __init__(
+        self, document: GltfDocument, asset: Asset, files: AssetReader, allow_missing: bool
+    ) -> None:
         self.document = document
-        self.accessors = Accessors(document, path)
-        self.materials = Materials(document, self.accessors, allow_missing)
+        self.accessors = Accessors(document, asset, files)
+        self.materials = Materials(document, self.accessors, files.textures, allow_missing)
         self.tree = node_tree(document)
         nodes = document.gltf.nodes
         drawn = [n for n in self.tree.order if n in self.tree.scene and nodes[n].mesh is not None]
@@ -94,9 +99,9 @@ class _Reader:
         """Return the model; `unit` m is the file's unit of length."""
         gltf, tree = self.document.gltf, self.tree
         meshes = Meshes(self.document, self.accessors, self.materials)
-        bones = {n: [int(j) for j in gltf.skins[cast("int", gltf.nodes[n].skin)].joints or ()]
+        bones = {n: list(gltf.skins[cast("int", gltf.nodes[n].skin)].joints)
                  for n in self.skinned}
-        scene = gltf.scenes[gltf.scene or 0].name if gltf.scenes else None
+        scene = gltf.scenes[gltf.scene or 0].name if gltf.scenes else ""
         parts = rig(tree, [*self.plain, *(j for joints in bones.values() for j in joints)],
                     scene or "scene", unit)
         channels, weights = self._morphs(meshes)
@@ -116,7 +121,7 @@ class _Reader:
         bone_parts = {part[j] for joints in bones.values() for j in joints}
         joints, note = invent_joints(still, bone_parts, moving, {part[n] for n in self.plain})
         links = [replace(link, joint=joints.get(link.name, link.joint)) for link in links]
-        notes = [*self.document.notes, *meshes.notes, *self.materials.notes, note]
+        notes = [*self.document.notes, *tree.notes, *meshes.notes, *self.materials.notes, note]
         return complete(ArticulatedModel.from_links(name, links, keep_order=True),
                         notes=tuple(dict.fromkeys(notes)))
 
@@ -131,7 +136,7 @@ class _Reader:
             count = meshes.targets(mesh)
             if not count:
                 continue
-            given = cast("Any", node).weights or gltf.meshes[mesh].weights or [0.0] * count
+            given = node.weights or gltf.meshes[mesh].weights or [0.0] * count
             if len(given) != count:
                 raise ModelError(f"nodes[{n}] has {len(given)} weights for {count} morph targets")
             channels[n] = slice(len(weights), len(weights) + count)
@@ -168,14 +173,15 @@ class _Reader:
         return visuals
 
     def _skinned_visuals(
-        self, meshes: Meshes, parts: Rig, channels: dict[int, slice], bones: dict[int, list[int]]
+        self, meshes: Meshes, parts: Rig, channels: dict[int, slice],
+        bones: Mapping[int, Sequence[int]],
     ) -> list[Visual]:
         gltf, part = self.document.gltf, parts.part_of_node
         visuals: list[Visual] = []
         for n, joints in bones.items():
             skin = gltf.skins[cast("int", gltf.nodes[n].skin)]
             bone_part = np.array([part[j] for j in joints], np.int64)
-            bind = _inverse_binds(skin.inverseBindMatrices, len(joints), self.accessors)
+            bind = _inverse_binds(skin.inverse_bind_matrices, len(joints), self.accessors)
             part_from_mesh = parts.part_from_node[bone_part] @ bind
             for i, patch in enumerate(meshes.patches(cast("int", gltf.nodes[n].mesh))):
                 try:
@@ -226,8 +232,8 @@ def _size(model: ArticulatedModel) -> float:
 
 def _licence(document: GltfDocument) -> str:
     """Return the licence or copyright text of the file, at most 200 characters."""
-    asset: Any = document.gltf.asset
-    extras = cast("dict[str, Any]", asset.extras) if isinstance(asset.extras, dict) else {}
+    asset = document.asset
+    extras = cast("dict[str, object]", asset.extras) if isinstance(asset.extras, dict) else {}
     found = [extras.get(key) for key in ("license", "licence")] + [asset.copyright]
     texts = [" ".join(text.split())[:200] for text in found if isinstance(text, str)]
     return next((text for text in texts if text), "")

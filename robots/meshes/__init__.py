@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .asset_reader import MeshLimits, quiet
-from .library import MeshLibrary
+from .asset_reader import AssetReader, MeshLimits, quiet
+from .collada import read_collada
 from .solids import (
     bar,
     block,
@@ -19,8 +19,10 @@ from .solids import (
     round_corners,
     sphere,
 )
+from .trimesh_reader import read_with_trimesh
 
 __all__ = [
-    "MeshLibrary", "MeshLimits", "bar", "block", "box", "capsule", "circle", "cylinder", "hull",
-    "join_surfaces", "plate", "quiet", "revolve", "rod", "round_corners", "sphere",
+    "AssetReader", "MeshLimits", "bar", "block", "box", "capsule", "circle", "cylinder", "hull",
+    "join_surfaces", "plate", "quiet", "read_collada", "read_with_trimesh", "revolve", "rod",
+    "round_corners", "sphere",
 ]

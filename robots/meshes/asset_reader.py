@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import ModelError
 from ..files import TEXTURES, Asset, AssetFinder, MissingAssetError, read_bounded
-from ..model import decode_texture
+from ..model import TextureDecoder
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class AssetReader:
     Attributes:
         finder: Resolves references to files.
         limits: What all files together must not exceed.
+        textures: Decodes all textures of the model.
         notes: Textures and other files that are missing or cannot be used, as keys.
     """
 
@@ -41,7 +42,8 @@ class AssetReader:
         self.finder = finder
         self.limits = limits or MeshLimits()
         self.notes: dict[str, None] = {}
-        self._textures: dict[Path, NDArray[np.uint8]] = {}
+        self.textures = TextureDecoder()
+        self._decoded: dict[Path, NDArray[np.uint8]] = {}
         self._bytes = 0
 
     def read(self, asset: Asset) -> bytes:
@@ -51,11 +53,14 @@ class AssetReader:
             ModelError: If it cannot be read, or if all files together exceed the limit.
         """
         data = read_bounded(asset.path)
-        self._bytes += len(data)
-        if self._bytes > self.limits.total_bytes:
-            raise ModelError(
-                f"{asset.path}: the model's files exceed {self.limits.total_bytes} bytes")
+        self.count(len(data), str(asset.path))
         return data
+
+    def count(self, size: int, name: str) -> None:
+        """Count bytes that were read; raise ModelError if all together exceed the limit."""
+        self._bytes += size
+        if self._bytes > self.limits.total_bytes:
+            raise ModelError(f"{name}: the model's files exceed {self.limits.total_bytes} bytes")
 
     def texture(self, reference: str) -> NDArray[np.uint8]:
         """Return the texture [h w 3|4] sRGB that a URDF names by `reference`.
@@ -83,9 +88,9 @@ class AssetReader:
         self.note(f"{asset.path.name}: {what} {reason}")
 
     def _decode(self, asset: Asset) -> NDArray[np.uint8]:
-        if asset.path not in self._textures:
-            self._textures[asset.path] = decode_texture(self.read(asset), str(asset.path))
-        return self._textures[asset.path]
+        if asset.path not in self._decoded:
+            self._decoded[asset.path] = self.textures.decode(self.read(asset), str(asset.path))
+        return self._decoded[asset.path]
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Reader of STL, OBJ, PLY and glTF meshes with trimesh, with checked sizes and references."""
+"""Reader of STL, OBJ and PLY meshes with trimesh, with checked sizes and references."""
 
 # trimesh has no complete types
 # pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
@@ -7,31 +7,22 @@
 from __future__ import annotations
 
 import io
-import json
-import struct
 from typing import Any
 
 import numpy as np
 
 from ...errors import ModelError
-from ..files import BUFFERS, MATERIALS, TEXTURES, Asset, MissingAssetError
+from ..files import MATERIALS, TEXTURES, Asset
 from ..model import (
     Material,
+    TextureDecoder,
     TriangleSurface,
     base_color,
     clean_surface,
     mean_color,
     move_surface,
-    texture_from_image,
 )
-from .asset_reader import AssetReader, MeshLimits, last_part
-
-GLTF_EXTENSIONS = frozenset({
-    "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_materials_ior",
-    "KHR_materials_specular", "KHR_materials_clearcoat", "KHR_materials_sheen",
-    "KHR_materials_pbrSpecularGlossiness", "KHR_lights_punctual",
-})
-"""Required extensions that do not affect flat materials and are ignored."""
+from .asset_reader import AssetReader, last_part
 
 
 def read_with_trimesh(
@@ -40,8 +31,6 @@ def read_with_trimesh(
     """Return all triangles of a file of `kind`; raise ModelError, or any error of trimesh."""
     import trimesh
 
-    if kind in ("glb", "gltf"):
-        _check_gltf(data, kind, reader.limits)
     if kind == "obj" and b"\x00" in data[:1000]:
         raise ModelError("is not an OBJ file: it holds binary data")
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False,
@@ -61,7 +50,7 @@ def read_with_trimesh(
     for matrix, mesh in nodes:
         key = id(getattr(mesh.visual, "material", None))
         if key not in materials or mesh.visual.kind != "texture":
-            materials[key] = _material(mesh, asset.path.name)
+            materials[key] = _material(mesh, asset.path.name, reader.textures)
         made = clean_surface(
             mesh.vertices, mesh.faces,
             # reading `vertex_normals` may compute them; only those of the file are used
@@ -72,23 +61,11 @@ def read_with_trimesh(
     return found
 
 
-def _material(mesh: Any, file: str) -> Material | None:
+def _material(mesh: Any, file: str, textures: TextureDecoder) -> Material | None:
     """Convert a trimesh material; return None if the file names none."""
-    from trimesh.visual.material import PBRMaterial, SimpleMaterial
+    from trimesh.visual.material import SimpleMaterial
 
     given = getattr(mesh.visual, "material", None)
-    if isinstance(given, PBRMaterial):
-        color = given.baseColorFactor
-        rgba = np.ones(4) if color is None else np.asarray(color, np.float64) / 255.0
-        r, g, b, a = np.clip(rgba, 0.0, 1.0).tolist()
-        if given.alphaMode in (None, "OPAQUE"):
-            a = 1.0
-        image = given.baseColorTexture
-        return Material(
-            str(given.name or ""), (r, g, b, a),
-            1.0 if given.metallicFactor is None else float(np.clip(given.metallicFactor, 0, 1)),
-            1.0 if given.roughnessFactor is None else float(np.clip(given.roughnessFactor, 0, 1)),
-            None if image is None else texture_from_image(image, f"{file}: texture"))
     if isinstance(given, SimpleMaterial) and (given.name or given.image is not None
                                               or "kd" in given.kwargs):
         extra = given.kwargs
@@ -97,8 +74,10 @@ def _material(mesh: Any, file: str) -> Material | None:
         if given.image is not None:
             color = np.ones(3)  # Kd beside map_Kd is arbitrary; only the map is used
         alpha = _alpha_of_mtl(extra)
-        return Material(str(given.name or ""), base_color([*color, alpha]), texture=None
-                        if given.image is None else texture_from_image(given.image, file))
+        texture = None
+        if given.image is not None:  # which Pillow has opened, but not decoded
+            texture = textures.decode(given.image.fp.getvalue(), f"{file}: its texture")
+        return Material(str(given.name or ""), base_color([*color, alpha]), texture=texture)
     return None
 
 
@@ -130,13 +109,9 @@ def _resolver(asset: Asset, reader: AssetReader) -> Any:
 
         def get(self, key: str) -> bytes:
             name = str(key).strip()
-            suffixes = MATERIALS | TEXTURES | BUFFERS
             try:
-                return reader.read(reader.finder.nested(asset, name, suffixes))
+                return reader.read(reader.finder.nested(asset, name, MATERIALS | TEXTURES))
             except ModelError as error:
-                if asset.path.suffix.lower() == ".gltf" and not isinstance(
-                        error, MissingAssetError):
-                    raise
                 reader.note_failure(asset, f"file {last_part(name)!r}", error)
                 raise FileNotFoundError(last_part(name)) from error
 
@@ -150,31 +125,3 @@ def _resolver(asset: Asset, reader: AssetReader) -> Any:
             return []
 
     return OurResolver()
-
-
-def _check_gltf(data: bytes, kind: str, limits: MeshLimits) -> None:
-    """Refuse features that trimesh misreads, and sizes above the limits."""
-    text = data
-    if kind == "glb":
-        if data[:4] != b"glTF" or len(data) < 20:
-            raise ModelError("is not a GLB file: its first bytes are not 'glTF'")
-        (length,) = struct.unpack_from("<I", data, 12)
-        text = data[20:20 + length]
-    header = json.loads(text)
-    if not isinstance(header, dict):
-        raise ModelError("is not a glTF file: its JSON is not an object")
-    if str(header.get("asset", {}).get("version", "2")).split(".")[0] != "2":
-        raise ModelError("is glTF of another version; export it as glTF 2.0")
-    unknown = sorted(set(map(str, header.get("extensionsRequired", []))) - GLTF_EXTENSIONS)
-    if unknown:
-        raise ModelError(f"requires the glTF extension {', '.join(unknown)}, which is not "
-                         "supported; export it without compression")
-    counts = [a.get("count", 0) for a in header.get("accessors", [])]
-    largest = 20 * limits.triangles
-    if any(not isinstance(c, int) or c < 0 for c in counts) or sum(counts) > largest:
-        raise ModelError("has accessors of impossible size")
-    for buffer in header.get("buffers", []):
-        uri = str(buffer.get("uri", ""))
-        if not uri.startswith("data:") and (".." in uri.split("/") or ":" in uri
-                                            or uri.startswith("/")):
-            raise ModelError(f"refers to the buffer {uri[:60]!r}; it must lie beside the file")

@@ -12,13 +12,12 @@ from .articulated_model import (
 from .links import Joint, JointType, Link, Mimic, list_names
 from .skinning import deform_visual
 from .surface import TriangleSurface, clean_surface, clean_triangles, move_surface, visuals_of_part
-from .texture import base_color, decode_texture, mean_color, texture_from_image
+from .texture import TextureDecoder, base_color, mean_color
 from .visuals import Maps, Material, Morph, Skin, Tiling, Visual
 
 __all__ = [
     "Animation", "ArticulatedModel", "Joint", "JointType", "Link", "Maps", "Material", "Mimic",
-    "ModelState", "Morph", "Skin", "Tiling", "TriangleSurface", "Visual", "base_color",
-    "clean_surface", "clean_triangles", "decode_texture", "deform_visual", "forward_kinematics",
-    "joint_screws", "list_names", "mean_color", "move_surface", "texture_from_image",
-    "visuals_of_part",
+    "ModelState", "Morph", "Skin", "TextureDecoder", "Tiling", "TriangleSurface", "Visual",
+    "base_color", "clean_surface", "clean_triangles", "deform_visual", "forward_kinematics",
+    "joint_screws", "list_names", "mean_color", "move_surface", "visuals_of_part",
 ]

@@ -126,6 +126,7 @@ class ArticulatedModel:
         frozen = [p for p in np.flatnonzero(~moves) if joints[p].type is not _FIXED]
         for p in frozen:
             at_zero[p] = at_zero[p] @ joints[p].type.motion(screw[p], drivers[p].offset)
+        digests: dict[int, bytes] = {}
         return cls(
             name=name, part_names=tuple(index),
             parent=np.array([-1 if link.parent is None else index[link.parent] for link in parts],
@@ -140,7 +141,8 @@ class ArticulatedModel:
             joint_names=tuple(number),
             joint_child=np.array([index[link.name] for link in free], np.int64),
             limits=np.array([link.joint.limits for link in free], np.float64).reshape(-1, 2),
-            visuals=tuple(v for p, x in enumerate(parts) for v in visuals_of_part(p, x.surfaces)),
+            visuals=tuple(v for p, x in enumerate(parts)
+                          for v in visuals_of_part(p, x.surfaces, digests)),
             notes=tuple(f"joint {joints[p].name!r} mimics {drivers[p].joint!r}, "
                         "which does not move it: frozen" for p in frozen))
 

@@ -107,11 +107,17 @@ def move_surface(s: TriangleSurface, a_from_b: Array, scale: ArrayLike = 1.0) ->
                    normals=normals)
 
 
-def visuals_of_part(part: int, surfaces: Sequence[TriangleSurface]) -> list[Visual]:
-    """Return the visuals of a part: its surfaces, those of equal material joined."""
+def visuals_of_part(
+    part: int, surfaces: Sequence[TriangleSurface], digests: dict[int, bytes] | None = None
+) -> list[Visual]:
+    """Return the visuals of a part: its surfaces, those of equal material joined.
+
+    Calls for the parts of one model share `digests`: those of their textures, by id.
+    """
+    digests = {} if digests is None else digests
     groups: dict[object, list[TriangleSurface]] = {}
     for s in surfaces:
-        groups.setdefault(_material_key(s.material or Material()), []).append(s)
+        groups.setdefault(_material_key(s.material or Material(), digests), []).append(s)
     visuals: list[Visual] = []
     for group in groups.values():
         counts = np.cumsum([0, *(len(s.vertices) for s in group)])
@@ -128,10 +134,12 @@ def visuals_of_part(part: int, surfaces: Sequence[TriangleSurface]) -> list[Visu
     return visuals
 
 
-def _material_key(m: Material) -> object:
+def _material_key(m: Material, digests: dict[int, bytes]) -> object:
     texture = None
     if m.texture is not None:
-        texture = (m.texture.shape, hashlib.sha256(m.texture.tobytes()).digest())
+        if id(m.texture) not in digests:
+            digests[id(m.texture)] = hashlib.sha256(m.texture.tobytes()).digest()
+        texture = (m.texture.shape, digests[id(m.texture)])
     return (np.round(m.base_color, 6).tobytes(), round(m.metallic, 6), round(m.roughness, 6),
             texture)
 

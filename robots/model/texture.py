@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import warnings
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,49 +12,74 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ModelError
 from ..geometry import Array
 
-if TYPE_CHECKING:
-    from PIL import Image
-
+MAX_TEXTURE_BYTES = 2**30
+"""Limit on the decoded textures of a model, together."""
 _MAX_SIDE = 4096
 _MAX_PIXELS = 16384 * 8192
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "GIF", "WEBP")
 
 
-def decode_texture(data: bytes, name: str) -> NDArray[np.uint8]:
-    """Return the image [h w 3|4] sRGB of a file, row 0 on top, at most 4096 px on a side."""
-    from PIL import Image
+class TextureDecoder:
+    """Decoder of the images of one model; equal files share one array.
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the size is checked below, before any pixel is decoded
-        try:
-            return texture_from_image(Image.open(io.BytesIO(data), formats=_FORMATS), name)
-        except ModelError:
-            raise
-        except Exception as error:
-            raise ModelError(f"{name}: is not an image that can be read ({error})") from error
+    The decoded arrays together are bounded; an image's size is checked before its pixels are
+    decoded.
+    """
 
+    def __init__(self, limit: int = MAX_TEXTURE_BYTES) -> None:
+        self._limit = self._left = limit
+        self._pictures: dict[bytes, NDArray[np.uint8]] = {}
 
-def texture_from_image(image: Image.Image | Any, name: str) -> NDArray[np.uint8]:
-    """Return the array [h w 3|4] of a PIL image, which may still be undecoded."""
-    width, height = image.size
-    if width * height > _MAX_PIXELS or width * height == 0:
-        raise ModelError(f"{name}: image of {width} x {height} pixels; at most {_MAX_PIXELS}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            if image.mode.startswith("I;16"):  # which Pillow clips instead of scaling
-                from PIL import Image
+    def decode(self, data: bytes, name: str) -> NDArray[np.uint8]:
+        """Return the image [h w 3|4] sRGB of a file, row 0 on top, at most 4096 px on a side.
 
-                image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
-            if max(width, height) > _MAX_SIDE:
-                image.thumbnail((_MAX_SIDE, _MAX_SIDE))
-            transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
-            pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"), np.uint8)
-        except Exception as error:
-            raise ModelError(f"{name}: is not an image that can be read ({error})") from error
-    if transparent and pixels[..., 3].min() == 255:
-        pixels = pixels[..., :3]
-    return np.ascontiguousarray(pixels)
+        Raises:
+            ModelError: If `data` is no image, or a too large one; `name` begins the message.
+        """
+        key = hashlib.sha256(data).digest()
+        if key not in self._pictures:
+            self._pictures[key] = self.count(self._decode(data, name), name)
+        return self._pictures[key]
+
+    def count(self, picture: NDArray[np.uint8], name: str) -> NDArray[np.uint8]:
+        """Return a new picture after counting its bytes; raise ModelError if they are too many."""
+        self._check(picture.nbytes, name)
+        self._left -= picture.nbytes
+        return picture
+
+    def _check(self, count: int, name: str) -> None:
+        if count > self._left:
+            raise ModelError(f"{name}: the model's textures exceed {self._limit} bytes when "
+                             "decoded; make them smaller")
+
+    def _decode(self, data: bytes, name: str) -> NDArray[np.uint8]:
+        from PIL import Image, UnidentifiedImageError
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the size is checked before any pixel is decoded
+            try:
+                image = Image.open(io.BytesIO(data), formats=_FORMATS)
+                width, height = image.size
+                transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+                if width * height > _MAX_PIXELS or width * height == 0:
+                    raise ModelError(f"{name}: image of {width} x {height} pixels; at most "
+                                     f"{_MAX_PIXELS}")
+                self._check(width * height * (4 if transparent else 3), name)
+                if image.mode.startswith("I;16"):  # which Pillow clips instead of scaling
+                    image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
+                if max(width, height) > _MAX_SIDE:
+                    image.thumbnail((_MAX_SIDE, _MAX_SIDE))
+                pixels = np.asarray(image.convert("RGBA" if transparent else "RGB"), np.uint8)
+            except UnidentifiedImageError:
+                raise ModelError(f"{name}: is not an image of a known format "
+                                 f"({', '.join(_FORMATS)})") from None
+            except ModelError:
+                raise
+            except Exception as error:
+                raise ModelError(f"{name}: is a damaged image ({error})") from error
+        if transparent and pixels[..., 3].min() == 255:
+            pixels = pixels[..., :3]
+        return np.ascontiguousarray(pixels)
 
 
 def linear_from_srgb(color: ArrayLike) -> Array:

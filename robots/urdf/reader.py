@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import ModelError
 from ..files import asset_finder, read_bounded
 from ..geometry import apply
-from ..meshes import MeshLibrary, quiet
+from ..meshes import quiet
 from ..model import (
     ArticulatedModel,
     Joint,
@@ -28,6 +28,7 @@ from ..model import (
     list_names,
 )
 from .document import UrdfDocument, read_urdf_document
+from .library import MeshLibrary
 from .visuals import pose_or_identity, visuals_of_document
 
 if TYPE_CHECKING:

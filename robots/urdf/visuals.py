@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import ModelError
 from ..files import MissingAssetError, show_progress
 from ..geometry import Array
-from ..meshes import MeshLibrary, box, capsule, cylinder, sphere
+from ..meshes import box, capsule, cylinder, sphere
 from ..model import (
     ArticulatedModel,
     Material,
@@ -26,6 +26,7 @@ from ..model import (
     visuals_of_part,
 )
 from .document import UrdfDocument
+from .library import MeshLibrary
 
 if TYPE_CHECKING:
     from yourdfpy.urdf import Link
@@ -39,6 +40,7 @@ def visuals_of_document(
     materials = _named_materials(robot.materials, robot.links)
     links: dict[str, Link] = {link.name: link for link in robot.links}
     visuals: list[Visual] = []
+    digests: dict[int, bytes] = {}
     triangles = 0
     for part, name in enumerate(show_progress(model.part_names, "reading links")):
         surfaces: list[TriangleSurface] = []
@@ -62,7 +64,7 @@ def visuals_of_document(
             own = _material(visual.material, materials, library, notes, name)
             pose = pose_or_identity(visual.origin)
             surfaces.extend(move_surface(_dressed(s, own), pose) for s in found)
-        visuals.extend(visuals_of_part(part, surfaces))
+        visuals.extend(visuals_of_part(part, surfaces, digests))
     if not visuals:
         notes.append("the model has no visuals: there is nothing to see")
     return visuals, notes

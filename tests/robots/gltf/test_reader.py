@@ -455,3 +455,21 @@ def test_loading_twice_is_the_same(tmp_path: Path) -> None:
     a, b = load_gltf(path), load_gltf(path)
     assert a.part_names == b.part_names
     np.testing.assert_array_equal(at_rest(a), at_rest(b))
+
+
+def test_a_child_that_its_scene_lists_is_drawn_once(tmp_path: Path) -> None:
+    maker = Maker()
+    top = maker.node(translation=[0, 1, 0])
+    child = maker.node(top, mesh=maker.mesh())
+    maker.node(top, mesh=0)
+    maker.scene(child, top)
+    model = load_gltf(maker.save(tmp_path))
+    assert len(model.visuals) == 2
+    assert f"its scene lists nodes[{child}], the child of another node" in model.notes
+    poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
+    np.testing.assert_allclose(poses[-1, :3, 3], [0, 0, 1])
+    maker.tree["scenes"][0]["nodes"] = [child]  # alone: where its parent puts it
+    model = load_gltf(maker.save(tmp_path))
+    assert len(model.visuals) == 1
+    poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
+    np.testing.assert_allclose(poses[model.visuals[0].part, :3, 3], [0, 0, 1])

@@ -14,8 +14,9 @@ import pytest
 from gcbench.errors import ModelError
 from gcbench.robots.files import paths as references
 from gcbench.robots.files import read_bounded
-from gcbench.robots.meshes import MeshLibrary, MeshLimits
+from gcbench.robots.meshes import MeshLimits
 from gcbench.robots.model import ArticulatedModel
+from gcbench.robots.urdf.library import MeshLibrary
 from gcbench.robots.urdf.reader import load_urdf
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -23,6 +24,19 @@ OBJ_UV = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 BOMB = ('<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;">]>')
 COLLADA = ('<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset/>'
            "{}</COLLADA>")
+
+
+ASSET = {"asset": {"version": "2.0"}}
+
+
+def gltf_with_buffer(uri: str) -> bytes:
+    """A mesh whose numbers are in another file."""
+    return json.dumps({
+        **ASSET, "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {
+            "POSITION": 0}}]}], "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3,
+                                              "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": uri}]}).encode()
 
 
 def refuse(path: Path, reason: str, content: str | bytes | None = None, **options: object) -> str:
@@ -224,16 +238,17 @@ def test_textures_of_materials_cannot_reach_out(tmp_path: Path, reference: str) 
      "DOCTYPE"),
     ("a.dae", b"<html/>", "a.dae"),
     ("a.dae", COLLADA.format("").encode(), "no scene"),
-    ("a.glb", b"glTF", "not a GLB"),
+    ("a.glb", b"glTF", "not a whole GLB"),
     ("a.glb", b"glTF" + b"\xff" * 40, "a.glb"),
     ("a.gltf", b"[]", "not a glTF"),
     ("a.gltf", b"{}", "a.gltf"),
     ("a.gltf", b"[" * 100_000, "a.gltf"),
     ("a.gltf", json.dumps({"asset": {"version": "1.0"}}).encode(), "glTF 2.0"),
-    ("a.gltf", json.dumps({"accessors": [{"count": 10**12}]}).encode(), "impossible size"),
-    ("a.gltf", json.dumps({"buffers": [{"uri": "../b.bin"}]}).encode(), "beside"),
-    ("a.gltf", json.dumps({"buffers": [{"uri": "http://x/b.bin"}]}).encode(), "beside"),
-    ("a.gltf", json.dumps({"buffers": [{"uri": "/etc/passwd"}]}).encode(), "beside"),
+    ("a.gltf", json.dumps({**ASSET, "accessors": [{"count": 10**20}]}).encode(),
+     "count: expected int"),
+    ("a.gltf", gltf_with_buffer("../" * 12 + "b.bin"), "leads out of"),
+    ("a.gltf", gltf_with_buffer("http://x/b.bin"), "network"),
+    ("a.gltf", gltf_with_buffer("/etc/passwd"), "absolute"),
     ("a.stl", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
 ])
 def test_broken_meshes(tmp_path: Path, name: str, content: bytes, reason: str) -> None:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from ...errors import ModelError
 from ..files import Asset, AssetFinder
+from ..gltf import read_gltf_surfaces
+from ..meshes import AssetReader, MeshLimits, quiet, read_collada, read_with_trimesh
 from ..model import TriangleSurface
-from .asset_reader import AssetReader, MeshLimits, quiet
 
 
 class MeshLibrary(AssetReader):
@@ -38,12 +39,10 @@ class MeshLibrary(AssetReader):
         try:
             with quiet():
                 if suffix == ".dae":
-                    from .collada import read_collada
-
                     found = read_collada(data, asset, self)
+                elif suffix in (".glb", ".gltf"):
+                    found = read_gltf_surfaces(data, asset, self)
                 else:
-                    from .trimesh_reader import read_with_trimesh
-
                     found = read_with_trimesh(data, suffix[1:], asset, self)
         except ModelError as error:
             text, path = str(error), str(asset.path)

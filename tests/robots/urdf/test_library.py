@@ -12,7 +12,6 @@ import pytest
 from gcbench.errors import ModelError
 from gcbench.robots.files.paths import asset_finder
 from gcbench.robots.geometry.normals import face_normals, smooth_corners
-from gcbench.robots.meshes import MeshLibrary
 from gcbench.robots.meshes.solids import box, capsule, cylinder, sphere
 from gcbench.robots.model import (
     Material,
@@ -22,6 +21,7 @@ from gcbench.robots.model import (
     visuals_of_part,
 )
 from gcbench.robots.model.texture import linear_from_srgb
+from gcbench.robots.urdf.library import MeshLibrary
 from PIL import Image
 
 TETRA = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
