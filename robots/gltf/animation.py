@@ -14,7 +14,7 @@ from ..model import ModelState
 from .accessors import Accessors
 from .document import GltfDocument
 from .nodes import Z_UP, NodeTree, Rig
-from .records import Animation, AnimationSampler
+from .records import AnimationSampler, GltfAnimation
 
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3", "weights": "SCALAR"}
 _SAME = 1e-7
@@ -160,7 +160,7 @@ def _named(name: str, number: int, names: set[str]) -> str:
 
 
 def _tracks(
-    animation: Animation, where: str, accessors: Accessors, tree: NodeTree,
+    animation: GltfAnimation, where: str, accessors: Accessors, tree: NodeTree,
     document: GltfDocument,
 ) -> list[Track]:
     tracks: list[Track] = []

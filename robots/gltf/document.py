@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from ...errors import ModelError
-from .records import LISTS, MAX_OBJECTS, Asset, Gltf, NodeIndex, Record
+from .records import LISTS, MAX_OBJECTS, Gltf, GltfAsset, GltfObject, NodeIndex
 
 MAX_JSON_BYTES = 64 * 2**20
 MAX_NODES = 20_000
@@ -31,8 +31,8 @@ SURFACES_ONLY = frozenset({
 """Ignored extensions: they change only appearance or lighting, or hold metadata."""
 
 
-class _Head(Record):
-    asset: Asset | None = None
+class _Head(GltfObject):
+    asset: GltfAsset | None = None
     extensions_used: tuple[str, ...] = ()
     extensions_required: tuple[str, ...] = ()
 
@@ -50,7 +50,7 @@ class GltfDocument:
     """Objects of a glTF file with valid indices, and the binary chunk."""
 
     gltf: Gltf
-    asset: Asset
+    asset: GltfAsset
     binary: bytes | None
     """Binary chunk of a GLB file."""
     notes: tuple[str, ...]
@@ -112,7 +112,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
     return found[0][1].rstrip(b"\0"), binary
 
 
-def _check_version_and_extensions(head: _Head) -> tuple[Asset, list[str]]:
+def _check_version_and_extensions(head: _Head) -> tuple[GltfAsset, list[str]]:
     """Refuse unsupported versions and extensions; return the asset and notes on the ignored."""
     asset = head.asset
     if asset is None:

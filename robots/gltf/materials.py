@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from ..files import MissingAssetError
 from ..geometry import Array
 from ..model import Maps, Material, TextureDecoder, Tiling, mean_color
-from . import records
 from .accessors import Accessors
 from .document import GltfDocument
-from .records import Quadruple, Sampler, SpecularGlossiness, TextureInfo
+from .records import GltfMaterial, GltfSampler, Quadruple, SpecularGlossiness, TextureInfo
 
 INVISIBLE = 0.02
 """A blended surface with a lower alpha is not drawn."""
@@ -177,7 +176,7 @@ class Materials:
 
     def _tiling(self, texture: int) -> tuple[Tiling, Tiling]:
         sampler = self._gltf.textures[texture].sampler
-        given = Sampler() if sampler is None else self._gltf.samplers[sampler]
+        given = GltfSampler() if sampler is None else self._gltf.samplers[sampler]
         return _TILINGS[given.wrap_s], _TILINGS[given.wrap_t]
 
     def _texture(self, number: int) -> NDArray[np.uint8] | None:
@@ -207,7 +206,7 @@ def _placement(info: TextureInfo) -> Placement:
     return Placement(uv_set, np.array([[c * sx, s * sy, x], [-s * sx, c * sy, y]]))
 
 
-def _emission(given: records.Material) -> tuple[float, float, float]:
+def _emission(given: GltfMaterial) -> tuple[float, float, float]:
     strength = given.extensions.emissive_strength.emissive_strength
     r, g, b = np.clip(np.multiply(given.emissive_factor, strength), 0.0, 100.0).tolist()
     return r, g, b

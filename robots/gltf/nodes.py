@@ -24,7 +24,7 @@ from ..geometry import (
     transform,
 )
 from .document import GltfDocument
-from .records import Node
+from .records import GltfNode
 
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation from glTF's y-up frame to the z-up world."""
@@ -116,7 +116,7 @@ def node_tree(document: GltfDocument) -> NodeTree:
         linear.reshape(count, 3, 3), vanished.astype(bool), notes)
 
 
-def _depth_first(nodes: Sequence[Node], roots: Iterable[int]) -> list[int]:
+def _depth_first(nodes: Sequence[GltfNode], roots: Iterable[int]) -> list[int]:
     order: list[int] = []
     stack = list(roots)[::-1]
     while stack:
@@ -126,7 +126,7 @@ def _depth_first(nodes: Sequence[Node], roots: Iterable[int]) -> list[int]:
     return order
 
 
-def _pose(node: Node, n: int) -> tuple[Array, Array, Array, Array, bool]:
+def _pose(node: GltfNode, n: int) -> tuple[Array, Array, Array, Array, bool]:
     """Return translation, quaternion, scale, invertible linear part, and if the scale is zero."""
     if node.matrix is None:
         q = np.array(node.rotation or (0.0, 0.0, 0.0, 1.0))
