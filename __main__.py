@@ -32,9 +32,9 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code.
 
-    The exit code is 0 on success, 1 if `verify` found an error in the dataset, 2 after an error
-    message or if nothing can render (`doctor`), 130 after Ctrl-C, and 141 if the reader of the
-    output has closed it.
+    The exit code is 0 on success, 1 if `verify` found an error in the dataset or no estimate of
+    `eval` succeeded, 2 after an error message or if nothing can render (`doctor`), 130 after
+    Ctrl-C, and 141 if the reader of the output has closed it.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     if not args or args[0] in ("-h", "--help", "help"):
@@ -220,17 +220,21 @@ def evaluate(args: Sequence[str]) -> int:
 
     To continue an interrupted run, run the same command again. Each method runs in a separate
     process with a time limit. If it raises, hangs, crashes or returns an invalid estimate, that
-    sequence is scored as no motion.
+    sequence is scored as no motion. At the end, a page of these results is written to
+    RESULTS/report. The exit code is 1 if no estimate succeeded.
 
     Examples:
       gcbench eval --method gcpose
+      gcbench eval --method gcpose --knowledge all --limit 3
       gcbench eval --method icp icp@true-parts hold-still --data data/ur5 --inputs rgbd
       gcbench eval --method my_method.py:MyMethod --suite my_suite.toml --knowledge free
     """
     from gcbench.renderer.runtime import command_line
 
     options = command_line.parse_options(args, "eval", gb.EvalConfig, evaluate.__doc__)
-    return _print_results(gb.evaluate(options))
+    results = gb.evaluate(options)
+    code = _print_results(results)
+    return code or _present(gb.report(results, options.results / "report", False, False)[:1], False)
 
 
 def score(args: Sequence[str]) -> int:
@@ -243,12 +247,14 @@ def score(args: Sequence[str]) -> int:
     Examples:
       gcbench score --predictions mine.csv
       gcbench score --predictions mine.npz --data data/ur5 data/iiwa14
+      gcbench score --template --predictions new.csv --data data/ur5
     """
     from gcbench.benchmark.run import ScoreConfig, score_predictions
     from gcbench.renderer.runtime import command_line
 
     options = command_line.parse_options(args, "score", ScoreConfig, score.__doc__)
-    return _print_results(score_predictions(options))
+    results = score_predictions(options)
+    return _present([options.predictions], False) if options.template else _print_results(results)
 
 
 def _print_results(results: "gb.Results") -> int:
@@ -258,12 +264,14 @@ def _print_results(results: "gb.Results") -> int:
     for line in results.failures:
         print(f"failed: {line}")
     print(*dict.fromkeys(folder.path for folder in results.runs), sep="\n")
-    return 0
+    if not results.usable:
+        print("gcbench: no sequence was estimated", file=sys.stderr)
+    return 0 if results.usable else 1
 
 
 def report(
     results: tuple[Path, ...] = (Path("results"),), /, out: Path = Path("report"),
-    pictures: bool = True, open: bool = False,
+    pictures: bool = True, label: tuple[str, ...] = (), open: bool = False,
 ) -> int:
     """Report results: a leaderboard with intervals and shared ranks.
 
@@ -272,14 +280,16 @@ def report(
     Examples:
       gcbench report
       gcbench report results others/results --out report --open
+      gcbench report results --label others=others/results
 
     Args:
         results: Folders that `gcbench eval` and `gcbench score` wrote.
         out: Folder of the report.
         pictures: Draw the worst and the median sequence of each row (needs a renderer).
+        label: NAME=FOLDER adds NAME to the methods of a results folder.
         open: Open the page in the browser.
     """
-    return _present(gb.report(results, out, pictures), open)
+    return _present(gb.report(results, out, pictures, labels=label), open)
 
 
 def _present(written: Sequence[Path], open: bool) -> int:

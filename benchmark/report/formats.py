@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from ..protocol import PCP5
 from ..results import RunFolder
 from .leaderboard import Leaderboard, build_leaderboard
-from .tables import Table, leaderboard_tables
+from .tables import Table, leaderboard_tables, suite_tables
 
 CSV_COLUMNS = ("dataset", "method", "inputs", "knowledge", "sequences", "joints", "mean", "std",
                "ci_low", "ci_high", "median", "p90", "pcp5", "coverage", "seconds_per_frame",
@@ -58,17 +58,18 @@ def escape_latex(text: str) -> str:
 
 
 def leaderboard_csv(board: Leaderboard) -> str:
-    """Return a row for each line, with the columns CSV_COLUMNS; an unknown time is empty."""
+    """Return a row for each line, with the columns CSV_COLUMNS; what is unknown is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     for line in board.lines:
         s, row = line.summary, line.row
         seconds = line.means.get("seconds_per_frame")
-        numbers = (s.mean, s.std, s.ci_low, s.ci_high, s.median, s.p90, s.pcp[PCP5], s.coverage)
+        interval = (s.ci_low, s.ci_high) if line.has_interval else ("", "")
+        numbers = (s.mean, s.std, *interval, s.median, s.p90, s.pcp[PCP5], s.coverage)
         words = [escape_csv(x) for x in (line.dataset, row.name, row.inputs, row.knowledge)]
         writer.writerow([
-            *words, s.sequences, s.joints, *(f"{x:.6g}" for x in numbers),
+            *words, s.sequences, s.joints, *(x if x == "" else f"{x:.6g}" for x in numbers),
             "" if seconds is None else f"{seconds:.6g}", line.unit,
         ])  # fmt: skip
     return text.getvalue()
@@ -76,7 +77,8 @@ def leaderboard_csv(board: Leaderboard) -> str:
 
 def leaderboard_text(runs: Iterable[RunFolder]) -> str:
     """Return the leaderboard of runs for a terminal: the report's tables, but narrower."""
-    return to_text(leaderboard_tables(build_leaderboard(runs)), without=("training",))
+    board = build_leaderboard(runs)
+    return to_text(suite_tables(board) + leaderboard_tables(board), without=("training",))
 
 
 def to_text(tables: Iterable[Table], without: tuple[str, ...] = ()) -> str:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ...errors import DatasetError
+from ...errors import ConfigError, DatasetError
 from ...renderer.scene import differences as config_differences
 from ..protocol import PCP_DEGREES, pcp_thresholds
-from ..results import SCORES, Result, Row, RunFolder, find_runs
+from ..results import SCORES, Result, Row, Run, RunFolder, find_runs, is_label
 from . import published_numbers as paper
 from .statistics import (
+    MIN_CLUSTERS,
     SEED,
     Difference,
     ErrorSummary,
@@ -79,8 +80,8 @@ class Line:
 
     @property
     def dataset(self) -> str:
-        """Name of the dataset."""
-        return self.run.run.dataset
+        """What the dataset is: SUITE/NAME, or the name of its folder and its seed."""
+        return dataset_title(self.run.run)
 
     @property
     def group(self) -> tuple[str, str]:
@@ -94,8 +95,8 @@ class Line:
 
     @property
     def has_interval(self) -> bool:
-        """Whether there are at least two clusters to draw from."""
-        return len(set(self.cluster.values())) > 1
+        """Whether there are enough clusters to draw from."""
+        return len(set(self.cluster.values())) >= MIN_CLUSTERS
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,8 @@ class Leaderboard:
     lines: tuple[Line, ...]
     """By dataset (in the paper's order) and unit, then by mean error."""
     differences: Mapping[tuple[int, int], Difference]
-    """Paired difference a - b of two lines (by position, a < b) of one group, if they share at
-    least two clusters: an interval of one cluster says nothing."""
+    """Paired difference a - b of two lines (by position, a < b) of one group, if they share enough
+    clusters for an interval."""
     ranks: tuple[int, ...]
     """Rank of each line in its group, see `shared_ranks`."""
     unfinished: tuple[RunFolder, ...]
@@ -133,14 +134,25 @@ class Leaderboard:
                 for line, label in zip(self.lines, plain, strict=True)]  # fmt: skip
 
 
-def read_leaderboard(results: Sequence[Path]) -> Leaderboard:
-    """Read and compare all results under the folders.
+def read_leaderboard(results: Sequence[Path], labels: Sequence[str] = ()) -> Leaderboard:
+    """Read and compare all results under the folders; labels are NAME=FOLDER.
 
     Raises:
-        DatasetError: If there are no scores, if two folders hold the same row, or if two datasets
-            of one name differ.
+        ConfigError: If a label is not of this form.
+        DatasetError: If there are no scores, if two folders hold the same row with other scores, or
+            if two datasets of one name and seed differ.
     """
-    board = build_leaderboard(find_runs(results))
+    named: dict[Path, str] = {}
+    for label in labels:
+        name, equals, folder = label.partition("=")
+        if not (is_label(name) and equals and folder):
+            raise ConfigError(f"--label {label}: expected NAME=RESULTS_FOLDER")
+        named[Path(folder).resolve()] = name
+    folders = [*results, *(path for path in named if path not in [r.resolve() for r in results])]
+    board = build_leaderboard([
+        _labelled(run, named.get(folder.resolve(), ""))
+        for folder in folders for run in find_runs(folder)
+    ])
     if not board.lines:
         where = ", ".join(str(path) for path in results)
         raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first")
@@ -150,14 +162,13 @@ def read_leaderboard(results: Sequence[Path]) -> Leaderboard:
 def build_leaderboard(folders: Iterable[RunFolder]) -> Leaderboard:
     """Summarize and compare runs. Raises DatasetError as `read_leaderboard` does."""
     folders = list(folders)
-    scored = [folder for folder in folders if (folder.path / SCORES).exists()]
-    _check_same(scored)
+    scored = _without_copies(f for f in folders if (f.path / SCORES).exists())
     lines = [line for folder in scored for line in _lines_of(folder)]
     lines.sort(key=lambda line: (
         line.dataset.rpartition("/")[0], paper.paper_order(line.robot), *line.group,
         line.summary.mean, line.row.folder,
     ))  # fmt: skip
-    unfinished = tuple(folder for folder in folders if folder not in scored)
+    unfinished = tuple(f for f in folders if not (f.path / SCORES).exists())
     differences: dict[tuple[int, int], Difference] = {}
     board = Leaderboard(tuple(lines), differences, (), unfinished)
     for mine in board.groups.values():
@@ -234,18 +245,42 @@ def _summary(
     )
 
 
-def _check_same(folders: Sequence[RunFolder]) -> None:
-    """Raises DatasetError unless each row occurs once and a dataset's name means one dataset."""
-    rows: dict[tuple[Row, str], Path] = {}
+def dataset_title(run: Run) -> str:
+    """Return SUITE/NAME of a dataset of a suite; else the name of the folder, and the seed."""
+    seed = run.config.get("seed")
+    if "/" in run.dataset or seed is None:
+        return run.dataset
+    return f"{run.dataset.removesuffix(f'-seed-{seed}')}, seed {seed}"
+
+
+def _labelled(folder: RunFolder, label: str) -> RunFolder:
+    """Add a label to the name of the method."""
+    row = folder.run.row
+    if not label:
+        return folder
+    row = replace(row, method=f"{row.method} ({label})")
+    return replace(folder, run=replace(folder.run, row=row))
+
+
+def _without_copies(folders: Iterable[RunFolder]) -> list[RunFolder]:
+    """Keep one of several folders with the same row and scores.
+
+    Raises DatasetError if the scores differ, or if two datasets of one title differ.
+    """
+    kept: dict[tuple[Row, str], RunFolder] = {}
     first: dict[str, RunFolder] = {}
     for folder in folders:
-        run = folder.run
-        other = rows.setdefault((run.row, run.dataset), folder.path)
-        if other is not folder.path:
-            raise DatasetError(f"{other} and {folder.path} are the same row; report one of them")
-        like = first.setdefault(run.dataset, folder)
+        run, title = folder.run, dataset_title(folder.run)
+        like = first.setdefault(title, folder)
         if changes := config_differences(like.run.config, run.config):
             raise DatasetError(
                 f"{like.path} and {folder.path} are on two datasets of one name ({changes[0]}); "
                 "report them separately"
             )
+        other = kept.setdefault((run.row, title), folder)
+        if other.path != folder.path and other.results() != folder.results():
+            raise DatasetError(
+                f"{other.path} and {folder.path} are the same row with other scores; give one a "
+                "label: --label NAME=RESULTS_FOLDER"
+            )
+    return list(kept.values())

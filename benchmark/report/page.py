@@ -22,10 +22,11 @@ from .leaderboard import (
     Leaderboard,
     Line,
     build_leaderboard,
+    dataset_title,
     read_leaderboard,
 )
 from .statistics import DRAWS, SEED
-from .tables import leaderboard_tables, paper_tables
+from .tables import leaderboard_tables, paper_tables, suite_tables
 
 FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex")
 _TEMPLATE = Path(__file__).parent / "report.html"
@@ -54,6 +55,7 @@ def report(
     out: str | Path = "report",
     pictures: bool = True,
     progress: bool = True,
+    labels: Sequence[str] = (),
 ) -> list[Path]:
     """Write a report of results: one static page, and tables as Markdown, CSV and LaTeX.
 
@@ -64,6 +66,8 @@ def report(
         out: Folder of the report.
         pictures: Draw the worst and the median sequence of each row (needs a renderer).
         progress: Show a progress bar on stderr.
+        labels: NAME=FOLDER adds NAME to the methods of a results folder, so that two folders with
+            the same row can be compared. Copies with equal scores count once without a label.
 
     Returns:
         The paths of the page, the Markdown, the CSV and the LaTeX file.
@@ -79,13 +83,13 @@ def report(
     if isinstance(results, Results):
         board = build_leaderboard(results.runs)
     else:
-        board = read_leaderboard([Path(results)] if isinstance(results, str | Path)
-                                 else [Path(folder) for folder in results])
+        folders = [results] if isinstance(results, str | Path) else results
+        board = read_leaderboard([Path(folder) for folder in folders], labels)
     out = Path(out)
     found = draw_pictures(board.lines, select_pictures(board.lines), progress) if pictures else []
     contents = (
         report_page(board, found),
-        to_markdown("Leaderboard", leaderboard_tables(board), __version__),
+        to_markdown("Leaderboard", suite_tables(board) + leaderboard_tables(board), __version__),
         leaderboard_csv(board),
         to_latex(paper_tables(board), __version__),
     )
@@ -130,6 +134,7 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
         ],
         "thresholds": CURVE_THRESHOLDS,
         "listed": {unit: pcp_thresholds(unit) for unit in CURVE_THRESHOLDS},
+        "suites": [asdict(table) for table in suite_tables(board)],
         "tables": [asdict(table) for table in paper_tables(board)],
         "gallery": [{**asdict(p), "error": _short(p.error),
                      "joints": [[name, _short(error)] for name, error in p.joints]}
@@ -229,7 +234,7 @@ def _failures(board: Leaderboard) -> list[_Failure]:
     for folder in board.unfinished:
         run = folder.run
         done = sum(folder.estimate_path(name).exists() for name in run.sequences)
-        out.append((one_line(run.row.title), one_line(run.dataset), "", "unfinished",
+        out.append((one_line(run.row.title), one_line(dataset_title(run)), "", "unfinished",
                     f"{done} of {len(run.sequences)} sequences estimated and none scored; the same "
                     "gcbench eval continues it"))  # fmt: skip
     for folder in {str(line.run.path): line.run for line in board.lines}.values():
@@ -237,7 +242,7 @@ def _failures(board: Leaderboard) -> list[_Failure]:
         bad = {name: status for line in mine for name, status in line.failed.items()}
         scored = {name for line in mine for name, _ in line.error}
         bad |= {name: "not scored" for name in folder.run.sequences if name not in scored}
-        row, dataset = one_line(folder.run.row.title), one_line(folder.run.dataset)
+        row, dataset = one_line(folder.run.row.title), one_line(dataset_title(folder.run))
         out += [(row, dataset, name, bad[name], _reason(folder, name)) for name in sorted(bad)]
     return out
 
@@ -257,12 +262,12 @@ def _protocol() -> _Section:
                   "without wrap for prismatic joints"),
         ("mean", "over all pairs of sequence and joint; standard deviation over the same pairs"),
         ("PCP@5", "share of pairs within 5° (prismatic: 5 cm)"),
-        ("missing", "counts as no motion, and as wrong for PCP; nothing is left out of a mean"),
+        ("missing", "counts as no motion, and as wrong for PCP; no mean omits a pair"),
         ("interval", f"95 %, percentile bootstrap of {DRAWS} draws of whole sequences (object "
                      f"instances, where there are several), seed {SEED}"),
         ("ranks", "1 + the number of rows whose paired difference is better beyond its interval; "
                   "no correction for the number of comparisons"),
-        ("the paper's data", "are not published: its numbers are a reference, never ranked"),
+        ("the paper's data", "are not published: its numbers are a reference and are not ranked"),
     ]  # fmt: skip
 
 
@@ -270,7 +275,7 @@ def _methods(folders: Iterable[RunFolder]) -> list[_Section]:
     rows: dict[str, tuple[str, str]] = {}
     for folder in folders:
         row = folder.run.row
-        oracles = f"; ORACLE, was given: {', '.join(row.oracles)}" if row.oracles else ""
+        oracles = f"; oracles: {', '.join(row.oracles)}" if row.oracles else ""
         words = f"version {row.version}; training: {row.training}; {folder.run.source}{oracles}"
         rows.setdefault(f"{row.name} {words}", (one_line(row.name), one_line(words)))
     return [("Methods", [rows[key] for key in sorted(rows)])]
@@ -290,7 +295,8 @@ def _datasets(folders: Iterable[RunFolder]) -> list[_Section]:
         for asset in run.assets:
             source, licence = str(asset.get("source", "")), str(asset.get("licence", ""))
             rows.append((f"model {asset.get('name', '')}", f"{source}; {licence}".strip("; ")))
-        out.setdefault(run.dataset, (f"Dataset {one_line(run.dataset)}", _clean(rows)))
+        title = one_line(dataset_title(run))
+        out.setdefault(title, (f"Dataset {title}", _clean(rows)))
     return [out[key] for key in sorted(out)]
 
 

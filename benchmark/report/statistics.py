@@ -18,6 +18,8 @@ DRAWS = 2000
 """Draws of a bootstrap."""
 SEED = 0
 """Seed of the bootstrap: a table is a function of its results."""
+MIN_CLUSTERS = 5
+"""Smallest number of sequences (or objects) of an interval; fewer say too little."""
 _LEVEL = 0.95
 _AT_ONCE = 2**21  # drawn numbers in memory
 
@@ -85,17 +87,10 @@ def pcp(error: Array, covered: NDArray[np.bool_], thresholds: Sequence[float]) -
     )
 
 
-def bootstrap_mean(
-    value: ArrayLike,
-    cluster: Sequence[Hashable],
-    rng: np.random.Generator,
-    draws: int = DRAWS,
-    level: float = _LEVEL,
-) -> tuple[float, float]:
-    """Percentile interval of the mean of [N] values when whole clusters are drawn again.
-
-    With one cluster the interval is that mean, which says nothing.
-    """
+def bootstrap_draws(
+    value: ArrayLike, cluster: Sequence[Hashable], rng: np.random.Generator, draws: int = DRAWS
+) -> Array:
+    """Return the means [draws] of [N] values when whole clusters are drawn again."""
     v = np.asarray(value, np.float64)
     number = {key: k for k, key in enumerate(dict.fromkeys(cluster))}
     which = np.array([number[key] for key in cluster])
@@ -104,11 +99,25 @@ def bootstrap_mean(
     means = np.empty(draws)
     chunk = max(1, _AT_ONCE // n)
     for k in range(0, draws, chunk):
-        chosen = rng.integers(0, n, (min(chunk, draws - k), n))
-        means[k : k + chunk] = sums[chosen].sum(1) / counts[chosen].sum(1)
-    tail = 100.0 * (1.0 - level) / 2.0
-    low, high = np.percentile(means, [tail, 100.0 - tail])
+        drawn = rng.integers(0, n, (min(chunk, draws - k), n))
+        means[k : k + chunk] = sums[drawn].sum(1) / counts[drawn].sum(1)
+    return means
+
+
+def percentile_interval(draws: Array) -> tuple[float, float]:
+    """Return the 95 % interval of drawn numbers."""
+    low, high = np.percentile(draws, [50.0 * (1.0 - _LEVEL), 50.0 * (1.0 + _LEVEL)])
     return float(low), float(high)
+
+
+def bootstrap_mean(
+    value: ArrayLike, cluster: Sequence[Hashable], rng: np.random.Generator, draws: int = DRAWS
+) -> tuple[float, float]:
+    """Percentile interval of the mean of [N] values when whole clusters are drawn again.
+
+    With one cluster the interval is that mean, which says nothing.
+    """
+    return percentile_interval(bootstrap_draws(value, cluster, rng, draws))
 
 
 @dataclass(frozen=True)
@@ -123,8 +132,8 @@ class Difference:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the interval leaves out zero; one cluster alone has no interval."""
-        return self.clusters > 1 and (self.ci_low > 0.0 or self.ci_high < 0.0)
+        """Whether the interval leaves out zero; too few clusters have no interval."""
+        return self.clusters >= MIN_CLUSTERS and (self.ci_low > 0.0 or self.ci_high < 0.0)
 
 
 def paired_difference(
@@ -151,15 +160,16 @@ def compare_rows(
     """Compare each two rows, given as errors and clusters of their pairs.
 
     Returns:
-        The paired difference a - b of rows a < b, where they share at least two clusters. All
-        comparisons use the same random draws, so that the order of the rows changes nothing.
+        The paired difference a - b of rows a < b, where they share enough clusters for an
+        interval. All comparisons use the same random draws, so that the order of the rows changes
+        nothing.
     """
     seed = int(np.random.default_rng(seed).integers(2**63))
     found: dict[tuple[int, int], Difference] = {}
     for b, (second, _) in enumerate(rows):
         for a, (first, cluster) in enumerate(rows[:b]):
             difference = paired_difference(first, second, np.random.default_rng(seed), cluster)
-            if difference.clusters > 1:
+            if difference.clusters >= MIN_CLUSTERS:
                 found[a, b] = difference
     return found
 

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..protocol import PCP5
 from . import published_numbers as paper
 from .leaderboard import Leaderboard, Line
-from .statistics import ErrorSummary, best_half
+from .statistics import MIN_CLUSTERS, ErrorSummary, best_half
+from .suite_scores import suite_scores
 
 MISSING = "–"
 _STARRED = " * With the better of the two signs of each joint: none is known or returned."
 _CAPTION = (
     "Error of each scored joint at the last frame: mean over all pairs of sequence and joint, "
-    "with its 95 % interval (bootstrap by sequence, or by object where there are several). "
-    "Rows that paired differences on the same sequences cannot tell apart share a "
-    "rank. A failed joint counts as no motion at all. "
+    "with its 95 % interval (bootstrap by sequence, or by object where there are several; none for "
+    f"fewer than {MIN_CLUSTERS}). Rows that paired differences on the same sequences do not "
+    "separate share a rank. A failed joint counts as no motion. "
     "(best sign): the better of the two signs of each joint, where none is known or returned."
 )
 
@@ -46,6 +48,28 @@ class Table:
     """Whether each column holds the paper's numbers."""
 
 
+def suite_tables(board: Leaderboard) -> list[Table]:
+    """Return a table for each suite: one score of each row over all datasets, best first."""
+    scores = suite_scores(board)
+    return [
+        Table(
+            f"All datasets of {suite}" if suite else "All datasets",
+            "Mean over the datasets of rank and of mean final error, with the 95 % interval of the "
+            "error (bootstrap by sequence in each dataset; none where a dataset has fewer than "
+            f"{MIN_CLUSTERS} sequences). Only rows on the same datasets can be compared.",
+            ("method", "datasets", "mean rank", "mean (deg)", "95 % interval"), "lrrrr",
+            tuple(
+                TableRow((
+                    s.label, f"{s.datasets} of {s.of}", f"{s.mean_rank:.2f}",
+                    format_error(s.mean), format_interval(s.interval),
+                ))
+                for s in scores if s.suite == suite
+            ),
+        )
+        for suite in dict.fromkeys(s.suite for s in scores)
+    ]  # fmt: skip
+
+
 def leaderboard_tables(board: Leaderboard) -> list[Table]:
     """Return the leaderboard as one table for each dataset and unit, best first."""
     return [
@@ -64,15 +88,14 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
 
 
 def _leaderboard_row(board: Leaderboard, k: int) -> TableRow:
-    line, unit = board.lines[k], board.lines[k].unit
+    line = board.lines[k]
     s, seconds = line.summary, line.means.get("seconds_per_frame")
-    interval = f"{format_error(s.ci_low, unit)} to {format_error(s.ci_high, unit)}"
     return TableRow((
         str(board.ranks[k]), board.labels[k] + (" (best sign)" if line.best_sign else ""),
-        line.row.training, str(s.sequences), format_error(s.mean, unit),
-        interval if line.has_interval else MISSING, format_error(s.std, unit),
-        format_error(s.median, unit), format_error(s.p90, unit), format_percent(s.pcp[PCP5]),
-        format_percent(s.coverage),
+        line.row.training, str(s.sequences), format_error(s.mean),
+        format_interval((s.ci_low, s.ci_high) if line.has_interval else None),
+        format_error(s.std), format_error(s.median), format_error(s.p90),
+        format_percent(s.pcp[PCP5]), format_percent(s.coverage),
         MISSING if seconds is None else f"{seconds:.3g}",
     ))  # fmt: skip
 
@@ -110,14 +133,24 @@ def paper_tables(board: Leaderboard) -> list[Table]:
     return out
 
 
-def format_error(x: float, unit: str) -> str:
-    """Return a number with the usual decimals of its unit, without the unit: 3 for deg, 4 for m."""
-    return f"{x:.{4 if unit == 'm' else 3}f}"
+def format_error(x: float) -> str:
+    """Return a number with three significant digits; with an exponent below 0.0001."""
+    if not math.isfinite(x):
+        return MISSING
+    if x == 0.0:
+        return "0"
+    decimals = max(0, 2 - math.floor(math.log10(abs(x))))
+    return f"{x:.{decimals}f}" if decimals <= 6 else f"{x:.1e}"
 
 
-def _mean_std(summary: ErrorSummary, unit: str) -> str:
+def format_interval(interval: tuple[float, float] | None) -> str:
+    """As in "0.123 to 0.456"."""
+    return MISSING if interval is None else " to ".join(map(format_error, interval))
+
+
+def _mean_std(summary: ErrorSummary) -> str:
     """As in "0.123 ± 0.045"."""
-    return f"{format_error(summary.mean, unit)} ± {format_error(summary.std, unit)}"
+    return f"{format_error(summary.mean)} ± {format_error(summary.std)}"
 
 
 def format_percent(x: float) -> str:
@@ -130,12 +163,12 @@ def _by_dataset(named: Sequence[tuple[Line, str]], table: int, title: str, unit:
     for dataset in dict.fromkeys(line.dataset for line, _ in named):
         mine = [(line, label) for line, label in named if line.dataset == dataset]
         head = dataset.rpartition("/")[2]
-        cells = {label: _mean_std(line.summary, unit) for line, label in mine}
+        cells = {label: _mean_std(line.summary) for line, label in mine}
         columns.append(_Column(head, "mean ± std", cells))
         cells = {label: format_percent(line.summary.pcp[PCP5]) for line, label in mine}
         columns.append(_Column(head, f"PCP@5{'°' if unit == 'deg' else ' cm'}", cells))
         if mine[0][0].robot == paper.OWI:  # the metric that CRAVES publishes
-            cells = {label: format_error(best_half([*x.error.values()]), unit) for x, label in mine}
+            cells = {label: format_error(best_half([*x.error.values()])) for x, label in mine}
             columns.append(_Column(head, "best half", cells))
         columns += _reference(mine, table, mine[0][0].robot, 0, head)
     limit = "5°" if unit == "deg" else "5 cm"
@@ -150,7 +183,7 @@ def _by_joint(named: Sequence[tuple[Line, str]]) -> Table:
     joints = dict.fromkeys((joint.index, joint.name) for line, _ in named for joint in line.joints)
     for index, name in sorted(joints):
         cells = {
-            label: _mean_std(joint.summary, line.unit)
+            label: _mean_std(joint.summary)
             for line, label in named for joint in line.joints if joint.name == name
         }  # fmt: skip
         columns.append(_Column(name, "mean ± std", cells))

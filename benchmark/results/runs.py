@@ -117,8 +117,11 @@ class Results:
     """One for each row and dataset."""
     estimated: int = 0
     """Number of sequences that were estimated now, not by an earlier call."""
+    usable: int = 0
+    """Number of sequences whose estimate did not fail, now or earlier."""
     failures: tuple[str, ...] = ()
-    """One line for each estimate that failed, now or earlier."""
+    """One line for each estimate that failed, now or earlier, and for each method that did not
+    run to its end."""
 
     @cached_property
     def frame(self) -> pandas.DataFrame:

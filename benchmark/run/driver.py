@@ -137,8 +137,10 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     complete = [job for job in jobs if job.folder.run.source not in refused]
     failures = [line for job in complete for line in job.failures()]
     return Results(
-        tuple(job.folder for job in complete), sum(len(job.todo) for job in complete),
-        (*refused.values(), *failures),
+        runs=tuple(job.folder for job in complete),
+        estimated=sum(len(job.todo) for job in complete),
+        usable=sum(len(job.folder.run.sequences) for job in complete) - len(failures),
+        failures=(*(reason.splitlines()[0] for reason in refused.values()), *failures),
     )
 
 
@@ -171,6 +173,8 @@ def _plan(
             refused[source] = str(error)
     if not declared:
         raise MethodError("; ".join(refused.values()))
+    for reason in refused.values():
+        print(f"gcbench: {reason}", file=sys.stderr)
     rows = [
         (source, row)
         for source, oracles in named if source in declared
@@ -203,6 +207,7 @@ def _estimate(jobs: Sequence[Job], limits: Limits, progress: bool) -> dict[str, 
                 _estimate_by(source, mine, limits, clock, bar)
             except MethodError as error:
                 refused[source] = f"{source}: {error}"
+                bar.write(f"gcbench: {refused[source]}", file=sys.stderr)
     if len(refused) == len({job.folder.run.source for job in jobs}):
         raise MethodError("; ".join(refused.values()))
     return refused

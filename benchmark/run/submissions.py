@@ -172,7 +172,7 @@ def score_predictions(config: ScoreConfig) -> Results:
                 job.write(target.sequence, dump_stored(Stored("ok", estimate=estimate)))
         job.score()
         folders.append(job.folder)
-    return Results(tuple(folders), len(wanted))
+    return Results(tuple(folders), len(wanted), len(wanted))
 
 
 def check_source(run: Run, results: Path) -> None:

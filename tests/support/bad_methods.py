@@ -216,6 +216,18 @@ class Tampers(Good):
         return super().estimate(observation)
 
 
+class AlwaysRaises(Good):
+    name = "always-raises"
+
+    def estimate(self, observation: Observation) -> Estimate:
+        raise ZeroDivisionError("always")
+
+
+class Levels(Good):
+    name = "levels"
+    inputs, knowledge = ("rgb", "rgbd"), ("free", "axes")
+
+
 class SurrogateName(Good):
     name = "mine\ud800"
 

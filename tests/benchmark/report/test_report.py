@@ -27,7 +27,8 @@ from gcbench.benchmark.report.gallery import draw_pictures, select_pictures
 from gcbench.benchmark.report.leaderboard import read_leaderboard, sequence_errors
 from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
-from gcbench.benchmark.report.tables import paper_tables
+from gcbench.benchmark.report.suite_scores import suite_scores
+from gcbench.benchmark.report.tables import format_error, paper_tables
 from gcbench.benchmark.results.rows import Row, read_scores, write_scores
 from gcbench.benchmark.results.runs import SCORES, find_runs, write_run
 
@@ -113,7 +114,8 @@ def test_the_terminal_shows_the_leaderboard_of_the_report(results: Path, tmp_pat
     cells = [re.split(r" *\| *", line)[1:-1] for line in document.splitlines() if "|" in line]
     shown = leaderboard_text(find_runs(results)).splitlines()
     table = [re.split("  +", line.strip()) for line in shown if "  " in line]
-    assert table == [[*row[:2], *row[3:]] for row in cells if not row[0].startswith("---")]
+    rows = [row for row in cells if "---" not in row[0]]
+    assert table == [row if len(row) == 5 else [*row[:2], *row[3:]] for row in rows]
 
 
 def test_the_order_of_scores_changes_nothing(results: Path, tmp_path: Path) -> None:
@@ -223,7 +225,7 @@ def test_tables_have_our_numbers_and_the_papers_apart(results: Path) -> None:
     line = next(x for x in board.lines if x.dataset == "mini/ur5" and x.row == GCPOSE)
     s = line.summary
     assert rows["gcpose · rgbd · axes"].cells[1:4] == (
-        f"{s.mean:.3f} ± {s.std:.3f}", f"{s.pcp[2]:.1f} %", "2.21, 91.6 %")
+        f"{format_error(s.mean)} ± {format_error(s.std)}", f"{s.pcp[2]:.1f} %", "2.21, 91.6 %")
     assert rows["gcpose · rgbd-noise · axes"].cells[6] == "3.22, 87.0 %"
     assert rows["gcpose · rgbd · free*"].cells[3] == "–", "the paper's method knows the axes"
     assert "better of the two signs" in robots.caption
@@ -238,7 +240,7 @@ def test_tables_have_our_numbers_and_the_papers_apart(results: Path) -> None:
     first = {row.cells[0]: row.cells for row in joints[0].rows}["gcpose · rgbd · axes"]
     for cell, joint in zip(first[1:], line.joints, strict=True):
         finals = [value for (_, name), value in line.error.items() if name == joint.name]
-        assert cell == f"{np.mean(finals):.3f} ± {np.std(finals):.3f}"
+        assert cell == f"{format_error(np.mean(finals))} ± {format_error(np.std(finals))}"
 
 
 def test_owi_and_objects(tmp_path: Path) -> None:
@@ -246,14 +248,14 @@ def test_owi_and_objects(tmp_path: Path) -> None:
     write_results(tmp_path, GCPOSE, 0.01, "owi535", joints=names)
     write_results(tmp_path, GCPOSE, 0.01, "oven", joints=("door",))
     tables = {t.title: t for t in paper_tables(read_leaderboard([tmp_path]))}
-    assert set(tables) == {"Robots", "Articulated objects", "Joints of owi535"}
-    owi = tables["Joints of owi535"]
+    assert set(tables) == {"Robots", "Articulated objects", "Joints of owi535, seed 7"}
+    owi = tables["Joints of owi535, seed 7"]
     assert owi.rows[0].cells[2::2] == ("1.76 ± 1.09", "1.37 ± 1.09", "1.74 ± 1.37", "2.98 ± 1.73")
     assert owi.rows[1].cells[0] == "CRAVES (paper)" and "sign" not in owi.caption
     half = [c for c, name in zip(tables["Robots"].rows[0].cells, tables["Robots"].columns,
                                  strict=True) if name == "best half"]  # fmt: skip
     line = next(x for x in read_leaderboard([tmp_path]).lines if x.robot == "owi535")
-    assert half == [f"{np.sort(list(line.error.values()))[:12].mean():.3f}"]
+    assert half == [format_error(np.sort(list(line.error.values()))[:12].mean())]
     objects = {row.cells[0]: row.cells[3] for row in tables["Articulated objects"].rows}
     assert objects["ScrewNet (paper)"] == "0.72 ± 0.14"
     assert objects["ScrewNet (oven, trained on the other two) (paper)"] == "8.65 ± 0.21"
@@ -266,7 +268,7 @@ def test_an_oracle_is_said_everywhere_and_has_no_counterpart(tmp_path: Path) -> 
     assert paper.counterpart(oracle, 3) == "" and paper.counterpart(GCPOSE, 3) == paper.FULL
     data = data_of(tmp_path / "out" / "index.html")
     assert data["lines"][0]["oracles"] == "true-parts"
-    assert "ORACLE" in json.dumps(data["about"])
+    assert "oracles: true-parts" in json.dumps(data["about"])
     for name in FILES[1:]:
         text = (tmp_path / "out" / name).read_text()
         assert re.search("gcpose(@|&#64;)true(-|{-})parts", text), name
@@ -344,7 +346,7 @@ def test_an_unfinished_run_is_told_and_left_out(tmp_path: Path) -> None:
     report([tmp_path], tmp_path / "out", progress=False)
     data = data_of(tmp_path / "out" / "index.html")
     assert len(data["lines"]) == 1
-    assert data["failures"][0][:4] == ["icp (rgbd, axes)", "ur5", "", "unfinished"]
+    assert data["failures"][0][:4] == ["icp (rgbd, axes)", "ur5, seed 7", "", "unfinished"]
     assert data["failures"][0][4].startswith("6 of 6")
 
 
@@ -363,14 +365,87 @@ def test_missing_metrics_and_sequences(tmp_path: Path) -> None:
     assert [row[2:4] for row in data["failures"]] == [["000005", "not scored"]]
 
 
-def test_the_same_row_twice_and_datasets_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_copies_of_a_row_count_once_and_others_need_a_label(tmp_path: Path) -> None:
     write_results(tmp_path / "a", GCPOSE, 0.01)
-    write_results(tmp_path / "b", GCPOSE, 0.01)
-    with pytest.raises(GcbenchError, match="the same row"):
+    shutil.copytree(tmp_path / "a", tmp_path / "copy")
+    (line,) = read_leaderboard([tmp_path / "a", tmp_path / "copy"]).lines
+    assert line.run.path.is_relative_to(tmp_path / "a")
+    write_results(tmp_path / "b", GCPOSE, 0.02)
+    with pytest.raises(GcbenchError, match="same row with other scores; give one a label: --label"):
         read_leaderboard([tmp_path / "a", tmp_path / "b"])
-    write_results(tmp_path / "c", ICP, 0.01, config={"robot": "ur5", "seed": 8, "frames": 5})
-    with pytest.raises(GcbenchError, match="seed: 7 -> 8"):
-        read_leaderboard([tmp_path / "a", tmp_path / "c"])
+    label = f"theirs={tmp_path / 'b'}"
+    for folders in ([tmp_path / "a", tmp_path / "b"], [tmp_path / "a"]):
+        board = read_leaderboard(folders, [label])
+        assert board.labels == ["gcpose · rgbd · axes", "gcpose (theirs) · rgbd · axes"]
+    for wrong in ("theirs", "=b", "a@b=c"):
+        with pytest.raises(GcbenchError, match="expected NAME=RESULTS_FOLDER"):
+            read_leaderboard([tmp_path / "a"], [wrong])
+
+
+def test_two_seeds_stand_side_by_side(tmp_path: Path) -> None:
+    config = {"robot": "ur5", "seed": 8, "frames": 5}
+    write_results(tmp_path / "a", GCPOSE, 0.01)
+    write_results(tmp_path / "b", GCPOSE, 0.01, config=config)
+    write_results(tmp_path / "c", ICP, 0.01, "ur5-seed-8", config=config)
+    board = read_leaderboard([tmp_path / name for name in "abc"])
+    assert [line.dataset for line in board.lines] == ["ur5, seed 7", "ur5, seed 8", "ur5, seed 8"]
+    write_results(tmp_path / "d", STILL, None, config={**config, "frames": 6})
+    with pytest.raises(GcbenchError, match=r"two datasets of one name .*frames: 5 -> 6"):
+        read_leaderboard([tmp_path / "b", tmp_path / "d"])
+
+
+# -- one score for all datasets ---------------------------------------------------------------
+
+
+def test_a_suite_has_one_score_for_each_row(results: Path, tmp_path: Path) -> None:
+    board = read_leaderboard([results])
+    scores = suite_scores(board)
+    assert [s.suite for s in scores] == ["mini"] * 5
+    assert [s.mean_rank for s in scores] == sorted(s.mean_rank for s in scores)
+    for score in scores:
+        mine = [k for k, label in enumerate(board.labels) if label == score.label]
+        means = [board.lines[k].summary.mean for k in mine]
+        assert (score.datasets, score.of, score.is_complete) == (2, 2, True)
+        assert score.mean == pytest.approx(np.mean(means))
+        assert score.mean_rank == np.mean([board.ranks[k] for k in mine])
+        assert score.interval is not None
+        assert score.interval[0] <= score.mean <= score.interval[1]
+        widths = [board.lines[k].summary.ci_high - board.lines[k].summary.ci_low for k in mine]
+        assert score.interval[1] - score.interval[0] <= np.mean(widths) + 1e-9, "independent draws"
+    report([results], tmp_path, progress=False)
+    heads = [x for x in (tmp_path / "leaderboard.md").read_text().splitlines() if x[:3] == "## "]
+    assert heads == ["## All datasets of mini", "## mini/ur5", "## mini/iiwa14"]
+    assert data_of(tmp_path / "index.html")["suites"][0]["title"] == "All datasets of mini"
+    assert leaderboard_text(find_runs(results)).startswith("All datasets of mini\nmethod ")
+
+
+def test_a_row_on_fewer_datasets_comes_last(tmp_path: Path) -> None:
+    write_results(tmp_path, ICP, 0.05, "mini/ur5", seed=1)
+    write_results(tmp_path, ICP, 0.05, "mini/oven", seed=2)
+    write_results(tmp_path, GCPOSE, 0.001, "mini/ur5", seed=3)
+    scores = suite_scores(read_leaderboard([tmp_path]))
+    assert [(s.label.split(" ")[0], s.datasets, s.of) for s in scores] == [
+        ("icp", 2, 2), ("gcpose", 1, 2)]
+
+
+def test_few_sequences_have_no_interval(tmp_path: Path) -> None:
+    for dataset in ("mini/ur5", "mini/oven"):
+        write_results(tmp_path, ICP, 0.05, dataset, sequences=4)
+        write_results(tmp_path, GCPOSE, 0.001, dataset, sequences=4)
+    board = read_leaderboard([tmp_path])
+    assert not board.differences and set(board.ranks) == {1}
+    assert all(score.interval is None for score in suite_scores(board))
+    rows = list(csv.DictReader(io.StringIO(leaderboard_csv(board))))
+    assert [(row["ci_low"], row["ci_high"]) for row in rows] == [("", "")] * 4
+    assert " to " not in leaderboard_text(find_runs(tmp_path))
+
+
+@pytest.mark.parametrize(("x", "text"), [
+    (0.0, "0"), (0.001234, "0.00123"), (1.0, "1.00"), (12.345, "12.3"), (123.4, "123"),
+    (1234.5, "1234"), (0.00000123, "1.2e-06"), (-0.5, "-0.500"), (float("nan"), "–"),
+])  # fmt: skip
+def test_numbers_have_three_significant_digits(x: float, text: str) -> None:
+    assert format_error(x) == text
 
 
 def test_two_versions_are_two_rows(tmp_path: Path) -> None:
