@@ -219,11 +219,12 @@ def _open(out: Path, config: RenderConfig) -> Provenance:
 def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> Provenance:
     """The provenance with the model's, on disk before the first sequence is."""
     now = json.loads(dump_json(asset))
-    if provenance.assets and now not in provenance.assets:
-        changed = "; ".join(differences(provenance.assets[0], now))
-        raise ConfigError(
-            f"{out} was rendered with another model file ({changed}); choose another --out folder"
-        )
+    there = provenance.assets[0] if provenance.assets else now
+    # datasets of the first edition have no hashes of meshes and textures
+    changed = differences(there, {k: v for k, v in now.items() if k != "files" or k in there})
+    if changed:
+        raise ConfigError(f"{out} was rendered with other model files ({'; '.join(changed)}); "
+                          "choose another --out folder")
     growing = replace(provenance, assets=provenance.assets or (now,), counts=None)
     if growing != provenance:
         write_provenance(out, growing)

@@ -96,7 +96,7 @@ def model_of(
 def dataset_asset(config: RenderConfig, source: ModelSource) -> dict[str, Any]:
     """Return where the models of a whole dataset come from, for `dataset.json`."""
     if not is_category(config.robot):
-        return source.asset
+        return {**source.asset, "files": source.model.files}
     return {"name": config.robot, "source": source.model.source, "licence": source.model.licence,
             "sha256": "", "notes": ["another instance in each sequence: asset of its meta.json"]}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
@@ -9,9 +11,10 @@ from pathlib import Path
 
 from ...errors import ModelError
 from ..appliances import GENERATED, appliance_folder, appliance_model
+from ..files import hash_files
 from ..model import ArticulatedModel
 from ..motion import default_scored_joints
-from .entries import GeneratedRobot, find_robot, is_local, robot_folder
+from .entries import FetchedRobot, GeneratedRobot, find_robot, is_local, robot_folder
 from .names import PARTNET, is_object, parse_object_name
 
 _URDF, _GLTF = (".urdf",), (".glb", ".gltf")
@@ -56,7 +59,9 @@ def load_robot(
     """
     folders = {key: Path(folder) for key, folder in (packages or {}).items()}
     if is_file(name):
-        return _load_file(Path(name), folders, allow_missing)
+        with hash_files() as hashes:
+            model = _load_file(Path(name), folders, allow_missing)
+        return _with_files(model, Path(name).parent, hashes)
     name = str(name)
     if is_object(name):
         return _load_object(name, folders, allow_missing, download)
@@ -64,12 +69,9 @@ def load_robot(
     if isinstance(entry, GeneratedRobot):
         module, _, function = entry.builder.partition(":")
         build = getattr(import_module(f"..{module}", __package__), function)
-        model: ArticulatedModel = build() if entry.number is None else build(entry.number)
+        model = build() if entry.number is None else build(entry.number)
     else:
-        from ..urdf import load_urdf
-
-        urdf = _catalog_urdf(name, download)
-        model = load_urdf(urdf, asset_root=robot_folder(entry))
+        model = _load_fetched(entry, _catalog_urdf(name, download))
     return replace(model, name=entry.name, source=entry.source, licence=entry.licence)
 
 
@@ -114,6 +116,37 @@ def scored_by_default(name: str | Path, model: ArticulatedModel) -> tuple[str, .
     return names or default_scored_joints(model)
 
 
+def _with_files(
+    model: ArticulatedModel, folder: Path, hashes: Mapping[Path, str]
+) -> ArticulatedModel:
+    """Return the model with the hashes of its files, by their paths from a folder."""
+    above = folder.resolve()
+    files = {Path(os.path.relpath(path, above)).as_posix(): h for path, h in hashes.items()}
+    return replace(model, files=dict(sorted(files.items())))
+
+
+def _load_fetched(entry: FetchedRobot, urdf: Path) -> ArticulatedModel:
+    """Load a robot from the cache. Each file is compared with the one that the catalogue pins."""
+    from ..urdf import load_urdf
+
+    folder = robot_folder(entry)
+    pinned = json.loads((Path(__file__).parent / "hashes.json").read_bytes())[entry.files.name]
+    expected = {(folder / name).resolve(): digest for name, digest in pinned.items()}
+    with hash_files() as hashes:
+        try:
+            model, problem = load_urdf(urdf, asset_root=folder), None
+        except ModelError as error:
+            model, problem = None, error
+    changed = [path for path in expected if not path.is_file()]
+    changed += [path for path, digest in hashes.items() if expected.get(path) != digest]
+    if changed:
+        raise ModelError(f"{changed[0]}: is not the file that was fetched; delete the folder "
+                         f"{folder}, and gcbench fetches it again") from problem
+    if model is None:
+        raise problem or AssertionError
+    return _with_files(model, folder, hashes)
+
+
 def _catalog_urdf(name: str, download: bool) -> Path:
     """The URDF of a fetched robot of the catalogue."""
     entry = find_robot(name)
@@ -147,7 +180,10 @@ def _load_object(
         return appliance_model(kind, number)
     from ..urdf import partnet
 
-    model = partnet.load_object(_object_folder(name, packages, download), allow_missing)
+    folder = _object_folder(name, packages, download)
+    with hash_files() as hashes:
+        model = partnet.load_object(folder, allow_missing)
+    model = _with_files(model, folder, hashes)
     name = f"{kind}:{number}"
     return replace(model, name=name, source=f"{name}, PartNet-Mobility", licence=partnet.LICENCE)
 

@@ -9,7 +9,7 @@ from .atomic import (
     temporary_name,
     write_atomically,
 )
-from .bounded import MAX_FILE_BYTES, read_bounded
+from .bounded import MAX_FILE_BYTES, hash_files, read_bounded
 from .download import WheelFiles, cache_folder
 from .lock import LOCK, lock_folder
 from .paths import (
@@ -26,7 +26,7 @@ from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 __all__ = [
     "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
     "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_folder_atomically",
-    "lock_folder", "new_element", "parse_xml", "read_bounded", "refuse_doctype",
+    "hash_files", "lock_folder", "new_element", "parse_xml", "read_bounded", "refuse_doctype",
     "remove_leftovers", "replace_atomically", "show_progress", "temporary_name", "write_atomically",
     "xml_bytes",
 ]

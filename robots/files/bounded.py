@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
+from collections.abc import Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from ...errors import GcbenchError, ModelError
 
 MAX_FILE_BYTES = 256 * 2**20
 """Largest file of a model."""
+_HASHES: ContextVar[dict[Path, str] | None] = ContextVar("hashes", default=None)
 
 
 def read_bounded(
@@ -29,7 +34,21 @@ def read_bounded(
         raise error(f"{path}: cannot be read ({problem.strerror or problem})") from problem
     if len(data) > limit:
         raise error(f"{path}: is larger than {limit} bytes, the largest file that is read")
+    hashes = _HASHES.get()
+    if hashes is not None:
+        hashes[path.resolve()] = hashlib.sha256(data).hexdigest()
     return data
+
+
+@contextmanager
+def hash_files() -> Generator[dict[Path, str]]:
+    """Yield the SHA-256 of each file that `read_bounded` returns while the block runs."""
+    hashes = dict[Path, str]()
+    token = _HASHES.set(hashes)
+    try:
+        yield hashes
+    finally:
+        _HASHES.reset(token)
 
 
 def _open_without_blocking(path: str, flags: int) -> int:

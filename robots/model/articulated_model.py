@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -89,6 +89,8 @@ class ArticulatedModel:
     licence: str = ""
     sha256: str = ""
     """Of the model's file, hexadecimal; empty for a generated model."""
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
+    """SHA-256 of each file that was read, by its path from the folder of the model's file."""
     notes: tuple[str, ...] = field(default=())
     """Decisions of the reader (frozen joints, missing meshes), one line each."""
 

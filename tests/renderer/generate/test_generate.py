@@ -290,6 +290,9 @@ def test_another_version_or_model_file_is_refused(tmp_path: Path) -> None:
     file.write_text(json.dumps(tree | {"assets": [tree["assets"][0] | {"sha256": "11"}]}))
     with pytest.raises(GcbenchError, match='sha256: "11" -> "00"'):
         run(tmp_path, n=2)
+    file.write_text(json.dumps(tree | {"assets": [tree["assets"][0] | {"files": {"a.stl": "1"}}]}))
+    with pytest.raises(GcbenchError, match=r'other model files \(files\.a\.stl: "1" -> nothing'):
+        run(tmp_path, n=2)
     assert open_dataset(tmp_path).names == ("000000",)
 
 

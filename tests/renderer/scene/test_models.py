@@ -22,7 +22,13 @@ from gcbench.renderer.scene.config import (
     RenderConfig,
     resolve,
 )
-from gcbench.renderer.scene.models import draw_instance, model_of, model_source, robot_of
+from gcbench.renderer.scene.models import (
+    dataset_asset,
+    draw_instance,
+    model_of,
+    model_source,
+    robot_of,
+)
 from gcbench.renderer.scene.motion import MotionSampler
 from gcbench.renderer.scene.sampling import Streams
 from gcbench.renderer.show.overlay import Painter
@@ -151,6 +157,16 @@ def test_each_sequence_says_what_it_shows(dataset: Path) -> None:
     assert [chosen.cluster(name) for name in chosen.sequences] == shown
     for meta in metas:  # for methods that know the model
         assert model_of(data.config, meta).part_names == meta.part_names
+
+
+def test_a_dataset_names_the_files_of_its_model(tmp_path: Path) -> None:
+    urdf = tmp_path / "bar.urdf"
+    urdf.write_text('<robot name="bar"><link name="a"><visual><geometry><box size="1 1 1"/>'
+                    "</geometry></visual></link></robot>")
+    config = resolve(replace(SMALL, robot=str(urdf)))
+    source = model_source(config, 0)
+    assert dataset_asset(config, source)["files"] == {"bar.urdf": source.model.sha256}
+    assert "files" not in source.asset  # of each sequence's meta.json
 
 
 @pytest.mark.gl

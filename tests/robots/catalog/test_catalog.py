@@ -6,8 +6,11 @@ Without network the tests of the real robots are skipped, with the reason; never
 from __future__ import annotations
 
 import doctest
+import hashlib
+import json
 import os
 import re
+import shutil
 import sys
 from dataclasses import replace
 from functools import cache
@@ -16,6 +19,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 from gcbench.errors import GcbenchError, ModelError
 from gcbench.robots.catalog import (
     CATALOG,
@@ -170,6 +174,51 @@ def test_a_robot_does_not_touch_itself_at_rest_and_does_when_folded(name: str) -
     floor = checker.groups.ground_height(poses)
     assert -0.01 < floor < 0.01  # an arm stands on its foot
     assert checker.first_contact(poses, floor) is not None
+
+
+@pytest.mark.parametrize("entry", FETCHED, ids=lambda entry: entry.name)
+def test_every_fetched_file_is_pinned(entry: FetchedRobot) -> None:
+    folder = fetched(entry.name)
+    pinned = json.loads((Path(loading.__file__).parent / "hashes.json").read_text())
+    found = {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+             for path in folder.rglob("*") if path.is_file()}
+    assert pinned[entry.files.name] == found
+    read = load_robot(entry.name).files
+    assert entry.urdf in read and read.items() < found.items()
+
+
+@pytest.mark.parametrize("change", ["other", "broken", "absent"])
+def test_a_changed_cache_is_refused(
+        change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = fetched("ur5")
+    copy = tmp_path / "robots" / folder.name
+    shutil.copytree(folder, copy)
+    monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path))
+    assert load_robot("ur5").files == loaded("ur5").files
+    mesh = next(copy.rglob("visual/forearm.dae"))
+    text = mesh.read_text()
+    if change == "absent":
+        mesh.unlink()
+    else:
+        mesh.write_text(text + "\n" if change == "other" else text[:1000])
+    with pytest.raises(ModelError, match=f"forearm.dae: .*; delete the folder {copy}, and gcbench"):
+        load_robot("ur5")
+    mesh.write_text(text)
+    assert load_robot("ur5").files
+
+
+def test_the_files_of_a_model_are_in_its_provenance(tmp_path: Path) -> None:
+    meshes = tmp_path / "meshes"
+    meshes.mkdir()
+    trimesh.creation.box().export(meshes / "box.stl")
+    urdf = tmp_path / "one.urdf"
+    urdf.write_text('<robot name="one"><link name="a"><visual><geometry><mesh '
+                    'filename="meshes/box.stl"/></geometry></visual></link></robot>')
+    files = load_robot(urdf).files
+    assert files == {name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
+                     for name in ("meshes/box.stl", "one.urdf")}
+    trimesh.creation.box((1, 1, 2)).export(meshes / "box.stl")
+    assert load_robot(urdf).files["meshes/box.stl"] != files["meshes/box.stl"]
 
 
 def test_a_textured_robot_is_the_same_files() -> None:
