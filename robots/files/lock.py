@@ -32,3 +32,13 @@ def lock_folder(out: Path) -> Generator[None]:
         file.write(f"{os.getpid()}\n")
         file.flush()
         yield
+
+
+def is_free(folder: Path) -> bool:
+    """Whether the lock of a folder exists and no process holds it; False if nobody can tell."""
+    try:
+        with (folder / LOCK).open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+    except OSError:
+        return False

@@ -16,7 +16,9 @@ from pathlib import Path
 import pytest
 from gcbench import GcbenchError
 from gcbench.robots.files import download as module
+from gcbench.robots.files.atomic import is_alive
 from gcbench.robots.files.download import WheelFiles, cache_folder, fetch, folder_of, is_fetched
+from gcbench.robots.files.lock import lock_folder
 
 MEMBERS = {
     "toy/urdf/toy.urdf": b"<robot name='toy'/>",
@@ -193,11 +195,39 @@ def test_an_interrupted_fetch_does_not_count_and_the_next_one_works(
     assert not is_fetched(files)
     if sent == signal.SIGINT:
         assert leftovers() == []
-    else:  # nobody could tidy up: the next fetch does, once nothing can be using it
+    else:  # nobody could tidy up: the next fetch does
         (left,) = (cache_folder() / "robots").glob("*.part")
-        os.utime(left, (0, 0))
+        os.utime(left, (time.time() - 10,) * 2)
     assert fetch(files).is_dir()
     assert leftovers() == [folder_of(files).name]
+
+
+def test_what_another_process_fetches_stays(index: Path) -> None:
+    part = cache_folder() / "robots/toy-1.part"
+    part.mkdir(parents=True)
+    with lock_folder(part):
+        os.utime(part, (time.time() - 10,) * 2)
+        fetch(make_wheel(index))
+        assert part.is_dir()
+    os.utime(part, (time.time() - 10,) * 2)
+    fetch(replace(make_wheel(index), name="again"))
+    assert not part.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
+def test_pip_ends_with_a_killed_fetch(index: Path, tmp_path: Path) -> None:
+    mark = tmp_path / "pid"
+    code = f"import os, time; open({str(mark)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    process = start_fetching(make_wheel(index), f"module._pip = lambda: [{sys.executable!r}, "
+                             f"'-c', {code!r}]")
+    started = time.monotonic()
+    while not (mark.exists() and mark.read_text()) and time.monotonic() - started < 60:
+        time.sleep(0.05)
+    process.kill()
+    process.wait(20)
+    while is_alive(int(mark.read_text())) and time.monotonic() - started < 90:
+        time.sleep(0.05)
+    assert not is_alive(int(mark.read_text()))
 
 
 def test_two_processes_may_fetch_at_once(index: Path) -> None:
