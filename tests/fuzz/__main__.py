@@ -1,0 +1,50 @@
+"""The fuzzers' command line.
+
+    python -m tests.fuzz urdf --seed 17 --index 4211     one case again, with what it was and said
+    python -m tests.fuzz urdf mesh --count 1000          the first thousand cases of two kinds
+    python -m tests.fuzz --minutes 60                    all kinds in turn, until the time is over
+    python -m tests.fuzz --corpus a_pipe_as_run          named cases (all without a name), as JSON
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from .campaign import KINDS, campaign, check_corpus, keep, show
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser("python -m tests.fuzz", description=(__doc__ or "").strip(),
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"default: {' '.join(KINDS)}")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--index", type=int, help="this case only")
+    parser.add_argument("--first", type=int, default=0, help="index of the first case")
+    parser.add_argument("--count", type=int, help="cases of each kind")
+    parser.add_argument("--minutes", type=float, default=1.0, help="limit without --count")
+    parser.add_argument("--keep", type=Path, help="with --index: keep the files in this folder")
+    parser.add_argument("--corpus", action="store_true", help="check named cases")
+    options = parser.parse_args()
+    if options.corpus:
+        print(json.dumps(check_corpus(options.kinds), indent=1))
+        return 0
+    kinds = options.kinds or [*KINDS]
+    if unknown := [kind for kind in kinds if kind not in KINDS]:
+        parser.error(f"no kind {unknown[0]}; there are {', '.join(KINDS)}")
+    if options.keep:
+        return keep(kinds[0], options.seed, options.index or 0, options.keep)
+    if options.index is not None:
+        return show(kinds[0], options.seed, options.index)
+    done = campaign(kinds, options.seed, options.first, options.count, 60 * options.minutes,
+                    lambda finding: print(finding, flush=True))
+    for kind, count in done.counts.items():
+        print(f"{kind}: {count} cases, {done.accepted[kind]} of them accepted, "
+              f"{len([f for f in done.findings if f.kind == kind])} findings, seed {options.seed}")
+    return 1 if done.findings else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,359 @@
+"""Fuzzed datasets, predictions and results folders, for the commands that read them."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+import zipfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .cases import Case, Special, read_tree, write
+from .mutations import (
+    NAMES,
+    NUMBERS,
+    Dice,
+    change_array,
+    change_bytes,
+    change_json,
+    change_png,
+    make_zip,
+    npy,
+)
+from .sandbox import Command, Sandbox, run
+
+Content = dict[str, "bytes | Special"]
+_ARM = """<robot name="arm">
+<link name="base"><visual><geometry><box size="0.3 0.3 0.1"/></geometry></visual></link>
+<link name="low"><visual><origin xyz="0.3 0 0.1"/><geometry><box size="0.6 0.1 0.05"/></geometry>
+</visual></link><link name="high"><visual><origin xyz="0.2 0 0.1"/><geometry>
+<cylinder radius="0.06" length="0.3"/></geometry></visual></link>
+<joint name="pan" type="revolute"><parent link="base"/><child link="low"/><origin xyz="0 0 0.1"/>
+<axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="slide" type="prismatic"><parent link="low"/><child link="high"/>
+<origin xyz="0.4 0 0.1"/><axis xyz="1 0 0"/><limit lower="0" upper="0.4" effort="1" velocity="1"/>
+</joint></robot>"""
+_LAYERS = ("--layers", "normal", "coordinates", "tracks", "--track-points", "8")
+EVALUATE = ("eval", "--method", "hold-still", "--data", "../input/d", "--keep-unobservable",
+         "--results", "results")
+
+
+@cache
+def dataset_files() -> Content:
+    """A dataset of two sequences of two frames, and the model beside it, as gcbench makes them."""
+    return _made()[0]
+
+
+@cache
+def results_files() -> Content:
+    """The results of a method on that dataset."""
+    return _made()[1]
+
+
+@cache
+def _made() -> tuple[Content, Content]:
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        box = Sandbox(Path(folder).resolve() / "box")
+        box.reset()
+        write({"arm.urdf": _ARM.encode()}, box)
+        commands = (
+            ("render", "--robot", "../input/arm.urdf", "--n", "2", "--frames", "3", "--width", "48",
+             "--height", "36", "--samples", "1", "--workers", "1", "--keep-unobservable", *_LAYERS,
+             "--out", "../input/d"),
+            EVALUATE,
+        )
+        for argv in commands:
+            done = run(Command(argv), box)
+            if done.code:
+                raise RuntimeError(f"{argv}: {done.stderr}")
+        results = read_tree(box.work / "results", "work/results")
+        model: Content = {"arm.urdf": _ARM.encode()}
+        return {**read_tree(box.input / "d", "d"), **model}, results
+
+
+# -- datasets -------------------------------------------------------------------------------------
+
+
+def dataset(dice: Dice) -> Case:
+    """A dataset with a changed description, sequence, member or file."""
+    files = dict(dataset_files())
+    for _ in range(len(dice.few(2)) + 1 if dice.chance(0.97) else 0):
+        how = dice.choice(["json", "sequence", "sequence", "sequence", "sequence", "special", "file"])
+        if how == "json":
+            files["d/dataset.json"] = _changed_json(dice, files["d/dataset.json"], "dataset.json")
+        elif how == "sequence":
+            _change_sequence(dice, files)
+        elif how == "special":
+            name = dice.choice(["d/dataset.json", "d/sequences/000001.zip", "d/sequences/000002.zip",
+                                "d/sequences/000001", "d/sequences", "d/sequences/x.zip"])
+            if name == "d/sequences":
+                for other in [n for n in files if n.startswith("d/sequences/")]:
+                    del files[other]
+            files[name] = dice.choice([Special("fifo"), Special("folder"), b"", b"PK\5\6" + bytes(18),
+                                       Special("link", "/dev/zero"), Special("link", "nowhere"),
+                                       Special("link", "../../secret/secret")])
+            dice.note(f"{name}: {files[name]}")
+        else:
+            name = dice.choice([n for n in files if isinstance(files[n], bytes)])
+            data = files[name]
+            assert isinstance(data, bytes)
+            files[name] = change_bytes(dice, data, name)
+    return Case(files, [_reader(dice)], dice.steps)
+
+
+def _reader(dice: Dice) -> Command:
+    """A command that reads a dataset."""
+    form = dice.choice(["kitti", "bop", "coco", "webdataset", "tapvid"])
+    argv = dice.choice([
+        ("verify", "../input/d", "--workers", "1"), ("verify", "../input/d", "--workers", "1"),
+        ("verify", "../input/d/sequences/000001.zip"),
+        ("show", "../input/d", "--index", "1", "--out", "page.html"),
+        ("show", "../input/d", "--contact-sheet", "sheet.png"),
+        ("show", "../input/d/sequences/000001.zip", "--gif", "film.gif"),
+        ("export", "../input/d", "--format", form, "--out", "export"),
+        EVALUATE, (*EVALUATE[:-2], "--inputs", "none", "--results", "results"),
+        ("render", "--config", "../input/d/dataset.json", "--n", "1", "--workers", "1", "--out", "out"),
+    ])
+    codes = (0, 1, 2) if argv[0] == "verify" else (0, 2)
+    return Command(argv, codes, quiet=argv[0] != "eval")
+
+
+def _changed_json(dice: Dice, data: bytes | Special, name: str) -> bytes:
+    if not isinstance(data, bytes):
+        return b"{}"
+    try:
+        return change_json(dice, data, name)
+    except (ValueError, RecursionError):  # it was changed before
+        return change_bytes(dice, data, name)
+
+
+def _change_sequence(dice: Dice, files: Content) -> None:
+    """Change a member of a sequence, or the ZIP."""
+    name = "d/sequences/000001.zip"
+    data = files.get(name)
+    try:
+        members = members_of(data) if isinstance(data, bytes) else {}
+    except Exception:  # it was damaged before
+        members = {}
+    if not members:
+        return
+    for _ in range(1 + len(dice.few(2))):
+        how = dice.choice(["meta", "meta", "state", "state", "state", "png", "png", "zip", "bytes"])
+        if how == "meta" and "meta.json" in members:
+            members["meta.json"] = _changed_json(dice, members["meta.json"], "meta.json")
+        elif how == "state" and "state.npz" in members:
+            members["state.npz"] = change_npz(dice, members["state.npz"], "state.npz")
+        elif how == "png":
+            member = dice.choice([m for m in members if m.endswith(".png")] or ["rgb/000000.png"])
+            if member in members:
+                members[member] = change_png(dice, members[member], member)
+        elif how == "bytes" and members:
+            member = dice.choice([*members])
+            members[member] = change_bytes(dice, members[member], member)
+    if dice.chance(0.1):
+        dice.note("unpacked")
+        del files[name]
+        for member, content in members.items():
+            files[f"d/sequences/000001/{member}"] = content
+        return
+    files[name] = make_zip(dice, members, "000001.zip")
+
+
+def members_of(data: bytes | Special) -> dict[str, bytes]:
+    assert isinstance(data, bytes)
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {info.filename: archive.read(info) for info in archive.infolist()}
+
+
+def change_npz(dice: Dice, data: bytes, name: str) -> bytes:
+    """Change an array of an NPZ file, or the file."""
+    try:
+        members = members_of(data)
+    except Exception:  # it was damaged before
+        return change_bytes(dice, data, name)
+    how = dice.choice(["array", "array", "array", "missing", "more", "zip", "bytes"])
+    member = dice.choice([*members])
+    if how == "bytes":
+        return change_bytes(dice, data, name)
+    if how == "missing":
+        dice.note(f"{name}: no {member}")
+        del members[member]
+    elif how == "more":
+        members[dice.choice(["x.npy", ".npy", "", "../x.npy", "x"])] = npy(np.zeros(3))
+    elif how == "array":
+        try:
+            members[member] = change_array(dice, members[member], f"{name}: {member}")
+        except Exception:  # it was damaged before
+            members[member] = change_bytes(dice, members[member], f"{name}: {member}")
+    return make_zip(dice, members, name)
+
+
+# -- predictions ----------------------------------------------------------------------------------
+
+
+def predictions(dice: Dice) -> Case:
+    """A CSV or an NPZ of predictions, changed."""
+    files = dict(dataset_files())
+    header = {"method": "mine", "inputs": "rgbd", "knowledge": "free", "training": "none"}
+    for _ in dice.few(2):
+        key = dice.choice([*header, "version", "# x", "unknown"])
+        if dice.chance(0.2):
+            header.pop(key, None)
+        else:
+            header[key] = dice.choice([*NAMES, "rgb", "none", "axes", "self-supervised", "9" * 400])
+        dice.note(f"{key}: {header.get(key)!a}")
+    if dice.chance(0.5):
+        name, files["p.npz"] = "p.npz", _npz(dice, header)
+    else:
+        name, files["p.csv"] = "p.csv", _csv(dice, header)
+    if dice.chance(0.03):
+        files[name] = dice.choice([Special("fifo"), Special("folder"), Special("link", "/dev/zero")])
+    argv = ("score", "--predictions", f"../input/{name}", "--data", "../input/d",
+            "--keep-unobservable", "--results", "results")
+    return Case(files, [Command(argv, quiet=False),
+                        Command(("report", "results", "--no-pictures", "--out", "report"), (0,))],
+                dice.steps)
+
+
+def _csv(dice: Dice, header: dict[str, str]) -> bytes:
+    lines = [f"# {key}: {text}" for key, text in header.items()]
+    lines.append("sequence,frame,joint,displacement")
+    lines += [f"{s:06d},{t},{j},{0.01 * t * j}" for s in (0, 1) for t in (1, 2) for j in (1, 2)]
+    for _ in dice.few(4):
+        k = dice.randrange(len(lines))
+        cells = lines[k].split(",")
+        how = dice.choice(["cell", "cell", "name", "delete", "copy", "quote", "more", "blank"])
+        if how == "cell":
+            cells[dice.randrange(len(cells))] = dice.choice(NUMBERS)
+        elif how == "name":
+            cells[dice.randrange(len(cells))] = dice.choice(NAMES)
+        elif how == "quote":
+            cells[0] = '"' + cells[0]
+        elif how == "more":
+            cells.append("0")
+        lines[k] = ",".join(cells)
+        if how == "delete":
+            del lines[k]
+        elif how == "copy":
+            lines.insert(k, lines[k])
+        elif how == "blank":
+            lines[k:k] = [""] * dice.choice([1, 60])
+        dice.note(f"line {k} {how} {lines[min(k, len(lines) - 1)][:50]!a}")
+    data = "\n".join(lines).encode("utf-8", "surrogatepass")
+    if dice.chance(0.05):
+        return data.decode(errors="replace").encode("utf-16")
+    return change_bytes(dice, data, "p.csv") if dice.chance(0.1) else data
+
+
+def _npz(dice: Dice, header: dict[str, str]) -> bytes:
+    members = {f"{key}.npy": npy(np.array(text)) for key, text in header.items() if "/" not in key}
+    for name in ("000000", "000001"):
+        members[f"{name}.npy"] = npy(np.arange(6.0).reshape(3, 2) * 0.01)
+        if dice.chance(0.3):
+            members[f"{name}.screw.npy"] = npy(np.ones((2, 6)))
+    data = make_zip(None, members)
+    for _ in dice.few(3):
+        data = change_npz(dice, data, "p.npz")
+    return data
+
+
+# -- results --------------------------------------------------------------------------------------
+
+
+def results(dice: Dice) -> Case:
+    """A results folder with a changed run, score table or estimate."""
+    files = {**dataset_files(), **results_files()}
+    mine = [*results_files()]
+    for _ in range(1 + len(dice.few(3))):
+        name = dice.choice(mine)
+        data = files.get(name)
+        how = dice.random()
+        if how < 0.04 or not isinstance(data, bytes):
+            files[name] = dice.choice([Special("fifo"), Special("folder"), b"",
+                                       Special("link", "/dev/zero")])
+            dice.note(f"{name}: {files[name]}")
+        elif name.endswith(".json"):
+            files[name] = _changed_json(dice, data, "run.json")
+        elif name.endswith(".csv"):
+            files[name] = _scores(dice, data)
+        else:
+            files[name] = _estimate(dice, data)
+    argv = dice.choice([
+        ("report", "results", "--no-pictures", "--out", "report"),
+        ("report", "results", "--no-pictures", "--out", "report"),
+        ("report", "results", "--out", "report"), EVALUATE, (*EVALUATE, "--retry", "ok"),
+        (*EVALUATE, "--retry", "raised", "invalid"),
+    ])
+    return Case(files, [Command(argv, quiet=argv[0] == "report")], dice.steps)
+
+
+def _scores(dice: Dice, data: bytes) -> bytes:
+    if dice.chance(0.1):
+        return change_bytes(dice, data, "scores.csv")
+    lines = data.decode(errors="replace").split("\n")
+    for _ in range(1 + len(dice.few(3))):
+        k = dice.randrange(len(lines))
+        cells = lines[k].split(",")
+        column = dice.randrange(len(cells))
+        how = dice.choice(["number", "name", "delete", "copy", "cell", "whole"])
+        if how == "delete":
+            del lines[k]
+        elif how == "copy":
+            lines[k:k] = [lines[k]] * dice.choice([1, 100])
+        elif how == "cell":
+            del cells[column]
+        elif how == "whole":  # a column of all lines
+            new = dice.choice([*NUMBERS, *NAMES])
+            for i, line in enumerate(lines[1:], 1):
+                if len(parts := line.split(",")) > column:
+                    parts[column] = new
+                    lines[i] = ",".join(parts)
+        else:
+            cells[column] = dice.choice(NUMBERS if how == "number" else NAMES)
+        if how in ("cell", "number", "name"):
+            lines[k] = ",".join(cells)
+        dice.note(f"scores.csv: line {k} column {column} {how} {cells[column:column + 1]!a}")
+        lines = lines or [""]
+    return "\n".join(lines).encode("utf-8", "replace")
+
+
+def _estimate(dice: Dice, data: bytes) -> bytes:
+    try:
+        members = members_of(data)
+    except Exception:  # it was damaged before
+        return change_bytes(dice, data, "estimate")
+    how = dice.choice(["json", "arrays", "arrays", "bytes", "bomb"])
+    if how == "json":
+        members["estimate.json"] = _changed_json(dice, members["estimate.json"], "estimate.json")
+    elif how == "arrays" and "estimate.npz" in members:
+        members["estimate.npz"] = change_npz(dice, members["estimate.npz"], "estimate.npz")
+    elif how == "bomb":
+        members["estimate.npz"] = bomb("displacement", (2**24, 2))
+        dice.note("estimate.npz: bomb")
+    else:
+        return change_bytes(dice, data, "estimate")
+    return make_zip(dice, members, "estimate")
+
+
+def bomb(name: str, shape: tuple[int, ...]) -> bytes:
+    """A deflated NPZ of zeros that is a thousand times larger than the file."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive, \
+            archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+        header: Any = {"descr": "<f8", "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, header)
+        left = 8 * int(np.prod(shape))
+        while left > 0:
+            left -= file.write(bytes(min(left, 2**20)))
+    return out.getvalue()
+
+
+def tree_of(data: bytes | Special) -> Any:
+    assert isinstance(data, bytes)
+    return json.loads(data)
+
+

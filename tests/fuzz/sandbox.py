@@ -1,0 +1,389 @@
+"""Runs a command line in a forked process under limits, and tells what it did that it must not.
+
+The parent has imported everything, so that a run costs milliseconds, and each run begins with a
+fresh state. The worker processes of a command are forked too, so that limits and the audit hook
+hold in them. The parent never renders: OpenGL does not survive a fork.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import importlib
+import io
+import multiprocessing
+import os
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stdout, suppress
+from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
+from multiprocessing.context import ForkContext
+from pathlib import Path
+from typing import Any
+
+MEMORY = 2 * 2**30
+"""Bytes that a command may take."""
+CPU_SECONDS = 20
+WALL_SECONDS = 60.0
+"""A busy machine must not look like a hang; nothing that a command waits for takes so long."""
+_GRACE = 3.0  # s, for helpers of a process that has ended
+_FINDINGS = 200  # number of the descriptor for what the audit hook finds
+_PR_SET_CHILD_SUBREAPER = 36
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command line of `gcbench`, and the exit codes that it may have."""
+
+    argv: tuple[str, ...]
+    codes: tuple[int, ...] = (0, 2)
+    quiet: bool = True
+    """Whether stderr holds nothing but `gcbench: ` lines; methods and formats have more to say."""
+    fetches: bool = False
+    """Whether it may start pip, because the user names a robot of the catalogue."""
+    prepare: Callable[[], None] | None = None
+    """Called in the process before the command."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command did."""
+
+    code: int
+    """Exit code; -N after signal N."""
+    stdout: str
+    stderr: str
+    seconds: float
+    memory: float
+    """Peak, MiB."""
+    problems: tuple[str, ...] = ()
+    """What it must not do, a line each."""
+
+
+@dataclass(frozen=True)
+class Sandbox:
+    """The folders of a run. `input` may be read only; `secret` may not be touched."""
+
+    root: Path
+    readable: tuple[Path, ...] = ()
+    """Further folders that may be read."""
+    folders: tuple[str, ...] = field(default=("input", "work", "tmp", "home", "cache"))
+
+    def reset(self) -> None:
+        """Empty all folders."""
+        shutil.rmtree(self.root, ignore_errors=True)
+        for name in (*self.folders, "secret", "log"):
+            (self.root / name).mkdir(parents=True)
+
+    @property
+    def input(self) -> Path:
+        """What the command reads."""
+        return self.root / "input"
+
+    @property
+    def work(self) -> Path:
+        """The current folder of the command."""
+        return self.root / "work"
+
+
+_LAZY = (
+    "OpenGL.EGL", "OpenGL.GL.shaders", "collada", "fcl", "mapbox_earcut", "multiprocessing.pool",
+    "numba", "pandas", "PIL.Image", "PIL.PngImagePlugin", "pygltflib", "pyrender.platforms.egl",
+    "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial.transform", "trimesh",
+    "trimesh.exchange.load", "trimesh.visual.material", "tyro", "xml.dom.minidom", "yourdfpy",
+)
+"""What commands import when they need it."""
+
+_EXTRA = {"networks", "network_flow", "torch", "torch_dataset", "training", "rerun"}
+"""Modules that need an extra, and much memory; their commands load them."""
+
+
+def load_everything() -> None:
+    """Import what commands import, and have their options parsed once."""
+    import gcbench
+    from gcbench.__main__ import COMMANDS, main
+
+    root = Path(str(gcbench.__file__)).parent
+    for path in sorted(root.glob("*/**/*.py")):
+        parts = path.relative_to(root).with_suffix("").parts
+        name = ".".join(["gcbench", *parts]).removesuffix(".__init__")
+        if parts[0] in ("robots", "renderer", "gcpose", "benchmark") and not _EXTRA & {*parts}:
+            importlib.import_module(name)
+    for name in _LAZY:
+        importlib.import_module(name)
+    for command in COMMANDS:
+        with redirect_stdout(io.StringIO()), suppress(SystemExit):
+            main([*command.split(), "--help"])
+    resource_tracker.ensure_running()
+    gc.freeze()
+
+
+def adopt_orphans() -> None:
+    """Make orphaned grandchildren children of this process (Linux)."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def run(command: Command, box: Sandbox) -> Outcome:
+    """Run a command in a forked process and check what it did."""
+    log = box.root / "log"
+    before = _children()
+    started = time.monotonic()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    pid = os.fork()
+    if not pid:
+        _child(command, box, log)
+    status, usage, late = _wait(pid, started)
+    seconds = time.monotonic() - started
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(pid, signal.SIGKILL if late else 0)
+    problems = [f"no end within {WALL_SECONDS:g} s"] * late
+    problems += _leftover_processes(before)
+    code = os.waitstatus_to_exitcode(status)
+    out, err = ((log / name).read_text(errors="replace") for name in ("stdout", "stderr"))
+    memory = usage.ru_maxrss / 1024
+    if memory > MEMORY / 2**20:
+        problems.append(f"took {memory:.0f} MiB")
+    problems += sorted(set((log / "audit").read_text(errors="replace").splitlines()))
+    problems += _text_problems(command, code, out, err)
+    problems += _leftover_files(box)
+    return Outcome(code, out, err, seconds, memory, tuple(problems))
+
+
+def _wait(pid: int, started: float) -> tuple[int, Any, bool]:
+    """Wait status, usage, and whether the process had to be killed."""
+    pause, late = 0.001, False
+    while True:
+        found, status, usage = os.wait4(pid, os.WNOHANG)
+        if found:
+            return status, usage, late
+        if not late and time.monotonic() - started > WALL_SECONDS:
+            late = True
+            with suppress(ProcessLookupError):
+                os.killpg(pid, signal.SIGKILL)
+        time.sleep(pause)
+        pause = min(2 * pause, 0.02)
+
+
+def _children() -> set[int]:
+    task = Path(f"/proc/self/task/{os.getpid()}/children")
+    return {int(pid) for pid in task.read_text().split()}
+
+
+def _leftover_processes(before: set[int]) -> list[str]:
+    """What a command has started and left running; it is killed."""
+    end = time.monotonic() + _GRACE
+    while True:
+        with suppress(ChildProcessError):
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        left = _children() - before
+        if not left:
+            return []
+        if time.monotonic() > end:
+            break
+        time.sleep(0.005)
+    said: list[str] = []
+    for pid in left:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()[:80]
+        said.append(f"left a process: {words}")
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+    return said
+
+
+# -- in the process ---------------------------------------------------------------------------
+
+
+def _child(command: Command, box: Sandbox, log: Path) -> None:
+    """Run the command and exit; never returns."""
+    code = 70
+    try:
+        os.setsid()
+        for number, name in ((1, "stdout"), (2, "stderr"), (_FINDINGS, "audit")):
+            file = os.open(log / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o600)
+            os.dup2(file, number)
+            os.close(file)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.set_inheritable(_FINDINGS, True)
+        sys.stdout = open(1, "w", closefd=False)
+        sys.stderr = open(2, "w", errors="backslashreplace", closefd=False)
+        os.chdir(box.work)
+        _set_environment(box)
+        _set_limits()
+        _fork_workers()
+        if command.prepare is not None:
+            command.prepare()
+        sys.addaudithook(_Auditor(box, command))
+        from gcbench.__main__ import main
+
+        try:
+            code = main(list(command.argv))
+        except SystemExit as stop:
+            code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        code = 70
+    finally:
+        with suppress(Exception):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+
+
+def _set_environment(box: Sandbox) -> None:
+    for name in [n for n in os.environ if n.startswith(("PARTNET", "SAPIEN", "ROS_", "XDG_"))]:
+        del os.environ[name]
+    os.environ |= {
+        "HOME": str(box.root / "home"), "TMPDIR": str(box.root / "tmp"),
+        "GCBENCH_CACHE": str(box.root / "cache"), "PIP_NO_INDEX": "1",
+        "PIP_CONFIG_FILE": os.devnull,
+    }  # fmt: skip
+    tempfile.tempdir = None
+    sys.dont_write_bytecode = True
+
+
+def _set_limits() -> None:
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+class _Forks(ForkContext):
+    """Forks where the package asks for fresh processes; a fork drops its parent's pipe ends."""
+
+    def __init__(self) -> None:
+        self._mine: list[Any] = []
+
+    def Pipe(self, duplex: bool = True) -> Any:  # noqa: N802
+        mine, its = super().Pipe(duplex)
+        self._mine.append(mine)
+        return mine, its
+
+    def Process(self, target: Any, args: Any, daemon: bool) -> Any:  # noqa: N802
+        def run(*given: Any) -> None:
+            for connection in self._mine:
+                connection.close()
+            target(*given)
+
+        return multiprocessing.get_context("fork").Process(target=run, args=args, daemon=daemon)
+
+
+def _fork_workers() -> None:
+    forks, get_context = _Forks(), multiprocessing.get_context
+    multiprocessing.get_context = lambda method=None: (  # type: ignore[assignment]
+        forks if method == "spawn" else get_context(method))
+
+
+class _Auditor:
+    """Audit hook: writes a line for each file that must not be opened or changed, and the like.
+
+    Libraries in C that open files by themselves are not seen; the package gives them bytes.
+    """
+
+    def __init__(self, box: Sandbox, command: Command) -> None:
+        import gcbench
+
+        package = Path(str(gcbench.__file__)).resolve().parent
+        numba = os.environ.get("NUMBA_CACHE_DIR", "")
+        mine = [box.root / name for name in box.folders]
+        system = [sys.prefix, sys.base_prefix, "/usr", "/lib", "/proc", "/sys", "/dev/null",
+                  "/dev/urandom", "/dev/zero", "/etc/ld.so.cache", "/etc/os-release", "/etc/mime.types"]
+        self.reads = _prefixes([*mine, *box.readable, *system, package, *filter(None, [numba])])
+        self.writes = _prefixes([*mine[1:], "/dev/null", *filter(None, [numba])])
+        self.programs = ["uname"] + ["pip"] * command.fetches  # uname: platform.processor()
+        self.busy = False
+
+    def __call__(self, event: str, args: tuple[Any, ...]) -> None:
+        if self.busy or event not in _EVENTS:
+            return
+        self.busy = True
+        try:
+            for line in self._violations(event, args):
+                os.write(_FINDINGS, (ascii(line)[1:-1] + "\n").encode())
+        finally:
+            self.busy = False
+
+    def _violations(self, event: str, args: tuple[Any, ...]) -> Iterator[str]:
+        if event == "open":
+            path, _, flags = args
+            writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
+            yield from self._path("writes" if writes else "reads", path)
+        elif event in ("os.rename", "os.link"):
+            yield from self._path("writes", args[0], args[2])
+            yield from self._path("writes", args[1], args[3])
+        elif event == "os.symlink":
+            yield from self._path("writes", args[1], args[2])
+        elif event in _CHANGES:
+            yield from self._path("writes", args[0], args[-1])
+        elif event.startswith("socket"):
+            yield f"uses the network: {event} {args[1:]}"
+        else:
+            words = args[1] if event == "subprocess.Popen" else args[0]
+            if not any(program in str(words) for program in self.programs):
+                yield f"starts a program: {words}"
+
+    def _path(self, what: str, path: Any, folder: Any = -1) -> Iterator[str]:
+        if isinstance(path, int):
+            return
+        name = os.fsdecode(path)
+        if isinstance(folder, int) and folder >= 0:
+            name = os.path.join(f"/proc/self/fd/{folder}", name)
+        real = os.path.realpath(name) + "/"
+        if real == f"/proc/{os.getpid()}/clear_refs/":  # forgets the peak of the memory
+            return
+        if not real.startswith(self.writes if what == "writes" else self.reads):
+            yield f"{what} {name}"
+
+
+_CHANGES = ("os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.chmod", "os.chown")
+_EVENTS = {"open", "os.rename", "os.link", "os.symlink", *_CHANGES, "socket.connect",
+           "socket.getaddrinfo", "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn"}
+
+
+def _prefixes(folders: Sequence[Any]) -> tuple[str, ...]:
+    return tuple(os.path.realpath(folder) + "/" for folder in folders)
+
+
+# -- what it printed and left -------------------------------------------------------------------
+
+_BAR = re.compile(r"^[^|]*(\d+%|\d+ ?[a-z]*) ?[\[|].*\]?$|^\w+: +\d+%.*$")
+
+
+def _text_problems(command: Command, code: int, out: str, err: str) -> Iterator[str]:
+    if code < 0:
+        yield f"was killed by {signal.Signals(-code).name}"
+    lines = [line for line in re.split(r"[\r\n]+", err) if line.strip()]
+    if "Traceback (most recent call last)" in out + err:
+        yield f"traceback: {lines[-1][:200] if lines else ''}"
+        return
+    if code not in command.codes:
+        yield f"exit code {code}: {lines[-1][:300] if lines else out.strip()[-300:]}"
+    if bad := re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", out + err.replace("\r", "")):
+        yield f"prints the control character {bad[0]!a}"
+    ours = [line for line in lines if line.startswith("gcbench: ")]
+    said = [line for line in lines if line in ours or not _BAR.match(line)]
+    if code == 2 and not ours and not (command.argv[:1] == ("doctor",)):
+        yield f"exit code 2 without a message: {' / '.join(said)[-300:]}"
+    if command.quiet and (strays := [line for line in said if line not in ours]):
+        yield f"prints lines that are no message: {strays[0][:200]}"
+
+
+def _leftover_files(box: Sandbox) -> Iterator[str]:
+    for path in (box.root / "tmp").iterdir():
+        yield f"left {path.name} in the folder of temporary files"
+    for folder in (box.work, box.root / "cache", box.input):
+        for path in folder.rglob("*"):
+            if re.search(r"\.(tmp|part)$", path.name):
+                yield f"left the temporary file {path.relative_to(box.root)}"
