@@ -1,9 +1,10 @@
 """The fuzzers' command line.
 
-    python -m tests.fuzz urdf --seed 17 --index 4211     one case again, with what it was and said
-    python -m tests.fuzz urdf mesh --count 1000          the first thousand cases of two kinds
-    python -m tests.fuzz --minutes 60                    all kinds in turn, until the time is over
-    python -m tests.fuzz --corpus a_pipe_as_run          named cases (all without a name), as JSON
+python -m tests.fuzz urdf --seed 17 --index 4211     one case again, with what it was and said
+python -m tests.fuzz urdf mesh --count 1000          the first thousand cases of two kinds
+python -m tests.fuzz --minutes 60                    all kinds in turn, until the time is over
+python -m tests.fuzz --corpus a_pipe_as_run          named cases (all without a name), as JSON
+    python -m tests.fuzz --faults render --fault kill    kill a command at every change of a file
 """
 
 from __future__ import annotations
@@ -13,12 +14,16 @@ import json
 import sys
 from pathlib import Path
 
-from .campaign import KINDS, campaign, check_corpus, keep, show
+from .actions import ACTIONS, FAULTS
+from .campaign import KINDS, campaign, check_corpus, check_faults, keep, show
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser("python -m tests.fuzz", description=(__doc__ or "").strip(),
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        "python -m tests.fuzz",
+        description=(__doc__ or "").strip(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"default: {' '.join(KINDS)}")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--index", type=int, help="this case only")
@@ -27,7 +32,13 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=1.0, help="limit without --count")
     parser.add_argument("--keep", type=Path, help="with --index: keep the files in this folder")
     parser.add_argument("--corpus", action="store_true", help="check named cases")
+    parser.add_argument("--faults", choices=ACTIONS, help="kill a command, or fail its disk")
+    parser.add_argument("--fault", choices=FAULTS, help="default: all")
+    parser.add_argument("--at", type=int, default=0, help="number of the change; default: all")
     options = parser.parse_args()
+    if options.faults:
+        faults = (options.fault,) if options.fault else FAULTS
+        return 1 if check_faults([options.faults], faults, options.at) else 0
     if options.corpus:
         print(json.dumps(check_corpus(options.kinds), indent=1))
         return 0
@@ -38,11 +49,19 @@ def main() -> int:
         return keep(kinds[0], options.seed, options.index or 0, options.keep)
     if options.index is not None:
         return show(kinds[0], options.seed, options.index)
-    done = campaign(kinds, options.seed, options.first, options.count, 60 * options.minutes,
-                    lambda finding: print(finding, flush=True))
+    done = campaign(
+        kinds,
+        options.seed,
+        options.first,
+        options.count,
+        60 * options.minutes,
+        lambda finding: print(finding, flush=True),
+    )
     for kind, count in done.counts.items():
-        print(f"{kind}: {count} cases, {done.accepted[kind]} of them accepted, "
-              f"{len([f for f in done.findings if f.kind == kind])} findings, seed {options.seed}")
+        print(
+            f"{kind}: {count} cases, {done.accepted[kind]} of them accepted, "
+            f"{len([f for f in done.findings if f.kind == kind])} findings, seed {options.seed}"
+        )
     return 1 if done.findings else 0
 
 

@@ -12,14 +12,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import configuration, data, models
+from .actions import check_action
 from .cases import Case, write
 from .corpus import CORPUS
+from .faults import Fault
 from .mutations import Dice
 from .sandbox import Outcome, Sandbox, adopt_orphans, load_everything, run
 
 KINDS: dict[str, Callable[[Dice], Case]] = {
-    "urdf": models.urdf, "mesh": models.mesh, "gltf": models.gltf, "dataset": data.dataset,
-    "predictions": data.predictions, "results": data.results,
+    "urdf": models.urdf,
+    "mesh": models.mesh,
+    "gltf": models.gltf,
+    "dataset": data.dataset,
+    "predictions": data.predictions,
+    "results": data.results,
     "configuration": configuration.configuration,
 }
 
@@ -35,8 +41,10 @@ class Finding:
     problem: str
 
     def __str__(self) -> str:
-        return (f"python -m tests.fuzz {self.kind} --seed {self.seed} --index {self.index}"
-                f"  # {self.command}: {self.problem}")
+        return (
+            f"python -m tests.fuzz {self.kind} --seed {self.seed} --index {self.index}"
+            f"  # {self.command}: {self.problem}"
+        )
 
 
 @dataclass
@@ -67,7 +75,11 @@ def attempt(case: Case, box: Sandbox) -> list[tuple[str, Outcome]]:
 
 
 def campaign(
-    kinds: Sequence[str], seed: int, first: int, count: int | None, seconds: float,
+    kinds: Sequence[str],
+    seed: int,
+    first: int,
+    count: int | None,
+    seconds: float,
     tell: Callable[[Finding], None] = lambda finding: None,
 ) -> Campaign:
     """Run `count` cases of each kind from `first` on, in turn; without a count, until `seconds`."""
@@ -125,6 +137,18 @@ def check_corpus(names: Sequence[str]) -> dict[str, list[str]]:
                 problems.append(f"is refused: {said[-300:]}")
             wrong[name] = problems
     return wrong
+
+
+def check_faults(names: Sequence[str], faults: tuple[Fault, ...], at: int) -> int:
+    """Print what goes wrong when faults happen while commands run; the number of lines."""
+    start()
+    lines = 0
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        for name in names:
+            for line in check_action(name, Sandbox(Path(folder).resolve() / "box"), faults, at):
+                print(line, flush=True)
+                lines += 1
+    return lines
 
 
 def keep(kind: str, seed: int, index: int, folder: Path) -> int:

@@ -40,13 +40,22 @@ class Case:
 def write(files: Files, box: Sandbox) -> None:
     """Write the files of a case, and baits that must not be read."""
     triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
-    for name, data in (("secret.obj", triangle), ("secret.png", png(4, 4)), ("secret", b"secret"),
-                       ("secret.bin", bytes(4096)), ("secret.stl", b"solid x"), ("secret.mtl", b"")):
+    for name, data in (
+        ("secret.obj", triangle),
+        ("secret.png", png(4, 4)),
+        ("secret", b"secret"),
+        ("secret.bin", bytes(4096)),
+        ("secret.stl", b"solid x"),
+        ("secret.mtl", b""),
+    ):
         (box.root / "secret" / name).write_bytes(data)
     for name, data in files.items():
         folder, _, rest = name.partition("/")
         path = box.work / rest if folder == "work" else box.input / name
+        if any(parent.exists() and not parent.is_dir() for parent in path.parents) or path.is_dir():
+            continue  # a case may put a file in the place of a folder
         path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
         if isinstance(data, bytes):
             path.write_bytes(data)
         elif data.kind == "fifo":
@@ -59,8 +68,11 @@ def write(files: Files, box: Sandbox) -> None:
 
 def read_tree(folder: Path, prefix: str) -> dict[str, bytes | Special]:
     """The files below a folder, as files of a case."""
-    return {f"{prefix}/{path.relative_to(folder)}": path.read_bytes()
-            for path in sorted(folder.rglob("*")) if path.is_file() and path.name != ".lock"}
+    return {
+        f"{prefix}/{path.relative_to(folder)}": path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
 
 
 def copy_tree(folder: Path, to: Path) -> None:
@@ -70,8 +82,25 @@ def copy_tree(folder: Path, to: Path) -> None:
 
 def render(robot: str, *more: str) -> Command:
     """A small render of a model in the input folder."""
-    return Command(("render", "--robot", robot, "--n", "1", "--frames", "2", *SIZE, "--samples", "1",
-                    "--workers", "1", "--out", "out", *more))
+    return Command(
+        (
+            "render",
+            "--robot",
+            robot,
+            "--n",
+            "1",
+            "--frames",
+            "2",
+            *SIZE,
+            "--samples",
+            "1",
+            "--workers",
+            "1",
+            "--out",
+            "out",
+            *more,
+        )
+    )
 
 
 VERIFY = Command(("verify", "out", "--workers", "1"), (0,))

@@ -23,7 +23,11 @@ from .sandbox import Command
 
 Content = dict[str, "bytes | Special"]
 _SMALL: dict[str, Any] = {
-    "robot": "../input/arm.urdf", "frames": 2, "width": 32, "height": 24, "samples": 1,
+    "robot": "../input/arm.urdf",
+    "frames": 2,
+    "width": 32,
+    "height": 24,
+    "samples": 1,
     "track_points": 4,
 }
 """What is asked for must be small: a fuzzed number may be large, and is then a wish, no error."""
@@ -67,7 +71,9 @@ def _file(dice: Dice) -> Case:
         data = data if b"[[[" in data else _restrained(data)
     files: Content = {"arm.urdf": dataset_files()["arm.urdf"], name: data}
     if dice.chance(0.03):
-        files[name] = dice.choice([Special("fifo"), Special("folder"), Special("link", "/dev/zero")])
+        files[name] = dice.choice(
+            [Special("fifo"), Special("folder"), Special("link", "/dev/zero")]
+        )
     argv = ("render", "--config", f"../input/{name}", "--n", "1", "--workers", "1", "--out", "out")
     return Case(files, [Command(argv, fetches=True)], dice.steps)
 
@@ -95,13 +101,23 @@ def _suite(dice: Dice) -> Case:
     if dice.chance(0.1):
         data = change_bytes(dice, data, "s.toml")
     files: Content = {"arm.urdf": dataset_files()["arm.urdf"], "s.toml": data}
-    argv = ("eval", "--method", "hold-still", "--suite", "../input/s.toml", "--results", "results",
-            "--suites", "suites")
+    argv = (
+        "eval",
+        "--method",
+        "hold-still",
+        "--suite",
+        "../input/s.toml",
+        "--results",
+        "results",
+        "--suites",
+        "suites",
+    )
     return Case(files, [Command(argv, quiet=False, fetches=True)], dice.steps)
 
 
 def _toml(tree: dict[str, Any]) -> bytes:
     """TOML of a tree; what it has no words for becomes a line that is not TOML."""
+
     def inline(item: Any) -> str:
         if isinstance(item, Raw):
             return str(item)
@@ -121,34 +137,159 @@ def _key(name: str) -> str:
 
 
 _OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "render": (("--robot", "../input/arm.urdf", "--n", "1", "--frames", "2", "--width", "32", "--height",
-                "24", "--samples", "1", "--workers", "1", "--out", "out"),
-               ("--seed", "--stream", "--package", "--scored-joints", "--vary", "--layers", "--camera.fov",
-                "--camera.azimuth", "--lights.number", "--motion.total", "--background.color",
-                "--background.folder", "--textures.kinds", "--textures.folder", "--image.noise",
-                "--image.blur", "--animation", "--randomize", "--robot", "--config", "--samples",
-                "--workers", "--n", "--frames", "--width", "--out")),
+    "render": (
+        (
+            "--robot",
+            "../input/arm.urdf",
+            "--n",
+            "1",
+            "--frames",
+            "2",
+            "--width",
+            "32",
+            "--height",
+            "24",
+            "--samples",
+            "1",
+            "--workers",
+            "1",
+            "--out",
+            "out",
+        ),
+        (
+            "--seed",
+            "--stream",
+            "--package",
+            "--scored-joints",
+            "--vary",
+            "--layers",
+            "--camera.fov",
+            "--camera.azimuth",
+            "--lights.number",
+            "--motion.total",
+            "--background.color",
+            "--background.folder",
+            "--textures.kinds",
+            "--textures.folder",
+            "--image.noise",
+            "--image.blur",
+            "--animation",
+            "--randomize",
+            "--robot",
+            "--config",
+            "--samples",
+            "--workers",
+            "--n",
+            "--frames",
+            "--width",
+            "--out",
+        ),
+    ),
     "verify": (("../input/d", "--workers", "1"), ("--workers",)),
-    "show": (("../input/d", "--out", "page.html"), ("--index", "--contact-sheet", "--gif", "--out")),
-    "export": (("../input/d", "--format", "coco", "--out", "export"),
-               ("--format", "--sequences", "--out")),
-    "eval": (("--method", "hold-still", "--data", "../input/d", "--keep-unobservable", "--results",
-              "results"),
-             ("--method", "--flow", "--depth", "--set", "--inputs", "--knowledge", "--timeout",
-              "--retry", "--data", "--suite", "--workers", "--results")),
-    "score": (("--predictions", "../input/p.csv", "--data", "../input/d"),
-              ("--predictions", "--data", "--suite", "--results")),
+    "show": (
+        ("../input/d", "--out", "page.html"),
+        ("--index", "--contact-sheet", "--gif", "--out"),
+    ),
+    "export": (
+        ("../input/d", "--format", "coco", "--out", "export"),
+        ("--format", "--sequences", "--out"),
+    ),
+    "eval": (
+        (
+            "--method",
+            "hold-still",
+            "--data",
+            "../input/d",
+            "--keep-unobservable",
+            "--results",
+            "results",
+        ),
+        (
+            "--method",
+            "--flow",
+            "--depth",
+            "--set",
+            "--inputs",
+            "--knowledge",
+            "--timeout",
+            "--retry",
+            "--data",
+            "--suite",
+            "--workers",
+            "--results",
+        ),
+    ),
+    "score": (
+        ("--predictions", "../input/p.csv", "--data", "../input/d"),
+        ("--predictions", "--data", "--suite", "--results"),
+    ),
     "report": (("results", "--out", "report"), ("--out", "--pictures")),
-    "robots": ((), ("--x",)), "robots fetch": (("nothing",), ("--all=1",)),
-    "train flow": (("--out", "raft", "--data", "../input/d", "--steps", "0", "--device", "cpu"),
-                   ("--steps", "--batch", "--crop", "--device", "--rate", "--seed", "--held-out",
-                    "--start-from", "--precision", "--robots")),
+    "robots": ((), ("--x",)),
+    "robots fetch": (("nothing",), ("--all=1",)),
+    "train flow": (
+        ("--out", "raft", "--data", "../input/d", "--steps", "0", "--device", "cpu"),
+        (
+            "--steps",
+            "--batch",
+            "--crop",
+            "--device",
+            "--rate",
+            "--seed",
+            "--held-out",
+            "--start-from",
+            "--precision",
+            "--robots",
+        ),
+    ),
 }
-_VALUES = ("0", "-1", "1", "2", "1.5", "nan", "inf", "1e999", "none", "full", "ur5@true-parts",
-           "hold-still@true-flow", "icp", "gcpose", "x.py:Y", "json:loads", "os:system", ":", "x:", "@",
-           "rgb", "rgbd", "free", "ok", "mini", "cpu", "cuda:9", "0-9", "9-0", "0,,1", "../input/d",
-           "../input", "../secret", "/dev/zero", "/dev/null", "nowhere", "a=b", "rgbd.candidates=8",
-           "rgbd.candidates=x", "x=y=z", "normal", "tracks", "lights", "pan", "slide", "8192")
+_VALUES = (
+    "0",
+    "-1",
+    "1",
+    "2",
+    "1.5",
+    "nan",
+    "inf",
+    "1e999",
+    "none",
+    "full",
+    "ur5@true-parts",
+    "hold-still@true-flow",
+    "icp",
+    "gcpose",
+    "x.py:Y",
+    "json:loads",
+    "os:system",
+    ":",
+    "x:",
+    "@",
+    "rgb",
+    "rgbd",
+    "free",
+    "ok",
+    "mini",
+    "cpu",
+    "cuda:9",
+    "0-9",
+    "9-0",
+    "0,,1",
+    "../input/d",
+    "../input",
+    "../secret",
+    "/dev/zero",
+    "/dev/null",
+    "nowhere",
+    "a=b",
+    "rgbd.candidates=8",
+    "rgbd.candidates=x",
+    "x=y=z",
+    "normal",
+    "tracks",
+    "lights",
+    "pan",
+    "slide",
+    "8192",
+)
 _LONG = ("--n", "--frames", "--width", "--workers", "--steps", "--batch")
 
 
@@ -158,8 +299,10 @@ def _options(dice: Dice) -> Case:
     argv = [*name.split(), *base]
     for _ in range(1 + len(dice.few(3))):
         option = dice.choice(more)
-        values = [dice.choice([*_VALUES, *NUMBERS, *NAMES])
-                  for _ in range(dice.choice([0, 1, 1, 1, 1, 2, 3]))]
+        values = [
+            dice.choice([*_VALUES, *NUMBERS, *NAMES])
+            for _ in range(dice.choice([0, 1, 1, 1, 1, 2, 3]))
+        ]
         if option in _LONG:
             values = [v for v in values if not (v.isdecimal() and v.isascii() and 3 < len(v) < 12)]
         how = dice.choice(["append", "append", "insert", "replace", "delete", "equals"])
@@ -179,5 +322,8 @@ def _options(dice: Dice) -> Case:
     dice.note(" ".join(argv).encode("ascii", "backslashreplace").decode()[:100])
     words = tuple(a.replace("\0", "?").encode("utf-8", "replace").decode() for a in argv)
     codes = (0, 1, 2) if name == "verify" else (0, 2)
-    return Case(dict(dataset_files()), [Command(words, codes, quiet=name not in ("eval", "score"),
-                                                fetches=True)], dice.steps)
+    return Case(
+        dict(dataset_files()),
+        [Command(words, codes, quiet=name not in ("eval", "score"), fetches=True)],
+        dice.steps,
+    )

@@ -45,16 +45,20 @@ def named(
     refused: str = "", accepted: bool = False
 ) -> Callable[[Callable[[], Case]], Callable[[], Case]]:
     """Enter a builder into the corpus under its name."""
+
     def enter(build: Callable[[], Case]) -> Callable[[], Case]:
         CORPUS[build.__name__] = Named(build, refused, accepted or not refused)
         return build
+
     return enter
 
 
 def _urdf(text: str, files: Content | None = None, *options: str) -> Case:
     """Render and verify a URDF."""
-    return Case({"m/m.urdf": text.encode(), **(files or {})},
-                [render("../input/m/m.urdf", *options), VERIFY])
+    return Case(
+        {"m/m.urdf": text.encode(), **(files or {})},
+        [render("../input/m/m.urdf", *options), VERIFY],
+    )
 
 
 def _pointer(visual: str = BOX, more: str = "", name: str = 'name="pointer"') -> str:
@@ -94,7 +98,8 @@ def two_hundred_large_textures() -> Case:
         f'<link name="l{k}"><visual><geometry><box size="0.1 0.1 0.1"/></geometry><material '
         f'name="m{k}"><texture filename="{k}.png"/></material></visual></link>'
         f'<joint name="j{k}" type="fixed"><parent link="base"/><child link="l{k}"/></joint>'
-        for k in range(200))
+        for k in range(200)
+    )
     return _urdf(f'<robot name="r"><link name="base"/>{links}</robot>', files)
 
 
@@ -102,12 +107,15 @@ def two_hundred_large_textures() -> Case:
 def large_textures_of_materials() -> Case:
     count = 100
     files: Content = {f"m/{k}.png": _different(_large_png(), k) for k in range(count)}
-    files["m/a.mtl"] = "".join(
-        f"newmtl m{k}\nmap_Kd {k}.png\n" for k in range(count)).encode()
-    files["m/a.obj"] = ("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n" + "".join(
-        f"usemtl m{k}\nf 1/1 2/2 3/3\n" for k in range(count))).encode()
-    return Case({**files, "m/m.urdf": _pointer(_MESH.format("a.obj")).encode()},
-                [render("../input/m/m.urdf")])
+    files["m/a.mtl"] = "".join(f"newmtl m{k}\nmap_Kd {k}.png\n" for k in range(count)).encode()
+    files["m/a.obj"] = (
+        "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        + "".join(f"usemtl m{k}\nf 1/1 2/2 3/3\n" for k in range(count))
+    ).encode()
+    return Case(
+        {**files, "m/m.urdf": _pointer(_MESH.format("a.obj")).encode()},
+        [render("../input/m/m.urdf")],
+    )
 
 
 def _shared_view() -> Maker:
@@ -131,8 +139,10 @@ def one_view_of_a_hundred_images() -> Case:
 
 @named(_TOO_MUCH, accepted=True)
 def one_view_of_a_hundred_images_in_a_urdf() -> Case:
-    return Case({"m/a.glb": _shared_view().glb(), "m/m.urdf": _pointer(_MESH.format("a.glb")).encode()},
-                [render("../input/m/m.urdf")])
+    return Case(
+        {"m/a.glb": _shared_view().glb(), "m/m.urdf": _pointer(_MESH.format("a.glb")).encode()},
+        [render("../input/m/m.urdf")],
+    )
 
 
 _MESH = '<geometry><mesh filename="{}"/></geometry>'
@@ -169,8 +179,12 @@ def a_robot_without_a_name() -> Case:
 
 @named()
 def boxes_and_spheres_of_size_zero() -> Case:
-    return _urdf(_pointer(more='<visual><geometry><box size="0 0 0"/></geometry></visual>'
-                               '<visual><geometry><sphere radius="0"/></geometry></visual>'))
+    return _urdf(
+        _pointer(
+            more='<visual><geometry><box size="0 0 0"/></geometry></visual>'
+            '<visual><geometry><sphere radius="0"/></geometry></visual>'
+        )
+    )
 
 
 @named()
@@ -190,15 +204,19 @@ def a_child_among_the_nodes_of_a_scene() -> Case:
 
 @named("leads out")
 def a_mesh_two_folders_above_the_model() -> Case:
-    files: Content = {"m/a/b/m.urdf": _pointer(_MESH.format("../../cube.obj")).encode(),
-                      "m/cube.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"}
+    files: Content = {
+        "m/a/b/m.urdf": _pointer(_MESH.format("../../cube.obj")).encode(),
+        "m/cube.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    }
     return Case(files, [render("../input/m/a/b/m.urdf")])
 
 
 @named("leads out")
 def a_mesh_behind_a_link() -> Case:
-    files: Content = {"m/m.urdf": _pointer(_MESH.format("cube.stl")).encode(),
-                      "m/cube.stl": Special("link", "../../secret/secret.stl")}
+    files: Content = {
+        "m/m.urdf": _pointer(_MESH.format("cube.stl")).encode(),
+        "m/cube.stl": Special("link", "../../secret/secret.stl"),
+    }
     return Case(files, [render("../input/m/m.urdf")])
 
 
@@ -207,12 +225,15 @@ def a_mesh_behind_a_link() -> Case:
 
 def _chain(links: int) -> str:
     parts = "".join(
-        f'<link name="l{k}"><visual><geometry><box size="0.01 0.01 0.01"/></geometry></visual></link>'
-        for k in range(links))
+        f'<link name="l{k}"><visual><geometry><sphere radius="0.005"/></geometry></visual></link>'
+        for k in range(links)
+    )
     joints = "".join(
         f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
         f'<origin xyz="0.012 0 0"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" '
-        f'velocity="1"/></joint>' for k in range(1, links))
+        f'velocity="1"/></joint>'
+        for k in range(1, links)
+    )
     return f'<robot name="chain">{parts}{joints}</robot>'
 
 
@@ -263,14 +284,17 @@ def _dataset(change: Callable[[dict[str, bytes]], None], *commands: Command) -> 
 def _meta(**changes: Any) -> Callable[[dict[str, bytes]], None]:
     def change(members: dict[str, bytes]) -> None:
         members["meta.json"] = json.dumps(json.loads(members["meta.json"]) | changes).encode()
+
     return change
 
 
 def _meta_text(field: str, text: str) -> Callable[[dict[str, bytes]], None]:
     """The text of a field as it stands."""
+
     def change(members: dict[str, bytes]) -> None:
         _meta(**{field: "@"})(members)
         members["meta.json"] = members["meta.json"].replace(b'"@"', text.encode())
+
     return change
 
 
@@ -279,6 +303,7 @@ def _state(name: str, data: bytes) -> Callable[[dict[str, bytes]], None]:
         arrays = members_of(members["state.npz"])
         arrays[name] = data
         members["state.npz"] = make_zip(None, arrays)
+
     return change
 
 
@@ -291,6 +316,7 @@ def four_million_parts() -> Case:
 def a_state_that_inflates() -> Case:
     def change(members: dict[str, bytes]) -> None:
         members["state.npz"] = bomb("world_from_part", (2**23, 3, 4, 4))
+
     return _dataset(change)
 
 
@@ -346,15 +372,23 @@ def _damaged_lzma() -> bytes:
 
 @named("estimate|predictions|p.npz")
 def predictions_of_damaged_lzma() -> Case:
-    return Case({**dataset_files(), "p.npz": _damaged_lzma()}, [
-        Command(("score", "--predictions", "../input/p.npz", "--data", "../input/d"), quiet=False)])
+    return Case(
+        {**dataset_files(), "p.npz": _damaged_lzma()},
+        [
+            Command(
+                ("score", "--predictions", "../input/p.npz", "--data", "../input/d"), quiet=False
+            )
+        ],
+    )
 
 
 @named()
 def tracks_far_outside() -> Case:
     far = np.full((3, 8, 2), 1e300)
-    return _dataset(_state("track_image.npy", npy(far)),
-                    Command(("show", "../input/d", "--index", "1", "--gif", "x.gif")))
+    return _dataset(
+        _state("track_image.npy", npy(far)),
+        Command(("show", "../input/d", "--index", "1", "--gif", "x.gif")),
+    )
 
 
 def _counts(text: Any) -> Case:
@@ -385,8 +419,18 @@ def _of_robot(robot: str) -> Case:
     tree = json.loads(_bytes(files["d/dataset.json"]))
     tree["config"]["robot"] = robot
     files["d/dataset.json"] = json.dumps(tree).encode()
-    argv = ("eval", "--method", "icp", "--data", "../input/d", "--keep-unobservable", "--inputs", "rgbd",
-            "--knowledge", "model")
+    argv = (
+        "eval",
+        "--method",
+        "icp",
+        "--data",
+        "../input/d",
+        "--keep-unobservable",
+        "--inputs",
+        "rgbd",
+        "--knowledge",
+        "model",
+    )
     return Case(files, [Command(argv, quiet=False)])
 
 
@@ -448,6 +492,7 @@ def _scores(change: Callable[[list[str]], None]) -> Case:
 def a_unit_that_nobody_knows() -> Case:
     def change(cells: list[str]) -> None:
         cells[16] = "furlong" if cells[16] in ("deg", "m") else cells[16]
+
     return _scores(change)
 
 
@@ -466,20 +511,26 @@ def a_robot_that_clears_the_screen() -> Case:
 
 @named("TOML|nest|c.toml")
 def lists_of_six_hundred_levels() -> Case:
-    return Case({"c.toml": b"a = " + b"[" * 600 + b"]" * 600},
-                [Command(("render", "--config", "../input/c.toml"))])
+    return Case(
+        {"c.toml": b"a = " + b"[" * 600 + b"]" * 600},
+        [Command(("render", "--config", "../input/c.toml"))],
+    )
 
 
 @named("c.toml")
 def keys_of_six_hundred_levels() -> Case:
-    return Case({"c.toml": b".".join([b"a"] * 3000) + b" = 1"},
-                [Command(("render", "--config", "../input/c.toml"))])
+    return Case(
+        {"c.toml": b".".join([b"a"] * 3000) + b" = 1"},
+        [Command(("render", "--config", "../input/c.toml"))],
+    )
 
 
 @named("seed|c.json|JSON")
 def a_seed_of_five_thousand_digits() -> Case:
-    return Case({"c.json": b'{"seed": 1' + b"0" * 5000 + b"}"},
-                [Command(("render", "--config", "../input/c.json"))])
+    return Case(
+        {"c.json": b'{"seed": 1' + b"0" * 5000 + b"}"},
+        [Command(("render", "--config", "../input/c.json"))],
+    )
 
 
 # -- methods that misbehave -----------------------------------------------------------------------
@@ -506,8 +557,13 @@ class OddArray:
 """
 
 
-def _method(body: str = "pass", begin: str = "pass", name: str = '"odd"', error: str = "SystemExit",
-            *more: str) -> Case:
+def _method(
+    body: str = "pass",
+    begin: str = "pass",
+    name: str = '"odd"',
+    error: str = "SystemExit",
+    *more: str,
+) -> Case:
     text = _METHOD.replace("BODY", body).replace("BEGIN", begin).replace("NAME", name)
     files: Content = {**dataset_files(), "method.py": text.replace("ERROR", error).encode()}
     argv = ("eval", "--method", "../input/method.py:Method", *EVALUATE[3:], *more)

@@ -38,8 +38,16 @@ _ARM = """<robot name="arm">
 <origin xyz="0.4 0 0.1"/><axis xyz="1 0 0"/><limit lower="0" upper="0.4" effort="1" velocity="1"/>
 </joint></robot>"""
 _LAYERS = ("--layers", "normal", "coordinates", "tracks", "--track-points", "8")
-EVALUATE = ("eval", "--method", "hold-still", "--data", "../input/d", "--keep-unobservable",
-         "--results", "results")
+EVALUATE = (
+    "eval",
+    "--method",
+    "hold-still",
+    "--data",
+    "../input/d",
+    "--keep-unobservable",
+    "--results",
+    "results",
+)
 
 
 @cache
@@ -61,9 +69,27 @@ def _made() -> tuple[Content, Content]:
         box.reset()
         write({"arm.urdf": _ARM.encode()}, box)
         commands = (
-            ("render", "--robot", "../input/arm.urdf", "--n", "2", "--frames", "3", "--width", "48",
-             "--height", "36", "--samples", "1", "--workers", "1", "--keep-unobservable", *_LAYERS,
-             "--out", "../input/d"),
+            (
+                "render",
+                "--robot",
+                "../input/arm.urdf",
+                "--n",
+                "2",
+                "--frames",
+                "3",
+                "--width",
+                "48",
+                "--height",
+                "36",
+                "--samples",
+                "1",
+                "--workers",
+                "1",
+                "--keep-unobservable",
+                *_LAYERS,
+                "--out",
+                "../input/d",
+            ),
             EVALUATE,
         )
         for argv in commands:
@@ -82,20 +108,37 @@ def dataset(dice: Dice) -> Case:
     """A dataset with a changed description, sequence, member or file."""
     files = dict(dataset_files())
     for _ in range(len(dice.few(2)) + 1 if dice.chance(0.97) else 0):
-        how = dice.choice(["json", "sequence", "sequence", "sequence", "sequence", "special", "file"])
+        how = dice.choice(
+            ["json", "sequence", "sequence", "sequence", "sequence", "special", "file"]
+        )
         if how == "json":
             files["d/dataset.json"] = _changed_json(dice, files["d/dataset.json"], "dataset.json")
         elif how == "sequence":
             _change_sequence(dice, files)
         elif how == "special":
-            name = dice.choice(["d/dataset.json", "d/sequences/000001.zip", "d/sequences/000002.zip",
-                                "d/sequences/000001", "d/sequences", "d/sequences/x.zip"])
+            name = dice.choice(
+                [
+                    "d/dataset.json",
+                    "d/sequences/000001.zip",
+                    "d/sequences/000002.zip",
+                    "d/sequences/000001",
+                    "d/sequences",
+                    "d/sequences/x.zip",
+                ]
+            )
             if name == "d/sequences":
                 for other in [n for n in files if n.startswith("d/sequences/")]:
                     del files[other]
-            files[name] = dice.choice([Special("fifo"), Special("folder"), b"", b"PK\5\6" + bytes(18),
-                                       Special("link", "/dev/zero"), Special("link", "nowhere"),
-                                       Special("link", "../../secret/secret")])
+            files[name] = dice.choice(
+                [
+                    Special("fifo"),
+                    Special("folder"),
+                    b"",
+                    b"PK\5\6" + bytes(18),
+                    Special("link", "/dev/zero"),
+                    Special("link", "nowhere"),
+                ]
+            )
             dice.note(f"{name}: {files[name]}")
         else:
             name = dice.choice([n for n in files if isinstance(files[n], bytes)])
@@ -108,16 +151,30 @@ def dataset(dice: Dice) -> Case:
 def _reader(dice: Dice) -> Command:
     """A command that reads a dataset."""
     form = dice.choice(["kitti", "bop", "coco", "webdataset", "tapvid"])
-    argv = dice.choice([
-        ("verify", "../input/d", "--workers", "1"), ("verify", "../input/d", "--workers", "1"),
-        ("verify", "../input/d/sequences/000001.zip"),
-        ("show", "../input/d", "--index", "1", "--out", "page.html"),
-        ("show", "../input/d", "--contact-sheet", "sheet.png"),
-        ("show", "../input/d/sequences/000001.zip", "--gif", "film.gif"),
-        ("export", "../input/d", "--format", form, "--out", "export"),
-        EVALUATE, (*EVALUATE[:-2], "--inputs", "none", "--results", "results"),
-        ("render", "--config", "../input/d/dataset.json", "--n", "1", "--workers", "1", "--out", "out"),
-    ])
+    argv = dice.choice(
+        [
+            ("verify", "../input/d", "--workers", "1"),
+            ("verify", "../input/d", "--workers", "1"),
+            ("verify", "../input/d/sequences/000001.zip"),
+            ("show", "../input/d", "--index", "1", "--out", "page.html"),
+            ("show", "../input/d", "--contact-sheet", "sheet.png"),
+            ("show", "../input/d/sequences/000001.zip", "--gif", "film.gif"),
+            ("export", "../input/d", "--format", form, "--out", "export"),
+            EVALUATE,
+            (*EVALUATE[:-2], "--inputs", "none", "--results", "results"),
+            (
+                "render",
+                "--config",
+                "../input/d/dataset.json",
+                "--n",
+                "1",
+                "--workers",
+                "1",
+                "--out",
+                "out",
+            ),
+        ]
+    )
     codes = (0, 1, 2) if argv[0] == "verify" else (0, 2)
     return Command(argv, codes, quiet=argv[0] != "eval")
 
@@ -211,12 +268,27 @@ def predictions(dice: Dice) -> Case:
     else:
         name, files["p.csv"] = "p.csv", _csv(dice, header)
     if dice.chance(0.03):
-        files[name] = dice.choice([Special("fifo"), Special("folder"), Special("link", "/dev/zero")])
-    argv = ("score", "--predictions", f"../input/{name}", "--data", "../input/d",
-            "--keep-unobservable", "--results", "results")
-    return Case(files, [Command(argv, quiet=False),
-                        Command(("report", "results", "--no-pictures", "--out", "report"), (0,))],
-                dice.steps)
+        files[name] = dice.choice(
+            [Special("fifo"), Special("folder"), Special("link", "/dev/zero")]
+        )
+    argv = (
+        "score",
+        "--predictions",
+        f"../input/{name}",
+        "--data",
+        "../input/d",
+        "--keep-unobservable",
+        "--results",
+        "results",
+    )
+    return Case(
+        files,
+        [
+            Command(argv, quiet=False),
+            Command(("report", "results", "--no-pictures", "--out", "report"), (0,)),
+        ],
+        dice.steps,
+    )
 
 
 def _csv(dice: Dice, header: dict[str, str]) -> bytes:
@@ -273,8 +345,9 @@ def results(dice: Dice) -> Case:
         data = files.get(name)
         how = dice.random()
         if how < 0.04 or not isinstance(data, bytes):
-            files[name] = dice.choice([Special("fifo"), Special("folder"), b"",
-                                       Special("link", "/dev/zero")])
+            files[name] = dice.choice(
+                [Special("fifo"), Special("folder"), b"", Special("link", "/dev/zero")]
+            )
             dice.note(f"{name}: {files[name]}")
         elif name.endswith(".json"):
             files[name] = _changed_json(dice, data, "run.json")
@@ -282,12 +355,16 @@ def results(dice: Dice) -> Case:
             files[name] = _scores(dice, data)
         else:
             files[name] = _estimate(dice, data)
-    argv = dice.choice([
-        ("report", "results", "--no-pictures", "--out", "report"),
-        ("report", "results", "--no-pictures", "--out", "report"),
-        ("report", "results", "--out", "report"), EVALUATE, (*EVALUATE, "--retry", "ok"),
-        (*EVALUATE, "--retry", "raised", "invalid"),
-    ])
+    argv = dice.choice(
+        [
+            ("report", "results", "--no-pictures", "--out", "report"),
+            ("report", "results", "--no-pictures", "--out", "report"),
+            ("report", "results", "--out", "report"),
+            EVALUATE,
+            (*EVALUATE, "--retry", "ok"),
+            (*EVALUATE, "--retry", "raised", "invalid"),
+        ]
+    )
     return Case(files, [Command(argv, quiet=argv[0] == "report")], dice.steps)
 
 
@@ -316,7 +393,7 @@ def _scores(dice: Dice, data: bytes) -> bytes:
             cells[column] = dice.choice(NUMBERS if how == "number" else NAMES)
         if how in ("cell", "number", "name"):
             lines[k] = ",".join(cells)
-        dice.note(f"scores.csv: line {k} column {column} {how} {cells[column:column + 1]!a}")
+        dice.note(f"scores.csv: line {k} column {column} {how} {cells[column : column + 1]!a}")
         lines = lines or [""]
     return "\n".join(lines).encode("utf-8", "replace")
 
@@ -342,8 +419,10 @@ def _estimate(dice: Dice, data: bytes) -> bytes:
 def bomb(name: str, shape: tuple[int, ...]) -> bytes:
     """A deflated NPZ of zeros that is a thousand times larger than the file."""
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive, \
-            archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+    with (
+        zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open(f"{name}.npy", "w", force_zip64=True) as file,
+    ):
         header: Any = {"descr": "<f8", "fortran_order": False, "shape": shape}
         np.lib.format.write_array_header_1_0(file, header)
         left = 8 * int(np.prod(shape))
@@ -355,5 +434,3 @@ def bomb(name: str, shape: tuple[int, ...]) -> bytes:
 def tree_of(data: bytes | Special) -> Any:
     assert isinstance(data, bytes)
     return json.loads(data)
-
-

@@ -27,9 +27,18 @@ from .mutations import (
 
 Content = dict[str, "bytes | Special"]
 _SHAPES = ("box", "box", "sphere", "cylinder", "capsule", "mesh")
-_OPTIONS = ((), (), ("--allow-missing",), ("--background.room", "1"), ("--keep-unobservable",),
-            ("--layers", "normal", "coordinates"), ("--layers", "tracks", "--track-points", "8"),
-            ("--vary", "lights"), ("--randomize", "none"), ("--samples", "4"))
+_OPTIONS = (
+    (),
+    (),
+    ("--allow-missing",),
+    ("--background.room", "1"),
+    ("--keep-unobservable",),
+    ("--layers", "normal", "coordinates"),
+    ("--layers", "tracks", "--track-points", "8"),
+    ("--vary", "lights"),
+    ("--randomize", "none"),
+    ("--samples", "4"),
+)
 
 
 def urdf(dice: Dice) -> Case:
@@ -40,8 +49,9 @@ def urdf(dice: Dice) -> Case:
     files: Content = {"m/m.urdf": dump_xml(dice, root, "m.urdf"), **_meshes()}
     if dice.chance(0.1):
         name = dice.choice([*files])
-        files[name] = change_bytes(dice, data, name) if isinstance(data := files[name], bytes) \
-            else data
+        files[name] = (
+            change_bytes(dice, data, name) if isinstance(data := files[name], bytes) else data
+        )
     return Case(files, [render("../input/m/m.urdf", *dice.choice(_OPTIONS)), VERIFY], dice.steps)
 
 
@@ -68,8 +78,11 @@ def gltf(dice: Dice) -> Case:
         else:
             change_tree(dice, tree, "m.gltf")
     name = "m.gltf" if text else "m.glb"
-    files: Content = {"m/link.bin": Special("link", "../../secret/secret.bin"),
-                      "m/image.png": png(4, 4), "m/data.bin": bytes(maker.data)}
+    files: Content = {
+        "m/link.bin": Special("link", "../../secret/secret.bin"),
+        "m/image.png": png(4, 4),
+        "m/data.bin": bytes(maker.data),
+    }
     data = _dump_gltf(dice, maker, text)
     files[f"m/{name}"] = change_bytes(dice, data, name) if dice.chance(0.08) else data
     more = dice.choice([*_OPTIONS, ("--animation", "none"), ("--animation", "walk")])
@@ -100,54 +113,103 @@ def _numbers(dice: Dice, count: int, low: float, high: float) -> str:
 def _geometry(dice: Dice) -> Element:
     kind = dice.choice(_SHAPES)
     attributes = {
-        "box": {"size": _numbers(dice, 3, 0.05, 0.4)}, "sphere": {"radius": _numbers(dice, 1, 0.05, 0.2)},
+        "box": {"size": _numbers(dice, 3, 0.05, 0.4)},
+        "sphere": {"radius": _numbers(dice, 1, 0.05, 0.2)},
         "cylinder": {"radius": _numbers(dice, 1, 0.05, 0.2), "length": _numbers(dice, 1, 0.1, 0.5)},
         "capsule": {"radius": _numbers(dice, 1, 0.05, 0.1), "length": _numbers(dice, 1, 0.1, 0.5)},
-        "mesh": {"filename": dice.choice(["cube.obj", "cube.stl", "cube.ply", "cube.dae", "cube.glb",
-                                          "package://m/cube.obj", "./cube.stl"]),
-                 "scale": _numbers(dice, 3, 0.1, 0.4)},
+        "mesh": {
+            "filename": dice.choice(
+                [
+                    "cube.obj",
+                    "cube.stl",
+                    "cube.ply",
+                    "cube.dae",
+                    "cube.glb",
+                    "package://m/cube.obj",
+                    "./cube.stl",
+                ]
+            ),
+            "scale": _numbers(dice, 3, 0.1, 0.4),
+        },
     }[kind]
     return _element("geometry", [_element(kind, **attributes)])
 
 
 def _visual(dice: Dice, tag: str = "visual") -> Element:
-    parts = [_element("origin", xyz=_numbers(dice, 3, -0.2, 0.3), rpy=_numbers(dice, 3, -3, 3)),
-             _geometry(dice)]
+    parts = [
+        _element("origin", xyz=_numbers(dice, 3, -0.2, 0.3), rpy=_numbers(dice, 3, -3, 3)),
+        _geometry(dice),
+    ]
     if dice.chance(0.4):
-        parts.append(dice.choice([
-            lambda: _element("material", [_element("color", rgba=_numbers(dice, 4, 0, 1))], name="c"),
-            lambda: _element("material", [_element("texture", filename="image.png")], name="t"),
-            lambda: _element("material", name="shared")])())
+        parts.append(
+            dice.choice(
+                [
+                    lambda: _element(
+                        "material", [_element("color", rgba=_numbers(dice, 4, 0, 1))], name="c"
+                    ),
+                    lambda: _element(
+                        "material", [_element("texture", filename="image.png")], name="t"
+                    ),
+                    lambda: _element("material", name="shared"),
+                ]
+            )()
+        )
     return _element(tag, parts)
 
 
 def _joint(dice: Dice, k: int, joints: int) -> Element:
     kind = dice.choice(["revolute", "revolute", "continuous", "prismatic", "fixed", "floating"])
-    parts = [_element("parent", link=f"link{dice.randrange(k)}"), _element("child", link=f"link{k}"),
-             _element("origin", xyz=_numbers(dice, 3, -0.3, 0.5), rpy=_numbers(dice, 3, -1, 1)),
-             _element("axis", xyz=dice.choice(["0 0 1", "0 1 0", "1 0 0", _numbers(dice, 3, -1, 1)]))]
+    parts = [
+        _element("parent", link=f"link{dice.randrange(k)}"),
+        _element("child", link=f"link{k}"),
+        _element("origin", xyz=_numbers(dice, 3, -0.3, 0.5), rpy=_numbers(dice, 3, -1, 1)),
+        _element("axis", xyz=dice.choice(["0 0 1", "0 1 0", "1 0 0", _numbers(dice, 3, -1, 1)])),
+    ]
     if kind in ("revolute", "prismatic"):
-        parts.append(_element("limit", lower=_numbers(dice, 1, -2, 0), upper=_numbers(dice, 1, 0, 2),
-                              effort="1", velocity="1"))
+        parts.append(
+            _element(
+                "limit",
+                lower=_numbers(dice, 1, -2, 0),
+                upper=_numbers(dice, 1, 0, 2),
+                effort="1",
+                velocity="1",
+            )
+        )
     if joints > 2 and dice.chance(0.15):
-        parts.append(_element("mimic", joint=f"joint{dice.randrange(1, joints)}",
-                              multiplier=_numbers(dice, 1, -1, 1), offset="0"))
+        parts.append(
+            _element(
+                "mimic",
+                joint=f"joint{dice.randrange(1, joints)}",
+                multiplier=_numbers(dice, 1, -1, 1),
+                offset="0",
+            )
+        )
     return _element("joint", parts, name=f"joint{k}", type=kind)
 
 
 def _robot(dice: Dice) -> Element:
     """A robot that most often is right: a tree of 1 to 6 links."""
     count = dice.choice([1, 2, 2, 3, 4, 6])
-    root = _element("robot", [_element("material", [_element("color", rgba="0.8 0.2 0.1 1")],
-                                       name="shared")], name="m")
+    root = _element(
+        "robot",
+        [_element("material", [_element("color", rgba="0.8 0.2 0.1 1")], name="shared")],
+        name="m",
+    )
     for k in range(count):
         parts = [_visual(dice) for _ in range(dice.choice([0, 1, 1, 2]) if k else 1)]
         if dice.chance(0.5):
             parts.append(_visual(dice, "collision"))
         if dice.chance(0.5):
-            parts.append(_element("inertial", [
-                _element("mass", value="1"), _element("origin", xyz="0 0 0", rpy="0 0 0"),
-                _element("inertia", ixx="1", ixy="0", ixz="0", iyy="1", iyz="0", izz="1")]))
+            parts.append(
+                _element(
+                    "inertial",
+                    [
+                        _element("mass", value="1"),
+                        _element("origin", xyz="0 0 0", rpy="0 0 0"),
+                        _element("inertia", ixx="1", ixy="0", ixz="0", iyy="1", iyz="0", izz="1"),
+                    ],
+                )
+            )
         root.append(_element("link", parts, name=f"link{k}"))
     root.extend([_joint(dice, k, count) for k in range(1, count)])
     return root
@@ -155,29 +217,45 @@ def _robot(dice: Dice) -> Element:
 
 def _extra(dice: Dice) -> Element:
     """An element that URDFs in the wild hold."""
-    return dice.choice([
-        lambda: _element("collision"), lambda: _element("visual"), lambda: _visual(dice),
-        lambda: _visual(dice, "collision"), lambda: _joint(dice, 1, 3),
-        lambda: _element("link", [_visual(dice)], name="more"), lambda: _element("geometry"),
-        lambda: _element("collision", [_element("geometry", [_element("plane", normal="0 0 1")])]),
-        lambda: _element("visual", [_element("geometry", [_element("plane", normal="0 0 1")])]),
-        lambda: _element("inertia", ixx="n/a"), lambda: _element("limit", velocity="${v}"),
-        lambda: _element("mesh", filename=dice.choice(REFERENCES)),
-        lambda: _element("texture", filename=dice.choice(REFERENCES)),
-        lambda: _element("transmission", [_element("type")], name="t"),
-        lambda: _element("gazebo", [_element("plugin", filename="x.so")], reference="link0"),
-        lambda: _element("xacro:if", value="1"), lambda: _element("mimic", joint="joint1"),
-        lambda: _element("safety_controller", k_velocity="x"), lambda: _element("ros2_control"),
-        lambda: _element("box", size="0 0 0"), lambda: _element("sphere", radius="0"),
-        lambda: _element("dynamics", damping="nan"), lambda: _element("calibration", rising="x"),
-    ])()
+    return dice.choice(
+        [
+            lambda: _element("collision"),
+            lambda: _element("visual"),
+            lambda: _visual(dice),
+            lambda: _visual(dice, "collision"),
+            lambda: _joint(dice, 1, 3),
+            lambda: _element("link", [_visual(dice)], name="more"),
+            lambda: _element("geometry"),
+            lambda: _element(
+                "collision", [_element("geometry", [_element("plane", normal="0 0 1")])]
+            ),
+            lambda: _element("visual", [_element("geometry", [_element("plane", normal="0 0 1")])]),
+            lambda: _element("inertia", ixx="n/a"),
+            lambda: _element("limit", velocity="${v}"),
+            lambda: _element("mesh", filename=dice.choice(REFERENCES)),
+            lambda: _element("texture", filename=dice.choice(REFERENCES)),
+            lambda: _element("transmission", [_element("type")], name="t"),
+            lambda: _element("gazebo", [_element("plugin", filename="x.so")], reference="link0"),
+            lambda: _element("xacro:if", value="1"),
+            lambda: _element("mimic", joint="joint1"),
+            lambda: _element("safety_controller", k_velocity="x"),
+            lambda: _element("ros2_control"),
+            lambda: _element("box", size="0 0 0"),
+            lambda: _element("sphere", radius="0"),
+            lambda: _element("dynamics", damping="nan"),
+            lambda: _element("calibration", rising="x"),
+        ]
+    )()
 
 
 # -- meshes ---------------------------------------------------------------------------------------
 
-_OBJ = "mtllib cube.mtl\nusemtl a\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + (
-    "vt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\n") + "".join(
-    f"f {a + 1}/1/1 {b + 1}/2/1 {c + 1}/3/1\n" for a, b, c in CUBE)
+_OBJ = (
+    "mtllib cube.mtl\nusemtl a\n"
+    + "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS)
+    + ("vt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\n")
+    + "".join(f"f {a + 1}/1/1 {b + 1}/2/1 {c + 1}/3/1\n" for a, b, c in CUBE)
+)
 _MTL = "newmtl a\nKd 0.8 0.2 0.1\nKa 0 0 0\nNs 10\nd 1\nmap_Kd image.png\n"
 
 
@@ -196,12 +274,17 @@ def _ascii_stl() -> bytes:
 
 
 def _ply() -> bytes:
-    head = (f"ply\nformat ascii 1.0\nelement vertex {len(CORNERS)}\nproperty float x\n"
-            "property float y\nproperty float z\nproperty uchar red\nproperty uchar green\n"
-            f"property uchar blue\nelement face {len(CUBE)}\n"
-            "property list uchar int vertex_indices\nend_header\n")
-    return (head + "".join(f"{x} {y} {z} 200 10 10\n" for x, y, z in CORNERS)
-            + "".join(f"3 {a} {b} {c}\n" for a, b, c in CUBE)).encode()
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {len(CORNERS)}\nproperty float x\n"
+        "property float y\nproperty float z\nproperty uchar red\nproperty uchar green\n"
+        f"property uchar blue\nelement face {len(CUBE)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    return (
+        head
+        + "".join(f"{x} {y} {z} 200 10 10\n" for x, y, z in CORNERS)
+        + "".join(f"3 {a} {b} {c}\n" for a, b, c in CUBE)
+    ).encode()
 
 
 def _dae() -> bytes:
@@ -233,11 +316,18 @@ target="#m"/></technique_common></bind_material></instance_geometry></node></vis
 def _meshes() -> Content:
     maker = _textured()
     return {
-        "m/cube.obj": _OBJ.encode(), "m/cube.mtl": _MTL.encode(), "m/image.png": png(8, 8),
-        "m/cube.stl": _stl(), "m/ascii.stl": _ascii_stl(), "m/cube.ply": _ply(),
-        "m/cube.dae": _dae(), "m/cube.glb": maker.glb(), "m/cube.gltf": maker.gltf().encode(),
+        "m/cube.obj": _OBJ.encode(),
+        "m/cube.mtl": _MTL.encode(),
+        "m/image.png": png(8, 8),
+        "m/cube.stl": _stl(),
+        "m/ascii.stl": _ascii_stl(),
+        "m/cube.ply": _ply(),
+        "m/cube.dae": _dae(),
+        "m/cube.glb": maker.glb(),
+        "m/cube.gltf": maker.gltf().encode(),
         "m/link.obj": Special("link", "../../secret/secret.obj"),
-        "m/pipe.obj": Special("fifo"), "m/folder.obj": Special("folder"),
+        "m/pipe.obj": Special("fifo"),
+        "m/folder.obj": Special("folder"),
     }
 
 
@@ -270,17 +360,23 @@ def _change_lines(dice: Dice, data: bytes, name: str) -> bytes:
 
 def _text(*names: str) -> Callable[[Dice, Content], list[str]]:
     """Changes one of some text files, or a texture."""
+
     def change(dice: Dice, files: Content) -> list[str]:
-        changed = [dice.choice([n for n in names if not n.endswith(".png")])] if dice.chance(0.9) \
-            else []
+        changed = (
+            [dice.choice([n for n in names if not n.endswith(".png")])] if dice.chance(0.9) else []
+        )
         for name in changed:
             data = files[f"m/{name}"]
             assert isinstance(data, bytes)
-            files[f"m/{name}"] = change_bytes(dice, data, name) if dice.chance(0.15) else \
-                _change_lines(dice, data, name)
+            files[f"m/{name}"] = (
+                change_bytes(dice, data, name)
+                if dice.chance(0.15)
+                else _change_lines(dice, data, name)
+            )
         if any(n.endswith(".png") for n in names) and dice.chance(0.3):
             files["m/image.png"] = change_png(dice, png(8, 8), "image.png")
         return changed
+
     return change
 
 
@@ -298,9 +394,15 @@ def _binary_stl(dice: Dice, files: Content) -> list[str]:
 def _collada(dice: Dice, files: Content) -> list[str]:
     root = ElementTree.fromstring(_dae())
     for _ in range(1 + len(dice.few(3))):
-        change_xml(dice, root, "cube.dae", lambda: ElementTree.Element(
-            dice.choice(["node", "extra", "triangles", "polylist", "instance_node", "source"]),
-            {"url": "#n", "id": "n", "count": "1"}))
+        change_xml(
+            dice,
+            root,
+            "cube.dae",
+            lambda: ElementTree.Element(
+                dice.choice(["node", "extra", "triangles", "polylist", "instance_node", "source"]),
+                {"url": "#n", "id": "n", "count": "1"},
+            ),
+        )
     files["m/cube.dae"] = dump_xml(dice, root, "cube.dae")
     return []
 
@@ -314,13 +416,18 @@ def _gltf_mesh(text: bool) -> Callable[[Dice, Content], list[str]]:
         data = _dump_gltf(dice, maker, text)
         files[name] = change_bytes(dice, data, name) if dice.chance(0.15) else data
         return []
+
     return change
 
 
 _MESHES: dict[str, Callable[[Dice, Content], list[str]]] = {
-    "cube.obj": _text("cube.obj", "cube.obj", "cube.mtl", "image.png"), "ascii.stl": _text("ascii.stl"),
-    "cube.stl": _binary_stl, "cube.ply": _text("cube.ply"), "cube.dae": _collada,
-    "cube.glb": _gltf_mesh(False), "cube.gltf": _gltf_mesh(True),
+    "cube.obj": _text("cube.obj", "cube.obj", "cube.mtl", "image.png"),
+    "ascii.stl": _text("ascii.stl"),
+    "cube.stl": _binary_stl,
+    "cube.ply": _text("cube.ply"),
+    "cube.dae": _collada,
+    "cube.glb": _gltf_mesh(False),
+    "cube.gltf": _gltf_mesh(True),
 }
 
 
@@ -345,9 +452,14 @@ def _walker() -> Maker:
     shift = np.zeros((count, 3))
     shift[:, 1] = 0.1
     maker.tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": maker.accessor(shift)}]
-    maker.animate([(tip, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, 0.5, 0.5]], "LINEAR"),
-                   (tip, "translation", [0, 0.5, 1], [[0, 1, 0], [0, 1, 0.2], [0, 1, 0]], "STEP"),
-                   (body, "weights", [0, 1], [0.0, 1.0], "LINEAR")], name="walk")
+    maker.animate(
+        [
+            (tip, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, 0.5, 0.5]], "LINEAR"),
+            (tip, "translation", [0, 0.5, 1], [[0, 1, 0], [0, 1, 0.2], [0, 1, 0]], "STEP"),
+            (body, "weights", [0, 1], [0.0, 1.0], "LINEAR"),
+        ],
+        name="walk",
+    )
     return maker
 
 
@@ -356,12 +468,22 @@ def _textured() -> Maker:
     maker.add("images", bufferView=maker.view(png(8, 8)), mimeType="image/png")
     maker.add("samplers", magFilter=9729, wrapS=10497)
     maker.add("textures", source=0, sampler=0)
-    maker.add("materials", name="paint", alphaMode="OPAQUE", doubleSided=True, pbrMetallicRoughness={
-        "baseColorTexture": {"index": 0, "texCoord": 0}, "baseColorFactor": [1, 0.5, 0.5, 1],
-        "metallicFactor": 0.1, "roughnessFactor": 0.5})
+    maker.add(
+        "materials",
+        name="paint",
+        alphaMode="OPAQUE",
+        doubleSided=True,
+        pbrMetallicRoughness={
+            "baseColorTexture": {"index": 0, "texCoord": 0},
+            "baseColorFactor": [1, 0.5, 0.5, 1],
+            "metallicFactor": 0.1,
+            "roughnessFactor": 0.5,
+        },
+    )
     uv = maker.accessor(CORNERS[:, :2])
-    made = maker.mesh(primitive={"material": 0}, TEXCOORD_0=uv, COLOR_0=maker.accessor(
-        np.full((8, 3), 0.5)))
+    made = maker.mesh(
+        primitive={"material": 0}, TEXCOORD_0=uv, COLOR_0=maker.accessor(np.full((8, 3), 0.5))
+    )
     maker.scene(maker.node(name="top", mesh=made, children=[maker.node(name="arm", mesh=made)]))
     return maker
 
@@ -371,8 +493,16 @@ def _dump_gltf(dice: Dice, maker: Maker, text: bool) -> bytes:
     blob = bytes(maker.data) + bytes(-len(maker.data) % 4)
     tree: dict[str, Any] = dict(maker.tree)
     if text:
-        uri = dice.choice(["data.bin"] * 6 + ["link.bin", "../secret/secret.bin", "/etc/passwd",
-                                              "data:;base64,AAAA", "http://127.0.0.1:9/x.bin"])
+        uri = dice.choice(
+            ["data.bin"] * 6
+            + [
+                "link.bin",
+                "../secret/secret.bin",
+                "/etc/passwd",
+                "data:;base64,AAAA",
+                "http://127.0.0.1:9/x.bin",
+            ]
+        )
         tree.setdefault("buffers", [{"byteLength": len(maker.data), "uri": uri}])
         return dump_tree(tree)
     tree.setdefault("buffers", [{"byteLength": len(blob)}])
@@ -381,5 +511,3 @@ def _dump_gltf(dice: Dice, maker: Maker, text: bool) -> bytes:
     chunks = struct.pack("<II", len(body), 0x4E4F534A) + body
     chunks += struct.pack("<II", len(blob), 0x004E4942) + blob
     return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
-
-

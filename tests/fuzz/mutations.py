@@ -46,41 +46,189 @@ class Dice(random.Random):
 
 
 NAMES = (
-    "", " ", "a", "world", "base", "../secret/secret", "/etc/passwd", "~", "~root", "a\nb", "a\tb",
-    "\x1b[31mred\x1b[0m", "\x07", "\u202e", "\ufeff", "\x85", "x" * 300, "x" * 5000, "%s%n", "${v}",
-    "$(arg x)", "{0}", "-1", "--help", "nan", "None", "C:\\a", "a/b", "a\\b", ".", "..", ".zip",
-    "con", "'; x", "<script>", "&amp;", "\u00e9", "\U0001f916", "a\u0301", "000000", "=1+1",
+    "",
+    " ",
+    "a",
+    "world",
+    "base",
+    "../secret/secret",
+    "/etc/passwd",
+    "~",
+    "~root",
+    "a\nb",
+    "a\tb",
+    "\x1b[31mred\x1b[0m",
+    "\x07",
+    "\u202e",
+    "\ufeff",
+    "\x85",
+    "x" * 300,
+    "x" * 5000,
+    "%s%n",
+    "${v}",
+    "$(arg x)",
+    "{0}",
+    "-1",
+    "--help",
+    "nan",
+    "None",
+    "C:\\a",
+    "a/b",
+    "a\\b",
+    ".",
+    "..",
+    ".zip",
+    "con",
+    "'; x",
+    "<script>",
+    "&amp;",
+    "\u00e9",
+    "\U0001f916",
+    "a\u0301",
+    "000000",
+    "=1+1",
 )
 REFERENCES = (
-    "../secret/secret.obj", "../../secret/secret.stl", "../secret/secret.png", "/etc/passwd",
-    "file:///etc/passwd", "http://127.0.0.1:9/a.obj", "ftp://x/a.stl", "package://m/a.stl",
-    "package:///etc/passwd", "package://../secret/secret.obj", "model://m/cube.obj", "~/a.obj",
-    "C:\\a.obj", "\\\\host\\a.obj", "link.obj", "pipe.obj", "folder.obj", "./cube.obj", "m.urdf",
-    "cube.obj/../cube.obj", "%2e%2e/secret/secret.obj", "a%00.obj", "cube.OBJ", "cube.obj#1", "",
-    "data:application/octet-stream;base64,AAAA", "x" * 2000 + ".obj", "nowhere.stl", "big.png",
+    "../secret/secret.obj",
+    "../../secret/secret.stl",
+    "../secret/secret.png",
+    "/etc/passwd",
+    "file:///etc/passwd",
+    "http://127.0.0.1:9/a.obj",
+    "ftp://x/a.stl",
+    "package://m/a.stl",
+    "package:///etc/passwd",
+    "package://../secret/secret.obj",
+    "model://m/cube.obj",
+    "~/a.obj",
+    "C:\\a.obj",
+    "\\\\host\\a.obj",
+    "link.obj",
+    "pipe.obj",
+    "folder.obj",
+    "./cube.obj",
+    "m.urdf",
+    "cube.obj/../cube.obj",
+    "%2e%2e/secret/secret.obj",
+    "a%00.obj",
+    "cube.OBJ",
+    "cube.obj#1",
+    "",
+    "data:application/octet-stream;base64,AAAA",
+    "x" * 2000 + ".obj",
+    "nowhere.stl",
+    "big.png",
 )
 NUMBERS = (
-    "0", "-0", "1", "-1", "2", "0.5", "1e-9", "-1e-9", "1e-320", "1e9", "-1e9", "1e16", "1e30",
-    "1e38", "1e39", "1e308", "1e309", "1e999", "-1e999", "nan", "NaN", "inf", "-inf", "Infinity",
-    "2147483647", "2147483648", "4294967295", "9223372036854775807", "9223372036854775808",
-    "18446744073709551616", "1" + "0" * 400, "1" + "0" * 5000, "0x10", "1_0", "1,5", "1.5.5", "--1",
-    "+1", "1e", ".", "", "${v}", "n/a", "\u0661", "1 2", "1 2 3 4 5 6 7", "true", "1f", "-0.0",
+    "0",
+    "-0",
+    "1",
+    "-1",
+    "2",
+    "0.5",
+    "1e-9",
+    "-1e-9",
+    "1e-320",
+    "1e9",
+    "-1e9",
+    "1e16",
+    "1e30",
+    "1e38",
+    "1e39",
+    "1e308",
+    "1e309",
+    "1e999",
+    "-1e999",
+    "nan",
+    "NaN",
+    "inf",
+    "-inf",
+    "Infinity",
+    "2147483647",
+    "2147483648",
+    "4294967295",
+    "9223372036854775807",
+    "9223372036854775808",
+    "18446744073709551616",
+    "1" + "0" * 400,
+    "1" + "0" * 5000,
+    "0x10",
+    "1_0",
+    "1,5",
+    "1.5.5",
+    "--1",
+    "+1",
+    "1e",
+    ".",
+    "",
+    "${v}",
+    "n/a",
+    "\u0661",
+    "1 2",
+    "1 2 3 4 5 6 7",
+    "true",
+    "1f",
+    "-0.0",
 )
-_JSON_RAW = ("1e999", "-1e999", "NaN", "Infinity", "-Infinity", "1" + "0" * 400, "1" + "0" * 5000,
-             '"\\ud800"', "[" * 600 + "]" * 600, "1e-400", "-0", "0.1e1", '"\\u0000"')
+_JSON_RAW = (
+    "1e999",
+    "-1e999",
+    "NaN",
+    "Infinity",
+    "-Infinity",
+    "1" + "0" * 400,
+    "1" + "0" * 5000,
+    '"\\ud800"',
+    "[" * 600 + "]" * 600,
+    "1e-400",
+    "-0",
+    "0.1e1",
+    '"\\u0000"',
+)
 
 
 def value(dice: Dice) -> Any:
     """A value that a reader may not expect."""
-    return dice.choice([
-        lambda: None, lambda: dice.chance(0.5), lambda: dice.choice(
-            [0, -1, 1, 2, 3, 7, 255, 256, 65535, 65536, 2**31 - 1, 2**31, 2**32, 2**53 + 1, 2**63,
-             2**64, -2**31, -2**63 - 1, 10**30]),
-        lambda: dice.choice([0.0, -0.0, 0.5, 1.5, -1.5, 1e-12, 1e-320, 1e9, 1e20, 1e300, -1e300]),
-        lambda: dice.choice(NAMES), lambda: dice.choice(REFERENCES), lambda: dice.choice(NUMBERS),
-        lambda: [], lambda: {}, lambda: [value(dice) for _ in range(dice.randrange(1, 5))],
-        lambda: {dice.choice(NAMES): value(dice)}, lambda: Raw(dice.choice(_JSON_RAW)),
-    ])()
+    return dice.choice(
+        [
+            lambda: None,
+            lambda: dice.chance(0.5),
+            lambda: dice.choice(
+                [
+                    0,
+                    -1,
+                    1,
+                    2,
+                    3,
+                    7,
+                    255,
+                    256,
+                    65535,
+                    65536,
+                    2**31 - 1,
+                    2**31,
+                    2**32,
+                    2**53 + 1,
+                    2**63,
+                    2**64,
+                    -(2**31),
+                    -(2**63) - 1,
+                    10**30,
+                ]
+            ),
+            lambda: dice.choice(
+                [0.0, -0.0, 0.5, 1.5, -1.5, 1e-12, 1e-320, 1e9, 1e20, 1e300, -1e300]
+            ),
+            lambda: dice.choice(NAMES),
+            lambda: dice.choice(REFERENCES),
+            lambda: dice.choice(NUMBERS),
+            lambda: [],
+            lambda: {},
+            lambda: [value(dice) for _ in range(dice.randrange(1, 5))],
+            lambda: {dice.choice(NAMES): value(dice)},
+            lambda: Raw(dice.choice(_JSON_RAW)),
+        ]
+    )()
 
 
 def _shown(item: Any) -> str:
@@ -92,8 +240,9 @@ def _shown(item: Any) -> str:
 
 def places(tree: Any, path: str = "$") -> list[tuple[Any, Any, str]]:
     """(holder, key, path) of every value below a tree."""
-    keys = list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) \
-        else ()
+    keys = (
+        list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else ()
+    )
     out: list[tuple[Any, Any, str]] = []
     for key in keys:
         here = f"{path}.{key}" if isinstance(tree, dict) else f"{path}[{key}]"
@@ -110,7 +259,8 @@ def change_tree(dice: Dice, tree: Any, name: str) -> None:
     depths = sorted({path.count(".") + path.count("[") for _, _, path in found})
     depth = dice.choice(depths)
     holder, key, path = dice.choice(
-        [f for f in found if f[2].count(".") + f[2].count("[") == depth])
+        [f for f in found if f[2].count(".") + f[2].count("[") == depth]
+    )
     old = holder[key]
     how = dice.choice(["value", "value", "number", "delete", "copy", "wrap", "add", "swap"])
     if how == "delete":
@@ -125,10 +275,17 @@ def change_tree(dice: Dice, tree: Any, name: str) -> None:
         old += [value(dice)] * dice.choice([1, 1, 2, 100])
     elif how == "swap":
         other = dice.choice(found)
-        holder[key] = _copied(other[0].get(other[1]) if isinstance(other[0], dict)
-                              else other[0][other[1]] if other[1] < len(other[0]) else None)
+        holder[key] = _copied(
+            other[0].get(other[1])
+            if isinstance(other[0], dict)
+            else other[0][other[1]]
+            if other[1] < len(other[0])
+            else None
+        )
     elif how == "number" and isinstance(old, int | float) and not isinstance(old, bool):
-        holder[key] = dice.choice([old + 1, old - 1, -old, old * 2, old * 1000, float(old), str(old)])
+        holder[key] = dice.choice(
+            [old + 1, old - 1, -old, old * 2, old * 1000, float(old), str(old)]
+        )
     else:
         holder[key] = value(dice)
     new = holder[key] if how != "delete" and (isinstance(holder, list) or key in holder) else "..."
@@ -174,8 +331,22 @@ def change_xml(dice: Dice, root: Element, name: str, extra: Callable[[], Element
     elements = list(root.iter())
     element = dice.choice(elements)
     parents = {child: parent for parent in elements for child in parent}
-    how = dice.choice(["number", "number", "text", "reference", "delete", "attribute", "copy",
-                       "move", "rename", "extra", "content", "deep"])
+    how = dice.choice(
+        [
+            "number",
+            "number",
+            "text",
+            "reference",
+            "delete",
+            "attribute",
+            "copy",
+            "move",
+            "rename",
+            "extra",
+            "content",
+            "deep",
+        ]
+    )
     key = dice.choice([*element.attrib] or ["name"])
     if how in ("number", "text", "reference"):
         pool = {"number": NUMBERS, "text": NAMES, "reference": REFERENCES}[how]
@@ -195,7 +366,9 @@ def change_xml(dice: Dice, root: Element, name: str, extra: Callable[[], Element
         dice.choice(elements).append(_copied_element(element))
         parents[element].remove(element)
     elif how == "rename":
-        element.tag = dice.choice([e.tag for e in elements] + ["xacro:if", "plane", "a:b", "unknown"])
+        element.tag = dice.choice(
+            [e.tag for e in elements] + ["xacro:if", "plane", "a:b", "unknown"]
+        )
     elif how == "extra":
         element.insert(dice.randrange(len(element) + 1), extra())
     elif how == "content":
@@ -251,19 +424,23 @@ def change_bytes(dice: Dice, data: bytes, name: str) -> bytes:
             if out:
                 out[dice.randrange(len(out))] ^= 1 << dice.randrange(8)
     elif how == "head":
-        patch = dice.choice([b"\xff" * 4, bytes(4), b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", b"(((("])
-        out[head:head + 4] = patch
+        patch = dice.choice(
+            [b"\xff" * 4, bytes(4), b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", b"(((("]
+        )
+        out[head : head + 4] = patch
     elif how == "insert":
         out[at:at] = dice.randbytes(dice.choice([1, 3, 64, 4096]))
     elif how == "remove":
-        del out[at:at + dice.choice([1, 4, 100])]
+        del out[at : at + dice.choice([1, 4, 100])]
     elif how == "repeat":
-        out[at:at] = out[max(0, at - 64):at] * dice.choice([1, 10, 100])
+        out[at:at] = out[max(0, at - 64) : at] * dice.choice([1, 10, 100])
     elif how == "zero":
         n = dice.choice([1, 16, 1000])
-        out[at:at + n] = bytes(len(out[at:at + n]))
+        out[at : at + n] = bytes(len(out[at : at + n]))
     else:
-        out = bytearray(dice.choice([b"", b"\n", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"{}", b"[]"]))
+        out = bytearray(
+            dice.choice([b"", b"\n", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"{}", b"[]"])
+        )
     dice.note(f"{name}: bytes {how} at {head if how == 'head' else at}")
     return bytes(out)
 
@@ -284,8 +461,9 @@ def change_png(dice: Dice, data: bytes, name: str) -> bytes:
     width, height, bits, color, *rest = struct.unpack(">IIBBBBB", data[16:29])
     how = dice.choice(["size", "bits", "color", "rest", "chunk", "other"])
     if how == "size":
-        width, height = (dice.choice([0, 1, 2**16, 2**31 - 1, 2**32 - 1, width, 2 * width])
-                         for _ in range(2))
+        width, height = (
+            dice.choice([0, 1, 2**16, 2**31 - 1, 2**32 - 1, width, 2 * width]) for _ in range(2)
+        )
     elif how == "bits":
         bits = dice.choice([0, 1, 2, 4, 8, 16, 32])
     elif how == "color":
@@ -327,31 +505,59 @@ def change_array(dice: Dice, data: bytes, name: str) -> bytes:
             where = slice(None) if dice.chance(0.2) else dice.randrange(len(flat))
             if flat.dtype.kind != "f" and not np.isfinite(odd):
                 odd = -7
-            flat[where] = np.float64(odd).astype(flat.dtype) if abs(odd) < 2**62 else odd \
-                if flat.dtype.kind == "f" else 1
+            flat[where] = (
+                np.float64(odd).astype(flat.dtype)
+                if abs(odd) < 2**62
+                else odd
+                if flat.dtype.kind == "f"
+                else 1
+            )
         dice.note(f"{name}: value {odd}")
         return npy(flat.reshape(array.shape))
     if how == "shape":
-        new = dice.choice([array[:-1] if array.ndim else array, array.reshape(-1), array[None],
-                           array[..., None], array[:0] if array.ndim else array,
-                           np.zeros((0,)), np.zeros((3, 0, 2))])
+        new = dice.choice(
+            [
+                array[:-1] if array.ndim else array,
+                array.reshape(-1),
+                array[None],
+                array[..., None],
+                array[:0] if array.ndim else array,
+                np.zeros((0,)),
+                np.zeros((3, 0, 2)),
+            ]
+        )
     elif how == "type":
-        kind = dice.choice(["?", "i1", "u8", "f2", "f4", ">f8", "c16", "S4", "U4", "O", "M8[s]", "V8",
-                            "g", "i8"])
+        kind = dice.choice(
+            ["?", "i1", "u8", "f2", "f4", ">f8", "c16", "S4", "U4", "O", "M8[s]", "V8", "g", "i8"]
+        )
         with np.errstate(all="ignore"):
-            new = np.zeros(array.shape, kind) if kind in ("S4", "U4", "M8[s]", "V8", "O") else \
-                array.astype(kind)
+            new = (
+                np.zeros(array.shape, kind)
+                if kind in ("S4", "U4", "M8[s]", "V8", "O")
+                else array.astype(kind)
+            )
         dice.note(f"{name}: type {kind}")
     else:
-        text = dice.choice([
-            "((((", "{'descr': '<f8', 'fortran_order': False, 'shape': (2**40,)}",
-            "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999, 3), }",
-            "{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }",
-            "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,), }",
-            "{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", "{}", "[]", "0", "\xff",
-            "{'descr': '<f8', 'fortran_order': True, 'shape': (), }", "(" * 3000, "__import__('os')",
-            "{'descr': '<f8', 'fortran_order': 1, 'shape': (1,), }", "-" * 9000,
-            "{'descr': '<V0', 'fortran_order': False, 'shape': (1000000000000,), }"])
+        text = dice.choice(
+            [
+                "((((",
+                "{'descr': '<f8', 'fortran_order': False, 'shape': (2**40,)}",
+                "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999, 3), }",
+                "{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }",
+                "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,), }",
+                "{'descr': '|O', 'fortran_order': False, 'shape': (1,), }",
+                "{}",
+                "[]",
+                "0",
+                "\xff",
+                "{'descr': '<f8', 'fortran_order': True, 'shape': (), }",
+                "(" * 3000,
+                "__import__('os')",
+                "{'descr': '<f8', 'fortran_order': 1, 'shape': (1,), }",
+                "-" * 9000,
+                "{'descr': '<V0', 'fortran_order': False, 'shape': (1000000000000,), }",
+            ]
+        )
         dice.note(f"{name}: header {text[:40]}")
         body = text.encode("latin1") + b"\n"
         version = dice.choice([b"\x01\x00", b"\x02\x00", b"\x03\x00", b"\x09\x09"])
@@ -366,9 +572,33 @@ def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> by
     out = io.BytesIO()
     odd = dice is not None and bool(members) and dice.chance(0.3)
     target = dice.choice([*members]) if odd and dice else ""
-    how = dice.choice(["deflate", "bzip2", "lzma", "twice", "rename", "crc", "size", "flag", "offset",
-                       "extra", "missing", "folder", "comment", "bytes"]) if odd and dice else ""
-    methods = {"deflate": zipfile.ZIP_DEFLATED, "bzip2": zipfile.ZIP_BZIP2, "lzma": zipfile.ZIP_LZMA}
+    how = (
+        dice.choice(
+            [
+                "deflate",
+                "bzip2",
+                "lzma",
+                "twice",
+                "rename",
+                "crc",
+                "size",
+                "flag",
+                "offset",
+                "extra",
+                "missing",
+                "folder",
+                "comment",
+                "bytes",
+            ]
+        )
+        if odd and dice
+        else ""
+    )
+    methods = {
+        "deflate": zipfile.ZIP_DEFLATED,
+        "bzip2": zipfile.ZIP_BZIP2,
+        "lzma": zipfile.ZIP_LZMA,
+    }
     with zipfile.ZipFile(out, "w") as archive:
         for member, data in members.items():
             info = zipfile.ZipInfo(member, (1980, 1, 1, 0, 0, 0))
@@ -377,8 +607,23 @@ def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> by
                     continue
                 if how == "rename":
                     info.filename = dice.choice(
-                        ["", "/", "a/", "../x", "/etc/passwd", "a\\b", "x" * 300, "\x1b[2J", "\x00",
-                         member.upper(), member + " ", "\u00e9.png", "meta.json", "./" + member])
+                        [
+                            "",
+                            "/",
+                            "a/",
+                            "../x",
+                            "/etc/passwd",
+                            "a\\b",
+                            "x" * 300,
+                            "\x1b[2J",
+                            "\x00",
+                            member.upper(),
+                            member + " ",
+                            "\u00e9.png",
+                            "meta.json",
+                            "./" + member,
+                        ]
+                    )
                 info.compress_type = methods.get(how, zipfile.ZIP_STORED)
                 if how == "extra":
                     info.extra = dice.randbytes(dice.choice([1, 4, 40]))
@@ -410,6 +655,6 @@ def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> by
     if how in methods and dice.chance(0.7):  # the compressed bytes are damaged
         entry = bytearray(data)
         start = data.find(target.encode()) + len(target)
-        entry[start:start + 4] = dice.randbytes(4)
+        entry[start : start + 4] = dice.randbytes(4)
         return bytes(entry)
     return data

@@ -1,0 +1,224 @@
+"""Each command is killed, or its disk fails, at every change of a file; then it runs again."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import re
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import get_args
+
+from .cases import Files, read_tree, write
+from .data import EVALUATE, dataset_files, results_files
+from .faults import Fault, Schedule
+from .sandbox import Command, Outcome, Sandbox, run
+
+FAULTS: tuple[Fault, ...] = get_args(Fault)
+Digest = dict[str, object]
+_RENDER = (
+    "render",
+    "--robot",
+    "../input/arm.urdf",
+    "--n",
+    "2",
+    "--frames",
+    "2",
+    "--width",
+    "32",
+    "--height",
+    "24",
+    "--samples",
+    "1",
+    "--workers",
+    "1",
+    "--out",
+    "out",
+)
+_TRAIN = (
+    "train",
+    "flow",
+    "--data",
+    "../input/d",
+    "--out",
+    "out",
+    "--steps",
+    "2",
+    "--batch",
+    "1",
+    "--crop",
+    "48",
+    "48",
+    "--device",
+    "cpu",
+    "--threads",
+    "1",
+    "--minutes",
+    "0",
+    "--precision",
+    "float32",
+    "--iterations",
+    "1",
+)
+
+
+@dataclass(frozen=True)
+class Action:
+    """A command, what it reads, and what in the end must be the same in all ways to get there."""
+
+    argv: tuple[str, ...]
+    files: Callable[[], Files]
+    digest: Callable[[Sandbox], Digest]
+    step: int = 1
+    """Faults happen at each change, or at one in so many."""
+
+
+def _bytes_below(box: Sandbox) -> Digest:
+    """Every file that the command has made."""
+    return {
+        name: hashlib.sha256(data).hexdigest()
+        for name, data in {
+            **read_tree(box.work, "work"),
+            **read_tree(box.root / "cache", "cache"),
+        }.items()
+        if isinstance(data, bytes) and not name.endswith(".lock")
+    }
+
+
+def _without_times(box: Sandbox) -> Digest:
+    """The same, but for the seconds and the memory that a method took."""
+    out: Digest = {}
+    for name, data in read_tree(box.work, "work").items():
+        assert isinstance(data, bytes)
+        if name.endswith(".csv"):
+            rows = csv.reader(io.StringIO(data.decode()))
+            out[name] = [row for row in rows if row[14] not in ("seconds_per_frame", "peak_memory")]
+        elif name.endswith(".zip"):
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                told = json.loads(archive.read("estimate.json"))
+                out[name] = (told["status"], archive.read("estimate.npz"))
+        else:
+            out[name] = data
+    return out
+
+
+def _weights(box: Sandbox) -> Digest:
+    return {"weights": hashlib.sha256((box.work / "out/raft.safetensors").read_bytes()).hexdigest()}
+
+
+def _dataset() -> Files:
+    return dict(dataset_files())
+
+
+def _train_data() -> Files:
+    """The dataset as one of the stream "train"."""
+    files = dict(dataset_files())
+    data = files["d/dataset.json"]
+    assert isinstance(data, bytes)
+    return {**files, "d/dataset.json": data.replace(b'"stream": "test"', b'"stream": "train"')}
+
+
+def _predictions() -> Files:
+    rows = [f"{s:06d},{t},{j},0.1" for s in (0, 1) for t in (1, 2) for j in (1, 2)]
+    head = [
+        "# method: mine",
+        "# inputs: rgbd",
+        "# knowledge: free",
+        "# training: none",
+        "sequence,frame,joint,displacement",
+    ]
+    return {**dataset_files(), "p.csv": "\n".join([*head, *rows]).encode()}
+
+
+ACTIONS = {
+    "render": Action(_RENDER, _dataset, _bytes_below),
+    "eval": Action(EVALUATE, _dataset, _without_times),
+    "score": Action(
+        (
+            "score",
+            "--predictions",
+            "../input/p.csv",
+            "--data",
+            "../input/d",
+            "--keep-unobservable",
+            "--results",
+            "results",
+        ),
+        _predictions,
+        _without_times,
+    ),
+    "report": Action(
+        ("report", "results", "--no-pictures", "--out", "report"),
+        lambda: {**dataset_files(), **results_files()},
+        _bytes_below,
+    ),
+    "show": Action(
+        ("show", "../input/d", "--out", "a.html", "--contact-sheet", "b.png", "--gif", "c.gif"),
+        _dataset,
+        _bytes_below,
+    ),
+    "train": Action(_TRAIN, _train_data, _weights),
+} | {
+    f"export {name}": Action(
+        ("export", "../input/d", "--format", name, "--out", "out"), _dataset, _bytes_below, step
+    )
+    for name, step in (("kitti", 3), ("bop", 3), ("coco", 3), ("webdataset", 1), ("tapvid", 1))
+}
+"""What changes files, but for `fetch`, which runs pip."""
+
+
+def check_action(name: str, box: Sandbox, faults: tuple[Fault, ...], at: int = 0) -> Iterator[str]:
+    """Yield what goes wrong when faults happen at each change, or only at change `at`."""
+    action = ACTIONS[name]
+    command = Command(action.argv, (0,), quiet=False)
+    first = _prepared(action, box, command)
+    if first.problems or first.code:
+        yield f"{name}: {'; '.join(first.problems)}: {first.stderr[-300:]}"
+        return
+    expected = action.digest(box)
+    for fault in faults:
+        where = at or 1
+        while True:
+            said, changes = _with_fault(action, box, command, fault, where, expected)
+            for line in said:
+                yield (
+                    f"python -m tests.fuzz --faults '{name}' --fault {fault} --at {where}  # {line}"
+                )
+            if at or changes < where or fault == "read-only":
+                break
+            where += action.step
+
+
+def _prepared(action: Action, box: Sandbox, command: Command) -> Outcome:
+    box.reset()
+    write(action.files(), box)
+    return run(command, box)
+
+
+def _with_fault(
+    action: Action, box: Sandbox, command: Command, fault: Fault, at: int, expected: Digest
+) -> tuple[list[str], int]:
+    """What goes wrong with a fault and in the run after it, and the number of changes."""
+    folders = tuple((box.root / name).resolve() for name in ("work", "cache"))
+    schedule = Schedule(fault, at, folders)
+    codes = (0, 2) if fault != "kill" else (0, -9)
+    broken = _prepared(action, box, replace(command, codes=codes, prepare=schedule.install))
+    expectable = ("was killed by SIGKILL",) if fault == "kill" else ()
+    left = {"kill": "left ", "full": r"left .*\.part", "read-only": "left "}[fault]
+    wrong = [
+        p
+        for p in broken.problems
+        if p not in expectable and not (re.match(left, p) and not p.startswith("left a process"))
+    ]
+    shutil.rmtree(box.root / "tmp")
+    (box.root / "tmp").mkdir()
+    again = run(command, box)
+    wrong += [f"afterwards: {problem}" for problem in again.problems]
+    if not again.code and (found := action.digest(box)) != expected:
+        names = {k for k in {*found, *expected} if found.get(k) != expected.get(k)}
+        wrong.append(f"afterwards: other content: {', '.join(sorted(names)[:5])}")
+    return wrong, schedule.count
