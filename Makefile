@@ -2,10 +2,11 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-builtin-rules
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all lint docs speed appliances env clean package libraries
+.PHONY: help demo test test-all fuzz lint docs speed appliances env clean package libraries
 
 PYTHON ?= python3
 N ?= 100
+MINUTES ?= 60
 export PYTHON
 VENV := .venv
 PY := $(CURDIR)/$(VENV)/bin/python
@@ -33,6 +34,10 @@ test: $(VENV)/.test-$(NEEDS) package libraries  ## the fast tests (a few minutes
 
 test-all: $(VENV)/.test-$(NEEDS) package libraries  ## all tests
 	$(PYTEST) $(ARGS)
+
+fuzz: package  ## hostile inputs of every kind for an hour (MINUTES); a finding is one line
+	@.ci/system-libraries $(PY)
+	$(PY) -m tests.fuzz --minutes $(MINUTES) $(ARGS)
 
 lint: $(VENV)/.lint-$(NEEDS) package  ## ruff and pyright
 	$(PY) -m ruff check .

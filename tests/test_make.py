@@ -62,6 +62,13 @@ def test_appliances_are_rendered_and_verified(folder: Path) -> None:
     assert len(list(folder.glob("demo/*.png"))) == 4
 
 
+@pytest.mark.gl
+def test_fuzz_runs_cases(folder: Path) -> None:
+    shutil.copytree(CHECKOUT / "tests", folder / "tests")
+    said = make("fuzz", "ARGS=configuration results --count 1", folder=folder)
+    assert "results: 1 cases, 1 of them accepted, 0 findings, seed 1" in said
+
+
 def test_clean_leaves_data(folder: Path) -> None:
     for name in ("demo", "build", "data", "robots/__pycache__"):
         (folder / name).mkdir(parents=True)

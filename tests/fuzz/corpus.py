@@ -562,12 +562,12 @@ def _method(
     begin: str = "pass",
     name: str = '"odd"',
     error: str = "SystemExit",
-    *more: str,
+    foreign: bool = True,
 ) -> Case:
     text = _METHOD.replace("BODY", body).replace("BEGIN", begin).replace("NAME", name)
     files: Content = {**dataset_files(), "method.py": text.replace("ERROR", error).encode()}
-    argv = ("eval", "--method", "../input/method.py:Method", *EVALUATE[3:], *more)
-    return Case(files, [Command(argv, quiet=False)])
+    argv = ("eval", "--method", "../input/method.py:Method", *EVALUATE[3:])
+    return Case(files, [Command(argv, quiet=False, foreign=foreign)])
 
 
 @named()
@@ -625,7 +625,7 @@ def a_method_that_kills_itself() -> Case:
 
 def _harmful(harm: str, body: str) -> None:
     """Enter a method that does harm; the words of what is seen are its name."""
-    CORPUS["seen: " + harm] = Named(lambda: _method(body), "", True, harm)
+    CORPUS["seen: " + harm] = Named(lambda: _method(body, foreign=False), "", True, harm)
 
 
 _harmful("reads .*secret", "open('../secret/secret')")
@@ -633,6 +633,6 @@ _harmful("writes .*input/x", "open('../input/x', 'w')")
 _harmful("writes /tmp", "os.mkdir('/tmp/gcbench-fuzz-x/y')")
 _harmful("uses the network", "__import__('socket').socket().connect(('127.0.0.1', 9))")
 _harmful("starts a program", "subprocess.run(['true'])")
-_harmful("left .* temporary", "__import__('tempfile').mkstemp()")
+_harmful("left .* temporary", "open('../tmp/x', 'w')")
 _harmful("prints the control character", "print('\\x1b[2J'); raise ValueError('\\x1b[2J')")
 _harmful("took|MemoryError", "x = bytearray(3 * 2**30); x[::4096] = b'x' * (len(x) // 4096)")

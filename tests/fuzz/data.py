@@ -233,6 +233,8 @@ def change_npz(dice: Dice, data: bytes, name: str) -> bytes:
     except Exception:  # it was damaged before
         return change_bytes(dice, data, name)
     how = dice.choice(["array", "array", "array", "missing", "more", "zip", "bytes"])
+    if not members:
+        return change_bytes(dice, data, name)
     member = dice.choice([*members])
     if how == "bytes":
         return change_bytes(dice, data, name)

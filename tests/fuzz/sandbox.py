@@ -49,6 +49,8 @@ class Command:
     """Whether stderr holds nothing but `gcbench: ` lines; methods and formats have more to say."""
     fetches: bool = False
     """Whether it may start pip, because the user names a robot of the catalogue."""
+    foreign: bool = False
+    """Whether it runs a method of the user, which may start programs and print tracebacks."""
     prepare: Callable[[], None] | None = None
     """Called in the process before the command."""
 
@@ -332,7 +334,8 @@ class _Auditor:
         ]
         self.reads = _prefixes([*mine, *box.readable, *system, package, *filter(None, [numba])])
         self.writes = _prefixes([*mine[1:], "/dev/null", *filter(None, [numba])])
-        self.programs = ["uname"] + ["pip"] * command.fetches  # uname: platform.processor()
+        self.programs = ["uname"]  # platform.processor()
+        self.programs += ["pip"] * command.fetches + [""] * command.foreign
         self.busy = False
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
@@ -407,7 +410,7 @@ def _text_problems(command: Command, code: int, out: str, err: str) -> Iterator[
         yield f"was killed by {signal.Signals(-code).name}"
     err = err.replace("\x1b[A", "\r")  # tqdm moves up from a bar below another
     lines = [line for line in re.split(r"[\r\n]+", err) if line.strip()]
-    if "Traceback (most recent call last)" in out + err:
+    if "Traceback (most recent call last)" in out + err and not command.foreign:
         yield f"traceback: {lines[-1][:200] if lines else ''}"
         return
     if code not in command.codes:
