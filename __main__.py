@@ -142,7 +142,7 @@ def export(dataset: Path, /, format: str, out: Path | None = None, sequences: st
     """Write a dataset in the format of another benchmark or tool.
 
     kitti: optical flow (KITTI 2015) and depth. bop: poses of parts, their meshes and masks. coco:
-    instance masks of parts. webdataset: shards for training. tapvid: point tracks. rerun:
+    instance masks of parts. webdataset, hf: shards for training. tapvid: point tracks. rerun:
     recordings for the Rerun viewer. To continue an interrupted export, run the same command again.
 
     Examples:
@@ -152,7 +152,7 @@ def export(dataset: Path, /, format: str, out: Path | None = None, sequences: st
 
     Args:
         dataset: Folder of a dataset.
-        format: kitti, bop, coco, webdataset, tapvid or rerun.
+        format: kitti, bop, coco, webdataset, hf, tapvid or rerun.
         out: Folder of the export, which must not exist. Default: DATASET-FORMAT.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
     """

@@ -29,6 +29,7 @@ WRITERS: dict[str, str] = {
     "webdataset": "webdataset:WebDataset",
     "tapvid": "tapvid:TapVid",
     "rerun": "rerun:Rerun",
+    "hf": "huggingface:HuggingFace",
 }
 _FILE = "export.json"
 
@@ -51,7 +52,7 @@ def export_dataset(
 
     Args:
         dataset: Folder of the dataset.
-        format: "kitti", "bop", "coco", "webdataset", "tapvid" or "rerun".
+        format: "kitti", "bop", "coco", "webdataset", "hf", "tapvid" or "rerun".
         out: Folder of the export, which must not exist.
         sequences: Numbers and ranges of sequences, for example "0-9,15". Default: all.
         progress: Whether to show a progress bar.

@@ -5,7 +5,10 @@ from __future__ import annotations
 import csv
 import dataclasses
 import gc
+import gzip
+import hashlib
 import importlib.util
+import io
 import json
 import signal
 import subprocess
@@ -342,9 +345,10 @@ def test_webdataset(
     out = export_dataset(dataset.path, "webdataset", tmp_path / "w", progress=False).folder
     shards = sorted(str(path) for path in out.glob("*.tar"))
     assert [Path(s).name for s in shards] == [f"arm-{k:06d}.tar" for k in range(3)]
-    samples = list(wds.WebDataset(shards, shardshuffle=False).decode())
+    samples = list(wds.WebDataset(shards, shardshuffle=False).decode("rgb8"))
     gc.collect()  # the reader leaves its last shard open
     assert len(samples) == SEQUENCES * FRAMES
+    assert len({tuple(sample) for sample in samples}) == 1, "every sample has the same keys"
     for sample in samples:
         facts = sample["json"]
         sequence, t = dataset[facts["sequence"]], facts["frame"]
@@ -352,19 +356,20 @@ def test_webdataset(
         np.testing.assert_array_equal(facts["joint_positions"], sequence.state.joint_positions[t])
         np.testing.assert_array_equal(facts["world_from_part"], sequence.state.world_from_part[t])
         np.testing.assert_array_equal(facts["intrinsics"], sequence.state.intrinsics)
+        same_images({k.partition(".")[0]: v for k, v in sample.items()}, sequence, t)
 
-        def image(kind: str, sample: dict[str, bytes] = sample) -> np.ndarray:
-            data = np.frombuffer(sample[f"{kind}.png"], np.uint8)
-            return cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
 
-        np.testing.assert_array_equal(image("rgb")[..., ::-1], sequence.rgb[t])
-        np.testing.assert_array_equal(image("part"), sequence.part[t])
-        np.testing.assert_allclose(
-            image("depth") * facts["depth_unit"], sequence.depth[t], atol=1e-6)
-        assert ("flow.png" in sample) == ("visibility.png" in sample) == (t < FRAMES - 1)
-        assert ("flow_backward.png" in sample) == (t > 0)
-        if t < FRAMES - 1:
-            np.testing.assert_array_equal(image("visibility"), sequence.visibility[t])
+def same_images(found: dict[str, np.ndarray], sequence: Sequence, t: int) -> None:
+    """Every image of frame t, as it is in the dataset."""
+    frame = sequence.frame(t)
+    for kind in ("rgb", "depth", "part"):
+        np.testing.assert_array_equal(found[kind], getattr(frame, kind))
+    for kind in ("flow", "flow_backward"):
+        flow = getattr(frame, kind)
+        assert (flow is None) == (t == (FRAMES - 1 if kind == "flow" else 0))
+        np.testing.assert_array_equal(found[kind], np.nan if flow is None else flow)
+    np.testing.assert_array_equal(
+        found["visibility"], 255 if frame.visibility is None else frame.visibility)
 
 
 @pytest.mark.gl
@@ -381,10 +386,48 @@ def test_webdataset_has_the_layers(toy: Dataset, tmp_path: Path) -> None:
                 expected = getattr(sequence.state, key)[t]
                 np.testing.assert_array_equal(np.array(facts[key], expected.dtype), expected)
             np.testing.assert_array_equal(facts["track_query"], sequence.state.track_query)
-            image = cv2.imdecode(np.frombuffer(files[f"{name}_{t:06d}.normal.png"], np.uint8), -1)
-            assert image.shape[:2] == (120, 160)
+            packed = files[f"{name}_{t:06d}.normal.npy.gz"]
+            normal = np.load(io.BytesIO(gzip.decompress(packed)))
+            np.testing.assert_array_equal(normal, sequence.normal[t])
     gone = np.array([[np.nan, 1.0], [2.0, 3.0]])
     assert known(gone) == [[None, 1.0], [2.0, 3.0]] and known(np.float64(2)) == 2.0
+
+
+# -- Hugging Face -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("streaming", [False, True])
+@pytest.mark.filterwarnings("ignore")
+def test_hugging_face_loads_it(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, streaming: bool
+) -> None:
+    datasets = pytest.importorskip("datasets")
+    monkeypatch.setattr("gcbench.renderer.export.webdataset.SHARD", 5)
+    out = export_dataset(dataset.path, "hf", tmp_path / "hf", progress=False).folder
+    assert sorted(p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()) == [
+        "README.md", "croissant.json", *(f"data/test-{k:06d}.tar" for k in range(3)),
+        "export.json"]
+    data = datasets.load_dataset(
+        str(out), split="test", streaming=streaming, cache_dir=str(tmp_path / "cache"))
+    rows = list(data.with_format("numpy"))
+    assert len(rows) == SEQUENCES * FRAMES
+    for row, exact in zip(rows, data, strict=True):
+        facts = exact["json"]
+        sequence, t = dataset[facts["sequence"]], int(facts["frame"])
+        np.testing.assert_array_equal(facts["joint_positions"], sequence.state.joint_positions[t])
+        assert list(facts["part_names"]) == list(sequence.meta.part_names)
+        same_images({k.partition(".")[0]: np.asarray(v) for k, v in row.items()}, sequence, t)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_croissant_describes_it(dataset: Dataset, tmp_path: Path) -> None:
+    out = export_dataset(dataset.path, "hf", tmp_path / "hf", progress=False).folder
+    tree = json.loads((out / "croissant.json").read_text())
+    (shard,) = tree["distribution"]
+    assert shard["sha256"] == hashlib.sha256((out / shard["contentUrl"]).read_bytes()).hexdigest()
+    croissant = pytest.importorskip("mlcroissant")
+    metadata = croissant.Dataset(str(out / "croissant.json")).metadata
+    assert metadata.name == "arm" and not metadata.issues.errors
 
 
 # -- BOP --------------------------------------------------------------------------------------
