@@ -204,7 +204,8 @@ def _open(out: Path, config: RenderConfig) -> Provenance:
     there = read_provenance(out)
     # A field that is newer than the dataset has its default there.
     old = parse_config(there.config, str(out / DATASET_FILE))
-    changed = differences(config_tree(old), here.config)
+    # The folder that meshes are read from does not count: an old dataset has none.
+    changed = differences({**config_tree(old), "root": here.config["root"]}, here.config)
     changed += differences({"generator": there.generator}, {"generator": here.generator})
     if changed:
         raise ConfigError(

@@ -221,6 +221,8 @@ class RenderConfig:
     folder."""
     package: tuple[str, ...] = ()
     """NAME=DIR: where `package://NAME/...` of a URDF is; partnet=DIR: your PartNet-Mobility."""
+    root: str = ""
+    """Folder that a URDF may read meshes from; default: its package, else its own folder."""
     seed: Annotated[int, Bounds(0)] = 0
     stream: Literal["test", "train"] = "test"
     """Suites hold sequences of `test` only; a learned method trains on `train`."""

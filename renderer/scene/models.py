@@ -90,7 +90,7 @@ def model_of(
     `meta` is needed only where each sequence shows another instance.
     """
     robot = config.robot if meta is None else robot_of(config, meta)
-    return load_robot(robot, packages_of(config), config.allow_missing, download)
+    return load_robot(robot, packages_of(config), config.allow_missing, download, config.root)
 
 
 def dataset_asset(config: RenderConfig, source: ModelSource) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def packages_of(config: RenderConfig) -> dict[str, Path]:
 
 
 def _load(config: RenderConfig, robot: str) -> ModelSource:
-    model = load_robot(robot, packages_of(config), config.allow_missing)
+    model = load_robot(robot, packages_of(config), config.allow_missing, root=config.root)
     if not model.visuals:
         raise ModelError(f"{robot}: the model has no visible geometry to render")
     animation = find_animation(model, config.animation)

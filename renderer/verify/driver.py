@@ -135,7 +135,7 @@ def reference_of(
     robot = robot or config.robot
     try:
         packages = packages_of(config)
-        model = load_robot(robot, packages, config.allow_missing, download=False)
+        model = load_robot(robot, packages, config.allow_missing, False, config.root)
         urdf = robot_urdf(robot, packages, download=False)
         names = partnet.part_names(urdf.parent) if urdf and is_object(robot) else {}
     except (GcbenchError, OSError) as error:

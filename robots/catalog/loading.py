@@ -29,7 +29,7 @@ _UNSUPPORTED = {
 
 def load_robot(
     name: str | Path, packages: Mapping[str, str | Path] | None = None,
-    allow_missing: bool = False, download: bool = True,
+    allow_missing: bool = False, download: bool = True, root: str | Path | None = None,
 ) -> ArticulatedModel:
     """Load an articulated model by its name or from a file.
 
@@ -42,6 +42,8 @@ def load_robot(
         allow_missing: Load a file although meshes are missing, and list them in the model's
             `notes`.
         download: Whether files of a named robot may be downloaded on first use.
+        root: Folder that a URDF may read meshes from; default: its package (the nearest folder
+            with a package.xml), else its own folder.
 
     Returns:
         The model. Lengths are in m, angles in rad.
@@ -60,7 +62,7 @@ def load_robot(
     folders = {key: Path(folder) for key, folder in (packages or {}).items()}
     if is_file(name):
         with hash_files() as hashes:
-            model = _load_file(Path(name), folders, allow_missing)
+            model = _load_file(Path(name), folders, allow_missing, root)
         return _with_files(model, Path(name).parent, hashes)
     name = str(name)
     if is_object(name):
@@ -157,7 +159,9 @@ def _catalog_urdf(name: str, download: bool) -> Path:
     return robot_folder(entry) / entry.urdf
 
 
-def _load_file(path: Path, packages: Mapping[str, Path], allow_missing: bool) -> ArticulatedModel:
+def _load_file(
+    path: Path, packages: Mapping[str, Path], allow_missing: bool, root: str | Path | None
+) -> ArticulatedModel:
     suffix = path.suffix.lower()
     if suffix in _UNSUPPORTED:
         raise ModelError(f"{path}: {_UNSUPPORTED[suffix]}")
@@ -169,7 +173,7 @@ def _load_file(path: Path, packages: Mapping[str, Path], allow_missing: bool) ->
         raise ModelError(f"{path}: is no robot file; .urdf, .glb and .gltf files are read")
     from ..urdf import load_urdf
 
-    return load_urdf(path, packages, allow_missing)
+    return load_urdf(path, packages, allow_missing, Path(root).expanduser() if root else None)
 
 
 def _load_object(

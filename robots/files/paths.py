@@ -1,11 +1,15 @@
 """Resolution of the mesh and texture paths of a model, confined to its asset root.
 
 Models are untrusted input. The rule: a reference is relative (or `package://`), its extension is
-that of a mesh or a texture, and the file it leads to, symbolic links followed, lies inside the
-asset root. The root is what the caller says, else the parent of the nearest folder above the URDF
-that holds a `package.xml` (sibling packages are reachable, as in a ROS workspace), else the folder
-three levels above the URDF; it never is the file system's root, the user's home or a folder above
-it. Folders that the caller names as packages, or in ROS_PACKAGE_PATH, are roots of their own.
+that of a mesh or a texture, and the file it leads to, symbolic links followed, lies inside one of
+these folders:
+
+* the root that the caller gives; without one, the package of the URDF (the nearest folder at or
+  above it with a `package.xml`), and without a package the folder of the URDF;
+* for `package://NAME/...`, a folder called NAME at most three levels above the URDF, and those of
+  NAME among the packages that the caller names and in ROS_PACKAGE_PATH.
+
+A folder found above the URDF is never the root of the file system, the user's home or above it.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ MESHES = frozenset({".stl", ".obj", ".dae", ".ply", ".glb", ".gltf"})
 TEXTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"})
 MATERIALS = frozenset({".mtl"})
 _MAX_LEVELS = 3
+_PACKAGE_LEVELS = 6
 _MAX_REFERENCE = 1024
 
 
@@ -83,6 +88,9 @@ class AssetFinder:
                 if folder.name == package:
                     yield folder / n, folder
                 yield folder / package / n, folder / package
+            for folder in _above(self.folder, _MAX_LEVELS):
+                if folder.name == package:
+                    yield folder / n, folder
         for folder in self._upwards():
             for n in _spellings([name.lstrip("/")]):
                 yield folder / n, self.root
@@ -100,29 +108,32 @@ class AssetFinder:
 def asset_finder(
     urdf: Path, packages: Mapping[str, Path] | None = None, asset_root: Path | None = None
 ) -> AssetFinder:
-    """Return the finder of the model at `urdf`; `packages` maps package names to folders."""
+    """Return the finder of the model at `urdf`; `packages` maps package names to folders.
+
+    `asset_root` replaces the folder or package of the URDF.
+    """
     folder = urdf.resolve().parent
     if asset_root is None:
         root = _default_root(folder)
     else:
         root = Path(asset_root).resolve()
         if not folder.is_relative_to(root):
-            raise ModelError(f"{urdf}: is not inside the asset root {root}")
+            raise ModelError(f"{urdf}: is not inside {root}, the folder given by --root")
     known = tuple((name, Path(path).resolve()) for name, path in (packages or {}).items())
     return AssetFinder(folder, root, known)
 
 
 def _default_root(folder: Path) -> Path:
-    above = [folder, *folder.parents]
-    wanted = above[min(_MAX_LEVELS, len(above) - 1)]
-    for candidate in above[: 2 * _MAX_LEVELS]:
-        if (candidate / "package.xml").is_file():
-            wanted = candidate.parent
-            break
+    """Return the package of a folder, else the folder itself."""
+    packages = (f for f in _above(folder, _PACKAGE_LEVELS) if (f / "package.xml").is_file())
+    return next(packages, folder)
+
+
+def _above(folder: Path, levels: int) -> list[Path]:
+    """Return a folder and those above it, without the user's home and what is above that."""
     home = Path.home().resolve()
     too_high = {Path(folder.anchor), home, *home.parents}
-    inside = [f for f in above if f.is_relative_to(wanted) and f not in too_high]
-    return inside[-1] if inside else folder
+    return [f for f in [folder, *folder.parents][:levels + 1] if f not in too_high]
 
 
 def _ros_package_path() -> list[Path]:
@@ -174,6 +185,7 @@ def _first(reference: str, candidates: Iterable[tuple[Path, Path]]) -> Asset:
             continue  # a name that no file can have, or a loop of links
         tried[os.path.normpath(path)] = None
     if outside is not None:
-        raise ModelError(f"{reference!r} leads out of the model's asset root {outside}; "
-                         "give asset_root a folder that holds the model and its meshes")
+        raise ModelError(
+            f"{reference!r} leads out of {outside}, the folder that the model may read; if you "
+            "trust the model, name a folder that holds both by --root DIR")
     raise MissingAssetError(f"{reference!r} is missing; tried {', '.join(tried)}")

@@ -17,8 +17,8 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from ...errors import GcbenchError, ModelError
-from ..files import MissingAssetError, read_bounded
+from ...errors import ModelError
+from ..files import read_bounded
 from ..model import ArticulatedModel
 from .reader import load_urdf
 
@@ -38,7 +38,7 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
     `partnet-mobility-dataset`.
 
     sapien downloads a missing object if `download` is True and $SAPIEN_ACCESS_TOKEN is set.
-    Raises GcbenchError with instructions if the object is missing.
+    Raises ModelError with instructions if the object is missing.
     """
     own = os.environ.get(DATASET_VARIABLE)
     root = directory or Path(own or "partnet-mobility-dataset").expanduser()
@@ -48,11 +48,11 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
     token = os.environ.get(TOKEN) if download else None
     missing = f"partnet:{number} is not in {root}"
     if not token:
-        raise GcbenchError(f"{missing}; set {DATASET_VARIABLE} to the folder that holds "
-                           f"{number}/{URDF}, or {TOKEN} to your token to download it")
+        raise ModelError(f"{missing}; set {DATASET_VARIABLE} to the folder that holds "
+                         f"{number}/{URDF}, or {TOKEN} to your token to download it")
     if find_spec("sapien") is None:
-        raise GcbenchError(f"{missing}, and sapien, which downloads it, is not installed; run "
-                           "`pip install 'gcbench[sapien]'`")
+        raise ModelError(f"{missing}, and sapien, which downloads it, is not installed; run "
+                         "`pip install 'gcbench[sapien]'`")
     try:
         from sapien.asset import download_partnet_mobility  # pyright: ignore
 
@@ -60,9 +60,9 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
             download_partnet_mobility(number, token, str(root))
     except Exception as error:
         why = " ".join(str(error).replace(token, "...").split())[:200]
-        raise GcbenchError(f"{missing}, and sapien cannot download it ({why})") from None
+        raise ModelError(f"{missing}, and sapien cannot download it ({why})") from None
     if not (folder / URDF).is_file():
-        raise GcbenchError(f"{missing}, nor is it there after sapien's download")
+        raise ModelError(f"{missing}, nor is it there after sapien's download")
     return folder
 
 
@@ -72,13 +72,7 @@ def load_object(folder: Path, allow_missing: bool = False) -> ArticulatedModel:
     Raises ModelError like `load_urdf`, and MissingAssetError if meshes are missing (as for some
     objects of the published set) and `allow_missing` is False.
     """
-    urdf = folder / URDF
-    try:
-        model = load_urdf(urdf, allow_missing=allow_missing, asset_root=folder)
-    except MissingAssetError as error:
-        text = str(error).partition("; name the package's folder")[0]
-        raise MissingAssetError(
-            f"{text}; --allow-missing goes on without (the published set lacks some)") from error
+    model = load_urdf(folder / URDF, allow_missing=allow_missing, asset_root=folder)
     try:
         return rename_parts(model, part_names(folder))
     except ModelError as error:

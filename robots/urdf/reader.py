@@ -1,4 +1,4 @@
-"""Reads a URDF into an articulated model. Models are untrusted: see `references.py`."""
+"""Reads a URDF into an articulated model. Models are untrusted: see `files.paths`."""
 
 # yourdfpy has no types
 # pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
@@ -51,7 +51,7 @@ def load_urdf(
     """Read the URDF at `path` with its meshes and textures.
 
     `packages` maps names of `package://name/...` to folders; `asset_root` is the folder that the
-    model's files must not leave (by default the surroundings of the URDF, see `references.py`).
+    model's files must not leave (by default the package or folder of the URDF, see `files.paths`).
     With `allow_missing` a mesh that is nowhere is recorded in the model's notes instead of
     stopping the load. Raises ModelError (a GcbenchError) in one line for everything that a file
     can have wrong.

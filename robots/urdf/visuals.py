@@ -45,15 +45,16 @@ def visuals_of_document(
     for part, name in enumerate(show_progress(model.part_names, "reading links")):
         surfaces: list[TriangleSurface] = []
         for visual in links[name].visuals:
-            shape = visual.geometry
+            mesh = visual.geometry and visual.geometry.mesh
+            reference = mesh.filename if mesh else ""
             try:
                 found = _surfaces(visual, library)
             except MissingAssetError as error:
                 if not allow_missing:
-                    raise MissingAssetError(
-                        f"link {name!r}: mesh {error}; name the package's folder in `packages`, "
-                        "or set allow_missing to go without") from error
-                reference = "" if shape is None or shape.mesh is None else shape.mesh.filename
+                    package = "name its package by --package NAME=DIR, or " if (
+                        reference.startswith(("package:", "model:"))) else ""
+                    raise MissingAssetError(f"link {name!r}: mesh {error}; {package}add "
+                                            "--allow-missing to leave it out") from error
                 notes.append(f"link {name!r}: mesh {reference!r} is missing and left out")
                 continue
             except ModelError as error:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from gcbench.errors import ModelError
+from gcbench.robots.catalog import load_robot
 from gcbench.robots.files import paths as references
 from gcbench.robots.files import read_bounded
 from gcbench.robots.meshes import MeshLimits
@@ -293,8 +294,42 @@ def test_the_root_is_never_the_home_or_the_file_system(
 ) -> None:
     monkeypatch.setenv("HOME", str(tmp_path / "u"))
     (tmp_path / "u/d/e").mkdir(parents=True)
+    (tmp_path / "u/a.obj").write_text(OBJ)
+    (tmp_path / "u/m.urdf").write_text(with_mesh("a.obj"))
+    assert load_urdf(tmp_path / "u/m.urdf").visuals
     for package in ("u/d/e/package.xml", "u/package.xml"):
-        for place, root in (("u/m.urdf", "u"), ("u/d/m.urdf", "u/d"), ("u/d/e/m.urdf", "u/d")):
-            assert references.asset_finder(tmp_path / place).root == tmp_path / root, package
+        for place in ("u/d/m.urdf", "u/d/e/m.urdf"):
+            path = tmp_path / place
+            assert references.asset_finder(path).root == path.parent, package
+            refuse(path, "missing", with_mesh("package://u/a.obj"))
         (tmp_path / package).touch()
     assert references.asset_finder(Path("/m.urdf")).root == Path("/")  # its own folder, no other
+
+
+def test_meshes_come_from_the_package_or_a_named_folder(tmp_path: Path) -> None:
+    (tmp_path / "ws/arm/meshes").mkdir(parents=True)
+    (tmp_path / "ws/arm/meshes/a.obj").write_text(OBJ)
+    path = tmp_path / "ws/arm/urdf/m.urdf"
+    text = refuse(path, "leads out of", with_mesh("../meshes/a.obj"))
+    assert f"{tmp_path}/ws/arm/urdf, the folder that the model may read" in text
+    assert "--root DIR" in text
+    assert load_urdf(path, asset_root=tmp_path / "ws/arm").visuals
+    assert load_robot(path, root=tmp_path / "ws/arm").visuals
+    (tmp_path / "ws/arm/package.xml").touch()
+    assert load_urdf(path).visuals
+    other = tmp_path / "ws/hand/urdf/m.urdf"
+    refuse(other, "leads out of", with_mesh("../../arm/meshes/a.obj"))
+    text = refuse(other, "is missing", with_mesh("package://arm/meshes/a.obj"))
+    assert "--package NAME=DIR" in text
+    assert load_urdf(other, {"arm": tmp_path / "ws/arm"}).visuals
+    assert load_urdf(other, asset_root=tmp_path / "ws").visuals
+
+
+def test_a_folder_above_has_the_name_of_its_package(tmp_path: Path) -> None:
+    (tmp_path / "arm/meshes").mkdir(parents=True)
+    (tmp_path / "arm/meshes/a.obj").write_text(OBJ)
+    near, far = tmp_path / "arm/1/2/3/m.urdf", tmp_path / "arm/1/2/3/4/m.urdf"
+    refuse(far, "is missing", with_mesh("package://arm/meshes/a.obj"))
+    near.write_text(with_mesh("package://arm/meshes/a.obj"))
+    assert load_urdf(near).visuals
+    refuse(near, "leads out of", with_mesh("package://arm/../a.obj"))
