@@ -22,6 +22,7 @@ from ..files import Element, new_element, parse_xml, xml_bytes
 if TYPE_CHECKING:
     from yourdfpy.urdf import Robot
 
+EXPAND = "expand it: `xacro FILE > model.urdf`"
 MAX_LINKS = 5000
 MAX_VISUALS = 20_000
 MAX_NAME = 256
@@ -62,16 +63,17 @@ def read_urdf_document(data: bytes, default_name: str, allow_missing: bool = Fal
 def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]) -> Element:
     if root.tag != "robot":
         raise ModelError(f"is not a URDF: its root element is <{root.tag[:40]}>, not <robot>")
-    for element in root.iter():
-        if element.tag.startswith("xacro:") and element.tag not in ("xacro:arg", "xacro:property"):
-            raise ModelError(f"has un-expanded <{element.tag[:40]}>; expand it: "
-                             "`xacro FILE > model.urdf`")
+    stray = dict.fromkeys(e.tag[:40] for e in root.iter() if e.tag.startswith("xacro:")
+                          and e.tag not in ("xacro:arg", "xacro:property"))
+    if stray:
+        notes.append(f"xacro elements are ignored: {', '.join([*stray][:10])}")
     if not root.get("name", "").strip():
         notes.append("the robot has no name; the file's is used")
     clean = new_element("robot", {"name": root.get("name", "").strip()[:MAX_NAME] or name})
     links, joints = root.findall("link"), root.findall("joint")
     if not links:
-        raise ModelError("has no links")
+        raise ModelError(f"has no links, only un-expanded xacro; {EXPAND}" if stray else
+                         "has no links")
     if len(links) > MAX_LINKS or len(joints) > MAX_LINKS:
         raise ModelError(f"has more than {MAX_LINKS} links or joints")
     shown = "visual"
@@ -196,14 +198,14 @@ def _numbers(
         words = text.replace(",", " ").split()
         what = f"{where}: {key}={text[:60]!r} of <{element.tag}>"
         if "$" in text:
-            raise ModelError(f"{what} is un-expanded xacro; expand it: `xacro FILE > model.urdf`")
+            raise ModelError(f"{what} is un-expanded xacro; {EXPAND}")
         if len(words) not in allowed:
             raise ModelError(f"{what} should be {' or '.join(map(str, allowed))} numbers")
         for word in words:
             if not NUMBER.fullmatch(word) or not math.isfinite(float(word)):
                 raise ModelError(f"{what} is not a finite number: {word[:40]!r}")
             if abs(float(word)) > largest:
-                raise ModelError(f"{what} is absurdly large")
+                raise ModelError(f"{what} is larger than {largest:g}")
         out[key] = " ".join(words)
     return out
 
@@ -221,8 +223,7 @@ def _text(element: Element, key: str, where: str, limit: int = 1024) -> str:
     if not text:
         raise ModelError(f"{where}: <{element.tag}> has no {key!r}")
     if "${" in text or "$(" in text:
-        raise ModelError(f"{where}: {key}={text[:60]!r} is un-expanded xacro; expand it: "
-                         "`xacro FILE > model.urdf`")
+        raise ModelError(f"{where}: {key}={text[:60]!r} is un-expanded xacro; {EXPAND}")
     if len(text) > limit or not text.isprintable():
         raise ModelError(f"{where}: {key} of <{element.tag}> is unprintable or longer than "
                          f"{limit} characters")

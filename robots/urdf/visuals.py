@@ -31,6 +31,9 @@ from .library import MeshLibrary
 if TYPE_CHECKING:
     from yourdfpy.urdf import Link
 
+_THIN = 1e-4
+"""Thickness, m, of a box or cylinder of thickness zero."""
+
 
 def visuals_of_document(
     document: UrdfDocument, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
@@ -48,7 +51,7 @@ def visuals_of_document(
             mesh = visual.geometry and visual.geometry.mesh
             reference = mesh.filename if mesh else ""
             try:
-                found = _surfaces(visual, library)
+                found = _surfaces(visual, library, notes, name)
             except MissingAssetError as error:
                 if not allow_missing:
                     package = "name its package by --package NAME=DIR, or " if (
@@ -71,20 +74,33 @@ def visuals_of_document(
     return visuals, notes
 
 
-def _surfaces(visual: Any, library: MeshLibrary) -> list[TriangleSurface]:
+def _surfaces(
+    visual: Any, library: MeshLibrary, notes: list[str], link: str
+) -> list[TriangleSurface]:
     """Return the surfaces of one <visual> in its own frame."""
     shape = visual.geometry
-    if shape.box is not None:
-        return [box(shape.box.size.tolist())]
-    if shape.sphere is not None:
-        return [sphere(shape.sphere.radius)]
-    if shape.cylinder is not None:
-        make = capsule if visual.name == "capsule" else cylinder
-        return [make(shape.cylinder.radius, shape.cylinder.length)]
+    if shape.mesh is None:
+        solid = _solid(shape, visual.name)
+        if solid is None:
+            notes.append(f"link {link!r}: a {visual.name} without size is left out")
+        return [] if solid is None else [solid]
     scale = np.broadcast_to(1.0 if shape.mesh.scale is None else shape.mesh.scale, 3)
     if (np.abs(scale) < 1e-12).any():
         raise ModelError(f"mesh {shape.mesh.filename!r} has a scale of zero")
     return [move_surface(s, np.eye(4), scale) for s in library.surfaces(shape.mesh.filename)]
+
+
+def _solid(shape: Any, kind: str) -> TriangleSurface | None:
+    """Return a primitive, with a thickness of at least _THIN; None without an area."""
+    if shape.box is not None:
+        sizes = shape.box.size.tolist()
+        return box([size or _THIN for size in sizes]) if np.count_nonzero(sizes) > 1 else None
+    if shape.sphere is not None:
+        return sphere(shape.sphere.radius) if shape.sphere.radius else None
+    radius, length = shape.cylinder.radius, shape.cylinder.length
+    if not radius:
+        return None
+    return capsule(radius, length) if kind == "capsule" else cylinder(radius, length or _THIN)
 
 
 def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:

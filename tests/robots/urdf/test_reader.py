@@ -266,3 +266,26 @@ def test_collision_geometry_stands_in_only_where_nothing_is_visible(tmp_path: Pa
     seen = link("b", '<box size="2 2 2"/>') + joint("j", "b", "a")
     model = load(tmp_path / "b.urdf", robot(body + seen))
     assert [model.part_names[v.part] for v in model.visuals] == ["b"]
+
+
+@pytest.mark.parametrize(("geometry", "size"), [
+    ('<box size="2 0 1"/>', (2.0, 1e-4, 1.0)), ('<cylinder radius="1" length="0"/>', (2, 2, 1e-4)),
+    ('<sphere radius="0"/>', None), ('<box size="0 0 0"/>', None), ('<box size="1 0 0"/>', None),
+    ('<cylinder radius="0" length="1"/>', None), ('<capsule radius="0" length="1"/>', None),
+])
+def test_shapes_without_thickness_are_thin_and_those_without_size_are_left_out(
+    tmp_path: Path, geometry: str, size: tuple[float, ...] | None
+) -> None:
+    m = load(tmp_path / "m.urdf", robot(link("a", geometry) + link("b", '<box size="1 1 1"/>')
+                                        + joint("j", "a", "b", "fixed")))
+    assert len(m.visuals) == (1 if size is None else 2)
+    assert any("'a': a " in n and "without size is left out" in n for n in m.notes) == (
+        size is None)
+    if size is not None:
+        np.testing.assert_allclose(np.ptp(m.visuals[0].vertices, axis=0), size)
+
+
+def test_stray_xacro_elements_are_ignored_with_a_note(tmp_path: Path) -> None:
+    stray = '<xacro:include filename="x"/><xacro:arg name="a" default="1"/>'
+    m = load(tmp_path / "m.urdf", robot(stray + link("a", '<box size="1 1 1"/>')))
+    assert m.notes == ("xacro elements are ignored: xacro:include",)
