@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import base64
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -70,26 +71,49 @@ def draw_pictures(
 ) -> list[Picture]:
     """Return the pictures, in the same order, with images or the reason for a missing image."""
     out = list(pictures)
-    order = sorted(range(len(out)), key=lambda k: lines[out[k].line].run.run.data)
-    with ExitStack() as stack:
-        painters = stack.enter_context(_Painters())
-        bar = stack.enter_context(Bar(total=len(out), desc="draw", unit="picture", delay=2,
-                                      file=sys.stderr, disable=not progress))  # fmt: skip
-        for k in order:
-            picture = out[k]
-            try:
-                image = _image(lines[picture.line], picture.sequence, painters)
-                out[k] = replace(picture, image=_address(image))
-            except GcbenchError as error:
-                out[k] = replace(picture, reason=str(error))
-            except Exception as error:  # drivers raise any type; the report needs no image
-                out[k] = replace(picture, reason=f"{type(error).__name__}: {error}")
-            bar.update()
+
+    def folder_of(k: int) -> str:
+        return lines[out[k].line].run.run.data
+
+    with Bar(total=len(out), desc="draw", unit="picture", delay=2, file=sys.stderr,
+             disable=not progress) as bar:  # fmt: skip
+        for folder, mine in groupby(sorted(range(len(out)), key=folder_of), folder_of):
+            for k, picture in _draw_folder(Path(folder), lines, {k: out[k] for k in mine}):
+                out[k] = picture
+                bar.update()
     return out
 
 
-def _image(line: Line, name: str, painters: _Painters) -> NDArray[np.uint8]:
-    dataset, painter = painters.of(Path(line.run.run.data))
+def _draw_folder(
+    folder: Path, lines: Sequence[Line], pictures: dict[int, Picture]
+) -> Iterator[tuple[int, Picture]]:
+    """Draw the pictures of one dataset; only one OpenGL context is open at a time."""
+    from ...renderer.show import Painter
+
+    with ExitStack() as stack:
+        try:
+            dataset = open_dataset(folder)
+            model = model_of(dataset.config, dataset[0].meta)
+            config = dataset.config
+            painter = stack.enter_context(Painter(model, config.width, config.height))
+        except Exception as error:
+            yield from ((k, _without_image(p, error)) for k, p in pictures.items())
+            return
+        for k, picture in pictures.items():
+            try:
+                image = _image(dataset, painter, lines[picture.line], picture.sequence)
+                yield k, replace(picture, image=_address(image))
+            except Exception as error:
+                yield k, _without_image(picture, error)
+
+
+def _without_image(picture: Picture, error: Exception) -> Picture:
+    """Drivers raise any type, and the report needs no image."""
+    name = "" if isinstance(error, GcbenchError) else f"{type(error).__name__}: "
+    return replace(picture, reason=f"{name}{error}")
+
+
+def _image(dataset: Dataset, painter: Painter, line: Line, name: str) -> NDArray[np.uint8]:
     sequence = dataset[name]
     if is_category(dataset.config.robot):
         painter.model = model_of(dataset.config, sequence.meta)
@@ -110,45 +134,6 @@ def final_estimate(line: Line, sequence: Video, name: str) -> dict[str, float]:
     )
     final = sign * moved[-1]
     return {joint: float(x) for joint, x in zip(truth.joint_names, final, strict=True)}
-
-
-class _Painters:
-    """Painters of datasets; only one OpenGL context is open at a time."""
-
-    def __init__(self) -> None:
-        self._stack = ExitStack()
-        self._folder: Path | None = None
-        self._found: tuple[Dataset, Painter] | GcbenchError = GcbenchError("")
-
-    def __enter__(self) -> _Painters:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-    def of(self, folder: Path) -> tuple[Dataset, Painter]:
-        """Return the dataset in a folder and the painter of its model.
-
-        Raises GcbenchError at every call if one of them cannot be opened.
-        """
-        if folder != self._folder:
-            self._stack.close()
-            self._folder = folder
-            try:
-                self._found = self._open(folder)
-            except GcbenchError as error:
-                self._found = error
-        if isinstance(self._found, GcbenchError):
-            raise GcbenchError(str(self._found))
-        return self._found
-
-    def _open(self, folder: Path) -> tuple[Dataset, Painter]:
-        from ...renderer.show import Painter
-
-        dataset = open_dataset(folder)
-        model = model_of(dataset.config, dataset[0].meta)
-        painter = Painter(model, dataset.config.width, dataset.config.height)
-        return dataset, self._stack.enter_context(painter)
 
 
 def _address(image: NDArray[np.uint8]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from .leaderboard import (
     dataset_title,
     read_leaderboard,
 )
-from .statistics import DRAWS, SEED
+from .provenance import provenance
 from .tables import leaderboard_tables, paper_tables, suite_tables
 
 FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex")
@@ -44,8 +44,6 @@ _MORE = {
     "part_miou": ("part mIoU", "share", "estimated parts against the true ones"),
     "peak_memory": ("MiB", "number", "peak memory of the process"),
 }  # fmt: skip
-_Section = tuple[str, list[tuple[str, str]]]
-"""Title, and rows of name and text."""
 _Failure = tuple[str, str, str, str, str]
 """Row, dataset, sequence, status, reason."""
 
@@ -139,7 +137,7 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
         "gallery": [{**asdict(p), "error": _short(p.error),
                      "joints": [[name, _short(error)] for name, error in p.joints]}
                     for p in pictures],
-        "about": [{"title": title, "rows": rows} for title, rows in _about(lines)],
+        "about": [{"title": title, "rows": rows} for title, rows in provenance(lines)],
         "failures": failed[:_MAX_FAILURES],
         "failed": len(failed),
     }  # fmt: skip
@@ -216,18 +214,6 @@ def _short(x: float | None) -> float | None:
     return float(f"{x:.9g}") if x is not None and math.isfinite(x) else None
 
 
-def _about(lines: Sequence[Line]) -> list[_Section]:
-    """Return the sections about protocol, methods, datasets, limits and machines."""
-    folders = list({str(line.run.path): line.run for line in lines}.values())
-    return [
-        _protocol(),
-        *_methods(folders),
-        *_datasets(folders),
-        *_limits(folders),
-        *_environments(folders),
-    ]
-
-
 def _failures(board: Leaderboard) -> list[_Failure]:
     """List the failed sequences, the sequences without a score and the unfinished runs."""
     out: list[_Failure] = []
@@ -254,97 +240,3 @@ def _reason(folder: RunFolder, name: str) -> str:
         return one_line(str(error))
     reason = one_line(stored.reason)
     return reason if len(reason) <= _MAX_REASON else "…" + reason[-_MAX_REASON:]
-
-
-def _protocol() -> _Section:
-    return "Protocol", [
-        ("error", "|wrap(sign × estimate − truth)| of each scored joint at the last frame; "
-                  "without wrap for prismatic joints"),
-        ("mean", "over all pairs of sequence and joint; standard deviation over the same pairs"),
-        ("PCP@5", "share of pairs within 5° (prismatic: 5 cm)"),
-        ("missing", "counts as no motion, and as wrong for PCP; no mean omits a pair"),
-        ("interval", f"95 %, percentile bootstrap of {DRAWS} draws of whole sequences (object "
-                     f"instances, where there are several), seed {SEED}"),
-        ("ranks", "1 + the number of rows whose paired difference is better beyond its interval; "
-                  "no correction for the number of comparisons"),
-        ("the paper's data", "are not published: its numbers are a reference and are not ranked"),
-    ]  # fmt: skip
-
-
-def _methods(folders: Iterable[RunFolder]) -> list[_Section]:
-    rows: dict[str, tuple[str, str]] = {}
-    for folder in folders:
-        row = folder.run.row
-        oracles = f"; oracles: {', '.join(row.oracles)}" if row.oracles else ""
-        words = f"version {row.version}; training: {row.training}; {folder.run.source}{oracles}"
-        rows.setdefault(f"{row.name} {words}", (one_line(row.name), one_line(words)))
-    return [("Methods", [rows[key] for key in sorted(rows)])]
-
-
-def _datasets(folders: Iterable[RunFolder]) -> list[_Section]:
-    out: dict[str, _Section] = {}
-    for folder in folders:
-        run = folder.run
-        config = run.config
-        rows = [("folder", run.data), ("sequences", str(len(run.sequences)))]
-        if run.left_out:
-            rows.append(("left out", f"{run.left_out}, unobservable or without a scored joint"))
-        rows += [(key, _words(config[key])) for key in
-                 ("robot", "seed", "stream", "frames", "width", "height", "keep_unobservable")
-                 if key in config]  # fmt: skip
-        for asset in run.assets:
-            source, licence = str(asset.get("source", "")), str(asset.get("licence", ""))
-            rows.append((f"model {asset.get('name', '')}", f"{source}; {licence}".strip("; ")))
-        title = one_line(dataset_title(run))
-        out.setdefault(title, (f"Dataset {title}", _clean(rows)))
-    return [out[key] for key in sorted(out)]
-
-
-def _limits(folders: Iterable[RunFolder]) -> list[_Section]:
-    rows: dict[tuple[str, str], list[str]] = {}
-    for folder in folders:
-        for key, value in folder.run.limits.items():
-            rows.setdefault((str(key), _words(value)), []).append(folder.run.row.title)
-    keys = [key for key, _ in rows]
-    found = [
-        (key, value if keys.count(key) == 1 else f"{value}: {', '.join(dict.fromkeys(titles))}")
-        for (key, value), titles in rows.items()
-    ]
-    return [("Limits", _clean(sorted(found)))] if found else []
-
-
-def _environments(folders: Iterable[RunFolder]) -> list[_Section]:
-    """Return one section per distinct environment, and the version of the report."""
-    found: dict[str, list[tuple[str, str]]] = {}
-    for folder in folders:
-        for environment in folder.run.environments:
-            rows = _clean(_flat(environment))
-            found.setdefault(repr(rows), rows)
-    sections = [found[key] for key in sorted(found)]
-    several = len(sections) > 1
-    titles = [f"Machine {k}" if several else "Machine" for k in range(1, len(sections) + 1)]
-    this = ("Report", [("written by", f"gcbench {__version__}")])
-    return [*zip(titles, sections, strict=True), this]
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    out: list[tuple[str, str]] = []
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            inner = "" if key == "dependencies" else f"{prefix}{key} "
-            out += _flat(value, inner)
-        else:
-            out.append((f"{prefix}{key}", _words(value)))
-    return out
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list | tuple):
-        return ", ".join(str(x) for x in value)
-    return str(value)
-
-
-def _clean(rows: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    return [(one_line(key), one_line(text)) for key, text in rows]

@@ -7,7 +7,7 @@ reason, time and memory; the arrays (absent if the method failed) are those of `
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -59,28 +59,18 @@ class Stored:
     """None if it failed."""
 
 
-@dataclass(frozen=True)
-class _Outcome:
-    """`estimate.json`."""
-
-    status: Status
-    reason: str
-    seconds: float | None
-    peak_memory: float | None
-
-
 class InvalidEstimateError(MethodError):
-    """What a method returned is not an estimate of this sequence; the message says why."""
+    """A method returned no estimate of this sequence."""
 
 
 def validate_estimate(value: Any, shape: EstimateShape) -> Estimate:
-    """What a method returned, as arrays of the right shapes; numbers may be NaN.
+    """Return what a method returned, as arrays of the right shapes; numbers may be NaN.
 
     Raises InvalidEstimateError that names the field, its shape and the expected one.
     """
     if not hasattr(value, "displacement"):
         raise InvalidEstimateError(
-            f"returned {type(value).__name__}, expected gcbench.renderer.types.observation.Estimate"
+            f"returned {type(value).__name__}, expected gcbench.Estimate"
         )
     t, j = shape.frames, shape.joints
     displacement = _numbers(value, "displacement", (t, j), f"[T J] = [{t} {j}]")
@@ -121,12 +111,12 @@ def _numbers(value: Any, name: str, shape: tuple[int, ...], expected: str) -> An
 def _array(value: Any, name: str) -> NDArray[Any]:
     try:
         return np.asarray(value)
-    except Exception as error:  # somebody else's class may raise anything
+    except Exception as error:  # a foreign class may raise anything
         raise InvalidEstimateError(f"{name} is not an array ({error})") from error
 
 
 def dump_stored(stored: Stored) -> bytes:
-    """The ZIP; equal contents are equal bytes."""
+    """Return the ZIP; equal contents are equal bytes."""
     out = io.BytesIO()
     archive = ArchiveWriter(out)
     tree = {
@@ -148,21 +138,20 @@ def dump_stored(stored: Stored) -> bytes:
 
 
 def read_stored(path: Path, shape: EstimateShape) -> Stored:
-    """The estimate in a file. Raises DatasetError that names what is wrong with it."""
+    """Read the estimate in a file. Raises DatasetError with what is wrong with it."""
     archive = open_archive(path)
     where = archive.where(_JSON)
     tree = parse_json(archive.read(_JSON, 2**20), where, _FORMAT)
-    outcome = to_record(tree, _Outcome, where)
+    tree.pop("estimate", None)
+    stored = to_record(tree, Stored, where)
     estimate = None
-    if outcome.status == "ok":
+    if stored.status == "ok":
         estimate = _parse_arrays(archive.read(_ARRAYS, _MAX_BYTES), shape, archive.where(_ARRAYS))
-    return Stored(
-        outcome.status, outcome.reason[-MAX_REASON:], outcome.seconds, outcome.peak_memory, estimate
-    )
+    return replace(stored, reason=stored.reason[-MAX_REASON:], estimate=estimate)
 
 
 def _parse_arrays(data: bytes, shape: EstimateShape, where: str) -> Estimate:
-    """Arrays of an NPZ that inflates to no more than an estimate of this shape needs."""
+    """Parse an NPZ that inflates to no more than an estimate of this shape needs."""
     t, j = shape.frames, shape.joints
     specs = {
         "displacement": ArraySpec((t, j)),

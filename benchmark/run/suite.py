@@ -15,9 +15,7 @@ The TOML format:
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,11 +26,7 @@ from ...renderer.runtime import parse_toml, to_record
 from ...renderer.scene import RenderConfig, parse_config, resolve
 from ...robots.files import read_bounded
 
-if sys.version_info >= (3, 11):
-    from importlib.resources.abc import Traversable
-else:
-    from importlib.abc import Traversable
-
+_FOLDER = Path(__file__).parents[1] / "suites"
 _MAX_TOML = 2**20
 _Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][\w.+-]{0,63}\Z")]
 
@@ -73,15 +67,14 @@ class Suite:
 
 def builtin_suites() -> tuple[str, ...]:
     """Return the names of the built-in suites."""
-    names = (item.name for item in _folder().iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 
 
 def read_suite(name_or_file: str | Path) -> Suite:
     """Read a built-in suite or a TOML file. Raises ConfigError with the invalid field."""
     text = str(name_or_file)
     if text in builtin_suites():
-        return parse_suite((_folder() / f"{text}.toml").read_bytes(), text)
+        return parse_suite((_FOLDER / f"{text}.toml").read_bytes(), text)
     path = Path(text).expanduser()
     if path.suffix != ".toml":
         raise ConfigError(
@@ -100,10 +93,6 @@ def parse_suite(data: bytes, where: str) -> Suite:
     if twice := {n for n in names if names.count(n) > 1}:
         raise ConfigError(f"{where}: two datasets have the name {min(twice)!r}")
     return Suite(file.name, file.about, datasets)
-
-
-def _folder() -> Traversable:
-    return files(__name__.removesuffix(".run.suite")) / "suites"
 
 
 def _dataset(fields: dict[str, Any], base: RenderConfig, where: str) -> SuiteDataset:

@@ -61,7 +61,7 @@ def of(results: list[Result], metric: str) -> list[float]:
     ("Exits", "raised", "SystemExit: 3"),
     ("Crashes", "crashed", "exited with 7; it said:\nout of luck"),
     ("WrongShape", "invalid", "float64 [4, 1], expected real numbers [T J] = [4 2]"),
-    ("Nonsense", "invalid", "returned str, expected gcbench.renderer.types.observation.Estimate"),
+    ("Nonsense", "invalid", "returned str, expected gcbench.Estimate"),
 ])  # fmt: skip
 def test_an_accident_costs_one_sequence(
     data: Path, tmp_path: Path, name: str, status: str, reason: str
