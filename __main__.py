@@ -93,7 +93,9 @@ def render(args: Sequence[str]) -> int:
     return 0
 
 
-def verify(dataset: Path, /, workers: int = os.cpu_count() or 1) -> int:
+def verify(
+    dataset: Path, /, workers: int = os.cpu_count() or 1, allow_model: bool = False
+) -> int:
     """Check a dataset: recompute flow, visibility, poses and axes for every pixel and frame.
 
     Prints the worst and the mean residual of each check. The exit code is 1 if a residual exceeds
@@ -105,10 +107,11 @@ def verify(dataset: Path, /, workers: int = os.cpu_count() or 1) -> int:
     Args:
         dataset: Folder of a dataset, or one sequence (ZIP or folder).
         workers: Processes that check sequences side by side.
+        allow_model: Read the model from a path that the dataset names.
     """
     if workers < 1:
         raise gb.ConfigError(f"{workers} workers cannot verify; give 1 or more")
-    report = gb.verify_dataset(dataset, workers=workers)
+    report = gb.verify_dataset(dataset, workers, allow_model=allow_model)
     print(report.table())
     return 0 if report.ok else 1
 
@@ -138,7 +141,10 @@ def show(
     return _present(gb.show(path, out, contact_sheet, gif, mp4, index), open)
 
 
-def export(dataset: Path, /, format: str, out: Path | None = None, sequences: str = "") -> int:
+def export(
+    dataset: Path, /, format: str, out: Path | None = None, sequences: str = "",
+    allow_model: bool = False,
+) -> int:
     """Write a dataset in the format of another benchmark or tool.
 
     kitti: optical flow (KITTI 2015) and depth. bop: poses of parts, their meshes and masks. coco:
@@ -155,9 +161,10 @@ def export(dataset: Path, /, format: str, out: Path | None = None, sequences: st
         format: kitti, bop, coco, webdataset, hf, tapvid or rerun.
         out: Folder of the export, which must not exist. Default: DATASET-FORMAT.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
+        allow_model: Read the model from a path that the dataset names, or download it.
     """
     out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
-    done = gb.export_dataset(dataset, format, out, sequences)
+    done = gb.export_dataset(dataset, format, out, sequences, allow_model=allow_model)
     print(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
     return 0
 
@@ -271,7 +278,8 @@ def _print_results(results: "gb.Results") -> int:
 
 def report(
     results: tuple[Path, ...] = (Path("results"),), /, out: Path = Path("report"),
-    pictures: bool = True, label: tuple[str, ...] = (), open: bool = False,
+    pictures: bool = True, label: tuple[str, ...] = (), allow_model: bool = False,
+    open: bool = False,
 ) -> int:
     """Report results: a leaderboard with intervals and shared ranks.
 
@@ -287,9 +295,11 @@ def report(
         out: Folder of the report.
         pictures: Draw the worst and the median sequence of each row (needs a renderer).
         label: NAME=FOLDER adds NAME to the methods of a results folder.
+        allow_model: Read models from paths that the datasets name, or download them.
         open: Open the page in the browser.
     """
-    return _present(gb.report(results, out, pictures, labels=label), open)
+    written = gb.report(results, out, pictures, labels=label, allow_model=allow_model)
+    return _present(written, open)
 
 
 def _present(written: Sequence[Path], open: bool) -> int:

@@ -67,7 +67,8 @@ def select_pictures(lines: Sequence[Line]) -> list[Picture]:
 
 
 def draw_pictures(
-    lines: Sequence[Line], pictures: Sequence[Picture], progress: bool = True
+    lines: Sequence[Line], pictures: Sequence[Picture], progress: bool = True,
+    allow_model: bool = False,
 ) -> list[Picture]:
     """Return the pictures, in the same order, with images or the reason for a missing image."""
     out = list(pictures)
@@ -78,22 +79,23 @@ def draw_pictures(
     with Bar(total=len(out), desc="draw", unit="picture", delay=2, file=sys.stderr,
              disable=not progress) as bar:  # fmt: skip
         for folder, mine in groupby(sorted(range(len(out)), key=folder_of), folder_of):
-            for k, picture in _draw_folder(Path(folder), lines, {k: out[k] for k in mine}):
+            chosen = {k: out[k] for k in mine}
+            for k, picture in _draw_folder(Path(folder), lines, chosen, allow_model):
                 out[k] = picture
                 bar.update()
     return out
 
 
 def _draw_folder(
-    folder: Path, lines: Sequence[Line], pictures: dict[int, Picture]
+    folder: Path, lines: Sequence[Line], pictures: dict[int, Picture], allow_model: bool
 ) -> Iterator[tuple[int, Picture]]:
     """Draw the pictures of one dataset; only one OpenGL context is open at a time."""
     from ...renderer.show import Painter
 
     with ExitStack() as stack:
         try:
-            dataset = open_dataset(folder)
-            model = model_of(dataset.config, dataset[0].meta)
+            dataset = open_dataset(folder, allow_model)
+            model = model_of(dataset.config, dataset[0].meta, allow_model)
             config = dataset.config
             painter = stack.enter_context(Painter(model, config.width, config.height))
         except Exception as error:
@@ -116,7 +118,7 @@ def _without_image(picture: Picture, error: Exception) -> Picture:
 def _image(dataset: Dataset, painter: Painter, line: Line, name: str) -> NDArray[np.uint8]:
     sequence = dataset[name]
     if is_category(dataset.config.robot):
-        painter.model = model_of(dataset.config, sequence.meta)
+        painter.model = model_of(dataset.config, sequence.meta, dataset.allow_model)
     return painter.paint(sequence, final_estimate(line, sequence, name))
 
 

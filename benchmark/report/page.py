@@ -54,6 +54,7 @@ def report(
     pictures: bool = True,
     progress: bool = True,
     labels: Sequence[str] = (),
+    allow_model: bool = False,
 ) -> list[Path]:
     """Write a report of results: one static page, and tables as Markdown, CSV and LaTeX.
 
@@ -66,6 +67,7 @@ def report(
         progress: Show a progress bar on stderr.
         labels: NAME=FOLDER adds NAME to the methods of a results folder, so that two folders with
             the same row can be compared. Copies with equal scores count once without a label.
+        allow_model: Whether to read models from paths that the datasets name, or to download them.
 
     Returns:
         The paths of the page, the Markdown, the CSV and the LaTeX file.
@@ -84,7 +86,8 @@ def report(
         folders = [results] if isinstance(results, str | Path) else results
         board = read_leaderboard([Path(folder) for folder in folders], labels)
     out = Path(out)
-    found = draw_pictures(board.lines, select_pictures(board.lines), progress) if pictures else []
+    chosen = select_pictures(board.lines) if pictures else []
+    found = draw_pictures(board.lines, chosen, progress, allow_model)
     contents = (
         report_page(board, found),
         to_markdown("Leaderboard", suite_tables(board) + leaderboard_tables(board), __version__),

@@ -42,13 +42,14 @@ class Data:
 
 
 def from_folders(
-    folders: Sequence[Path], keep_unobservable: bool = False, limit: int = 0
+    folders: Sequence[Path], keep_unobservable: bool = False, limit: int = 0,
+    allow_model: bool = False,
 ) -> list[Data]:
     """Open datasets; two folders of one name get their seeds as a part of the name.
 
     Raises DatasetError if a folder is not a dataset, or two have the same name and seed.
     """
-    out = [select(folder.resolve().name, folder, None, keep_unobservable, limit)
+    out = [select(folder.resolve().name, folder, None, keep_unobservable, limit, allow_model)
            for folder in folders]  # fmt: skip
     plain = [data.name for data in out]
     out = [replace(data, name=f"{data.name}-seed-{data.dataset.config.seed}")
@@ -78,19 +79,21 @@ def from_suite(
             print(f"{suite.name}/{entry.name}: {missing} of {n} sequences to render",
                   file=sys.stderr)  # fmt: skip
         render_dataset(entry.config, n, path, progress=progress and missing > 0)
-        out.append(select(f"{suite.name}/{entry.name}", path, n, keep_unobservable, limit))
+        name = f"{suite.name}/{entry.name}"
+        out.append(select(name, path, n, keep_unobservable, limit, allow_model=True))
     return out
 
 
 def select(
-    name: str, folder: Path, n: int | None, keep_unobservable: bool, limit: int = 0
+    name: str, folder: Path, n: int | None, keep_unobservable: bool, limit: int = 0,
+    allow_model: bool = False,
 ) -> Data:
     """Select the observable sequences with a scored joint among 0 .. n-1 (None: all), of these the
     first `limit` (0: all).
 
     Raises DatasetError if there are none.
     """
-    dataset, paths = open_dataset(folder), sequence_paths(folder)
+    dataset, paths = open_dataset(folder, allow_model), sequence_paths(folder)
     names = [s for s in dataset.names if n is None or int(s) < n]
     seen: list[str] = []
     scored: list[str] = []

@@ -16,7 +16,7 @@ from typing import Literal
 from ...errors import ConfigError, MethodError
 from ...renderer.dataset import Dataset
 from ...renderer.runtime import Bar, uninterrupted
-from ...renderer.scene import model_of
+from ...renderer.scene import check_model_paths, model_of
 from ...renderer.types import Inputs, Knowledge, Observation
 from ...renderer.types import Sequence as Video
 from ...robots.catalog import is_category
@@ -78,6 +78,9 @@ class EvalConfig:
     version of the method or the dataset are replaced too."""
     keep_unobservable: bool = False
     """Also evaluate sequences whose motion cannot be observed in the images."""
+    allow_model: bool = False
+    """For knowledge model: read the models of --data from paths that the datasets name, or
+    download them. Use it only for datasets that you trust."""
     suites: Path = SUITES
     """Folder for the rendered datasets of suites."""
 
@@ -117,7 +120,8 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     limits = _limits(config)
     declared, rows, refused = _plan(config, limits)
     if config.data:
-        data = from_folders(config.data, config.keep_unobservable, config.limit)
+        data = from_folders(config.data, config.keep_unobservable, config.limit,
+                            config.allow_model)
     else:
         data = from_suite(read_suite(config.suite), config.suites, config.keep_unobservable,
                           config.limit, progress)
@@ -125,6 +129,9 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         "seconds_per_sequence": limits.timeout, "workers": limits.workers,
         "threads": limits.threads, **({"memory": limits.memory} if limits.memory else {}),
     }  # fmt: skip
+    for d in data:
+        if not d.dataset.allow_model and any(row.knowledge == "model" for _, row in rows):
+            check_model_paths(d.dataset.config)
     jobs = cheap_first([
         prepare_job(describe_run(row, source, d, recorded, declared[source].settings), d,
                     config.results, config.retry)
@@ -260,7 +267,7 @@ class _Observer:
         several = is_category(dataset.config.robot)
         key = (dataset.path, sequence.meta.name if several else "")
         if self._model is None or key != self._key:
-            self._model = model_of(dataset.config, sequence.meta, download=True)
+            self._model = model_of(dataset.config, sequence.meta, dataset.allow_model)
             self._key = key
         return self._model
 

@@ -30,6 +30,8 @@ class Dataset:
     info: Provenance
     """`dataset.json`: generator, versions, assets and licences, counts."""
     names: tuple[str, ...]
+    allow_model: bool = False
+    """Whether its model may be read from a path in `config`, or downloaded."""
 
     def __repr__(self) -> str:
         n = len(self)
@@ -56,11 +58,13 @@ class Dataset:
         return open_sequence(path if path.exists() else path.with_suffix(""))
 
 
-def open_dataset(path: str | Path) -> Dataset:
+def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
     """Open the dataset in a folder. Its sequences are read when they are indexed.
 
     Args:
         path: Folder of the dataset.
+        allow_model: Whether functions that need the model may read it from the path that the
+            dataset names, or download it. Allow it only for datasets that you trust.
 
     Returns:
         The dataset: a sequence of `Sequence`, with its configuration and provenance.
@@ -80,7 +84,8 @@ def open_dataset(path: str | Path) -> Dataset:
     folder = Path(path)
     info = read_provenance(folder)
     config = parse_config(info.config, f"{folder / DATASET_FILE}: config", error=DatasetError)
-    return Dataset(folder, config, info, tuple(sorted(sequence_paths(folder), key=int)))
+    return Dataset(folder, config, info, tuple(sorted(sequence_paths(folder), key=int)),
+                   allow_model)
 
 
 def sequence_paths(dataset: Path) -> dict[str, Path]:

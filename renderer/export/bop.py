@@ -146,7 +146,7 @@ class Bop(Writer):
         robot = robot_of(self.dataset.config, meta)
         if self._now is not None and self._now.robot == robot:
             return self._now
-        model = model_of(self.dataset.config, meta)
+        model = model_of(self.dataset.config, meta, self.dataset.allow_model)
         if any(v.deforms for v in model.visuals):
             raise DatasetError(f"{robot} deforms, and BOP has rigid objects only")
         first = self._firsts.get(robot, self._next)

@@ -44,7 +44,8 @@ class Exported:
 
 
 def export_dataset(
-    dataset: str | Path, format: str, out: Path, sequences: str = "", progress: bool = True
+    dataset: str | Path, format: str, out: Path, sequences: str = "", progress: bool = True,
+    allow_model: bool = False,
 ) -> Exported:
     """Write a dataset in the format of another benchmark or tool.
 
@@ -56,6 +57,8 @@ def export_dataset(
         out: Folder of the export, which must not exist.
         sequences: Numbers and ranges of sequences, for example "0-9,15". Default: all.
         progress: Whether to show a progress bar.
+        allow_model: Whether to read the model from a path that the dataset names, or to download
+            it. bop needs the model, rerun shows it.
 
     Returns:
         The folder, and the number of sequences and frames in it.
@@ -71,7 +74,7 @@ def export_dataset(
     """
     if format not in WRITERS:
         raise ConfigError(f"--format {format}: choose one of {', '.join(WRITERS)}")
-    data = open_dataset(dataset)
+    data = open_dataset(dataset, allow_model)
     names = select_sequences(data, sequences)
     if out.exists() or out.is_symlink():
         raise ConfigError(f"{out} is there already; choose another --out, or delete it")

@@ -82,7 +82,7 @@ class Rerun(Writer):
             robot = robot_of(self.dataset.config, meta)
             if robot != self._robot:
                 self._robot, self._model = robot, None
-                self._model = model_of(self.dataset.config, meta)
+                self._model = model_of(self.dataset.config, meta, self.dataset.allow_model)
 
     def _log_once(self, recording: rr.RecordingStream, sequence: Sequence) -> None:
         """What holds for all frames."""

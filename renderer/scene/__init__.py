@@ -17,7 +17,14 @@ from .config import (
     resolve,
 )
 from .config_files import config_tree, differences, parse_config, read_config
-from .models import dataset_asset, model_of, model_source, packages_of, robot_of
+from .models import (
+    check_model_paths,
+    dataset_asset,
+    model_of,
+    model_source,
+    packages_of,
+    robot_of,
+)
 from .motion import Motion, MotionSampler, animation_times
 from .posed_model import PosedModel, pose_parts, rest, rest_in_part
 from .room import RoomSurface
@@ -27,8 +34,8 @@ from .scene import Scene
 __all__ = [
     "LAYERS", "STUDIO", "CameraConfig", "ImageConfig", "LightsConfig", "Motion", "MotionConfig",
     "MotionSampler", "PosedModel", "RandomizationConfig", "RenderConfig", "RoomSurface", "Scene",
-    "Streams", "TexturesConfig", "animation_times", "box_corners", "box_split", "clip_from_light",
-    "clip_from_world", "config_tree", "dataset_asset", "differences", "draw_camera", "draw_scene",
-    "model_of", "model_source", "packages_of", "parse_config", "pose_parts", "read_config",
-    "resolve", "rest", "rest_in_part", "robot_of",
+    "Streams", "TexturesConfig", "animation_times", "box_corners", "box_split", "check_model_paths",
+    "clip_from_light", "clip_from_world", "config_tree", "dataset_asset", "differences",
+    "draw_camera", "draw_scene", "model_of", "model_source", "packages_of", "parse_config",
+    "pose_parts", "read_config", "resolve", "rest", "rest_in_part", "robot_of",
 ]

@@ -10,6 +10,7 @@ from ...errors import ConfigError, DatasetError, GcbenchError, ModelError
 from ...robots.catalog import (
     instance_numbers,
     is_category,
+    is_file,
     load_robot,
     parse_object_name,
     scored_by_default,
@@ -82,15 +83,28 @@ def robot_of(config: RenderConfig, meta: Meta) -> str:
     return instance
 
 
-def model_of(
-    config: RenderConfig, meta: Meta | None = None, download: bool = False
-) -> ArticulatedModel:
-    """Load the model that a sequence shows, downloading its files only if `download`.
+def check_model_paths(config: RenderConfig) -> None:
+    """Raise ModelError if the model of a dataset's config is read from a path in that config.
 
-    `meta` is needed only where each sequence shows another instance.
+    Datasets come from elsewhere, so that they may name any file of this machine.
     """
+    if is_file(config.robot) or config.package:
+        path = config.robot if is_file(config.robot) else config.package[0]
+        raise ModelError(f"the dataset names {path!r} as its model; add --allow-model to read it")
+
+
+def model_of(
+    config: RenderConfig, meta: Meta | None = None, allow: bool = False
+) -> ArticulatedModel:
+    """Load the model that a sequence shows.
+
+    Only if `allow`, its files are read from paths that the config names, or downloaded. `meta` is
+    needed only where each sequence shows another instance.
+    """
+    if not allow:
+        check_model_paths(config)
     robot = config.robot if meta is None else robot_of(config, meta)
-    return load_robot(robot, packages_of(config), config.allow_missing, download, config.root)
+    return load_robot(robot, packages_of(config), config.allow_missing, allow, config.root)
 
 
 def dataset_asset(config: RenderConfig, source: ModelSource) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...errors import GcbenchError
 from ...robots.model import ArticulatedModel
-from ..scene import RenderConfig, packages_of
+from ..scene import RenderConfig, check_model_paths, packages_of
 from ..types import Sequence
 from .checks import CheckResult, VerifyReport, check, merge_checks
 from .images import verify_images
@@ -65,17 +65,20 @@ def verify_sequence(
     return VerifyReport(merge_checks(checks))
 
 
-def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) -> VerifyReport:
+def verify_dataset(
+    path: str | Path, workers: int = 1, progress: bool = True, allow_model: bool = False
+) -> VerifyReport:
     """Run all checks of every sequence of a dataset, and of the dataset as a whole.
 
-    Nothing is downloaded. If the model is not on this machine, poses are tested against the
-    joints' own screws only, and the report has a warning.
+    Nothing is downloaded. If the model is not on this machine, or is a file that may not be read,
+    poses are tested against the joints' own screws only, and the report has a warning.
 
     Args:
         path: The folder of a dataset; or one sequence (a ZIP or a folder), which is verified
             against the configuration of its dataset, if it lies in one.
         workers: Number of processes.
         progress: Whether to show a progress bar.
+        allow_model: Whether to read the model from a path that the dataset names.
 
     Returns:
         The report: `ok`, `worst`, `failures` and `table()`. A sequence that cannot be read is a
@@ -93,10 +96,10 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
 
     path = Path(path)
     if path.is_file() or (path / "meta.json").is_file():
-        return _verify_one(path.absolute())
+        return _verify_one(path.absolute(), allow_model)
     dataset = open_dataset(path)
     files, warnings = _sequence_files(path)
-    reference, notes = _shared_reference(dataset.config)
+    reference, notes = _shared_reference(dataset.config, allow_model)
     jobs = [(file, reference, dataset.config.seed) for file in files]
     checks = _dataset_checks(files, dataset.info.counts)
     for found in _run(jobs, workers, progress):
@@ -104,26 +107,28 @@ def verify_dataset(path: str | Path, workers: int = 1, progress: bool = True) ->
     return VerifyReport(merge_checks(checks), (*warnings, *notes))
 
 
-def _verify_one(path: Path) -> VerifyReport:
+def _verify_one(path: Path, allow_model: bool) -> VerifyReport:
     from ..dataset import open_dataset
 
     seed, reference, notes = None, Reference(), ["alone, without a dataset's config"]
     if (path.parent.parent / "dataset.json").is_file():
         config = open_dataset(path.parent.parent).config
         seed = config.seed
-        reference, notes = _shared_reference(config)
+        reference, notes = _shared_reference(config, allow_model)
     return VerifyReport(merge_checks(_verify_file((path, reference, seed))), tuple(notes))
 
 
-def _shared_reference(config: RenderConfig) -> tuple[Reference | RenderConfig, list[str]]:
+def _shared_reference(
+    config: RenderConfig, allow_model: bool
+) -> tuple[Reference | RenderConfig, list[str]]:
     """The reference of all sequences; the config itself where each shows its own instance."""
     from ...robots.catalog import is_category
 
-    return (config, []) if is_category(config.robot) else reference_of(config)
+    return (config, []) if is_category(config.robot) else reference_of(config, None, allow_model)
 
 
 def reference_of(
-    config: RenderConfig, robot: str | None = None
+    config: RenderConfig, robot: str | None = None, allow_model: bool = False
 ) -> tuple[Reference, list[str]]:
     """Load the model of a config (or `robot`) without its rigid surfaces, and its URDF.
 
@@ -134,6 +139,8 @@ def reference_of(
 
     robot = robot or config.robot
     try:
+        if not allow_model:
+            check_model_paths(config)
         packages = packages_of(config)
         model = load_robot(robot, packages, config.allow_missing, False, config.root)
         urdf = robot_urdf(robot, packages, download=False)

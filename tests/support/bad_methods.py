@@ -228,6 +228,12 @@ class Levels(Good):
     inputs, knowledge = ("rgb", "rgbd"), ("free", "axes")
 
 
+class Knows(Good):
+    """Gets the model of the object."""
+
+    knowledge = ("model",)
+
+
 class SurrogateName(Good):
     name = "mine\ud800"
 

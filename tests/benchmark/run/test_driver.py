@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench import GcbenchError
+from gcbench import GcbenchError, ModelError
 from gcbench.benchmark.methods import registry as methods
 from gcbench.benchmark.methods.baselines import mean_motion
 from gcbench.benchmark.protocol.observations import DEPTH_NOISE, observe
@@ -286,3 +286,36 @@ def test_blind_guesses(data: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(of(moving, "final_error"), error)
     assert {r.sign for r in moving if r.joint} == {"best"}
     assert mean_motion(15, True)[-1] == pytest.approx(0.2, abs=0.02)  # a drawer's 4 .. 36 cm
+
+
+# -- models of datasets from elsewhere --------------------------------------------------------
+
+
+def shows(data: Path, robot: str) -> Path:
+    """The dataset, whose config names another robot."""
+    file = data / "dataset.json"
+    tree = json.loads(file.read_text())
+    tree["config"]["robot"] = robot
+    file.write_text(json.dumps(tree))
+    return data
+
+
+def test_a_path_in_a_dataset_is_read_with_permission_only(tmp_path: Path) -> None:
+    data = bench_data.make_dataset(tmp_path / "data", 1)
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text('<robot name="arm"><link name="a"><visual><geometry><box size="1 1 1"/>'
+                    "</geometry></visual></link></robot>")
+    shows(data, str(urdf))
+    with pytest.raises(ModelError, match=r"arm\.urdf' as its model; add --allow-model"):
+        run(data, tmp_path / "results", "Knows")
+    assert not (tmp_path / "results").exists()
+    run(data, tmp_path / "results", "Good")  # needs no model
+    assert run(data, tmp_path / "results", "Knows", allow_model=True).failures == ()
+
+
+def test_a_dataset_downloads_no_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path / "cache"))
+    data = shows(bench_data.make_dataset(tmp_path / "data", 1), "ur5")
+    with pytest.raises(ModelError, match="gcbench robots fetch ur5"):
+        run(data, tmp_path / "results", "Knows")
+    assert not (tmp_path / "cache").exists()

@@ -100,7 +100,7 @@ def test_a_wall_seen_squarely_is_lit_and_a_slanted_one_darker() -> None:
 
 @pytest.mark.gl
 def test_the_truth_as_an_estimate_covers_the_object(dataset: Dataset) -> None:
-    model = model_of(dataset.config)
+    model = model_of(dataset.config, allow=True)
     with Painter(model, 160, 120) as painter:
         for sequence in dataset:
             there = sequence.part[-1] > 0
@@ -114,7 +114,7 @@ def test_the_truth_as_an_estimate_covers_the_object(dataset: Dataset) -> None:
 
 @pytest.mark.gl
 def test_another_model_is_refused(dataset: Dataset) -> None:
-    model = model_of(dataset.config)
+    model = model_of(dataset.config, allow=True)
     other = dataclasses.replace(model, screw=-model.screw)
     with Painter(other, 160, 120) as painter, pytest.raises(GcbenchError, match="another model"):
         painter.paint(dataset[0], {})
@@ -130,7 +130,7 @@ def test_the_gallery_has_pictures(dataset: Dataset, tmp_path: Path) -> None:
         run = next(f.run for f in find_runs(tmp_path) if f.path == path)
         write_run(path, dataclasses.replace(run, data=str(dataset.path)))
     lines = read_leaderboard([tmp_path]).lines
-    pictures = draw_pictures(lines, select_pictures(lines), progress=False)
+    pictures = draw_pictures(lines, select_pictures(lines), progress=False, allow_model=True)
     assert len(pictures) == 4
     assert all(p.image.startswith("data:image/webp;base64,") and not p.reason for p in pictures)
     assert WIDTH <= 640
