@@ -7,6 +7,7 @@ non-commercial use and not distributed with gcbench.
 # pyright: basic
 from __future__ import annotations
 
+from .resnet import ResNet18
 from .torch_runtime import F, Tensor, nn, torch
 
 IMAGE_WIDTH, IMAGE_HEIGHT = 640, 192
@@ -21,49 +22,11 @@ class DepthEncoder(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.encoder = _ResNet()
+        self.encoder = ResNet18()
 
     def forward(self, image: Tensor) -> list[Tensor]:
         """Return features at 1/2, 1/4 .. 1/32 of an image [B 3 H W] in 0..1."""
         return self.encoder((image - 0.45) / 0.225)
-
-
-class _ResNet(nn.Module):
-    def __init__(self) -> None:
-        super().__init__()
-        self.conv1 = nn.Conv2d(3, 64, 7, 2, 3, bias=False)
-        self.bn1 = nn.BatchNorm2d(64)
-        channels = 64
-        for k, outputs in enumerate(_ENCODED[1:], 1):
-            blocks = [_Block(channels, outputs, 1 if k == 1 else 2), _Block(outputs, outputs, 1)]
-            self.add_module(f"layer{k}", nn.Sequential(*blocks))
-            channels = outputs
-
-    def forward(self, image: Tensor) -> list[Tensor]:
-        out = [F.relu(self.bn1(self.conv1(image)))]
-        x = F.max_pool2d(out[0], 3, 2, 1)
-        for k in range(1, 5):
-            x = self.get_submodule(f"layer{k}")(x)
-            out.append(x)
-        return out
-
-
-class _Block(nn.Module):
-    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
-        super().__init__()
-        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
-        self.bn1 = nn.BatchNorm2d(outputs)
-        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
-        self.bn2 = nn.BatchNorm2d(outputs)
-        self.downsample = None
-        if stride != 1 or inputs != outputs:
-            self.downsample = nn.Sequential(
-                nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs)
-            )
-
-    def forward(self, x: Tensor) -> Tensor:
-        around = x if self.downsample is None else self.downsample(x)
-        return F.relu(self.bn2(self.conv2(F.relu(self.bn1(self.conv1(x))))) + around)
 
 
 class DepthDecoder(nn.Module):
