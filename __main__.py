@@ -38,14 +38,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     args = list(sys.argv[1:] if argv is None else argv)
     if not args or args[0] in ("-h", "--help", "help"):
-        lines = [f"  {k:12} {(run.__doc__ or k).splitlines()[0]}" for k, run in COMMANDS.items()]
+        lines = [f"  {k:15} {(run.__doc__ or k).splitlines()[0]}" for k, run in COMMANDS.items()]
         print(HELP.format(commands="\n".join(lines)), end="")
         return 0
     if args[0] == "--version":
         print(f"gcbench {gb.__version__}")
         return 0
     try:
-        words = 2 if args[:2] == ["robots", "fetch"] else 1
+        words = 2 if " ".join(args[:2]) in COMMANDS else 1
         code = _run(" ".join(args[:words]), args[words:])
         sys.stdout.flush()  # raises BrokenPipeError here, if at all
         return code
@@ -310,39 +310,32 @@ def _present(written: Sequence[Path], open: bool) -> int:
     return 0
 
 
-def train(args: Sequence[str]) -> int:
-    """Train a network of GC-Pose: `flow`, for optical flow.
+def train_flow(args: Sequence[str]) -> int:
+    """Train the optical flow network of GC-Pose."""
+    return _train("flow", args)
 
-    To continue an interrupted run, run the same command again. Without --data, the command renders
-    its training data: random articulated and rigid objects that no suite contains, and appliances
-    of the stream "train". It uses a GPU if there is one.
 
-    Examples:
-      gcbench train flow --out raft --held-out data/ur5-train
-      gcbench train flow --out raft --robots panda.urdf kinova.urdf --steps 100000 --workers 8
-      gcbench train flow --data data/train --out raft --start-from gcpose/weights/raft.safetensors
-    """
-    if args and args[0] in ("-h", "--help"):
-        args = ["flow", *args]
-    if not args or args[0] != "flow":
-        raise gb.ConfigError("name the network to train: gcbench train flow")
-    from gcbench.gcpose.training.config import TrainConfig
+def train_screwnet(args: Sequence[str]) -> int:
+    """Train ScrewNet, a baseline: the screw motion of one joint from depth video."""
+    return _train("screwnet", args)
+
+
+def _train(name: str, args: Sequence[str]) -> int:
+    from gcbench.gcpose.training.config import CONFIGS
     from gcbench.renderer.runtime import command_line
 
-    options = command_line.parse_options(args[1:], "train flow", TrainConfig, train.__doc__)
-    from gcbench.gcpose.training.errors import errors_table
-    from gcbench.gcpose.training.loop import train as run
+    config = CONFIGS[name]
+    options = command_line.parse_options(args, f"train {name}", config, config.__doc__)
+    from gcbench.gcpose.training.tasks import run_training
 
-    for path, errors in run(options).items():
-        print(f"{path}: px on moving parts\n{errors_table(errors)}")
-    print(options.out)
+    print(run_training(options))
     return 0
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
     "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
-    "eval": evaluate, "score": score, "report": report, "export": export, "train": train,
-    "robots fetch": fetch,
+    "eval": evaluate, "score": score, "report": report, "export": export,
+    "robots fetch": fetch, "train flow": train_flow, "train screwnet": train_screwnet,
 }
 
 if __name__ == "__main__":

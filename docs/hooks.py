@@ -44,15 +44,6 @@ def on_page_content(page_html: str = "", **values: Any) -> str:
 # -- command line -----------------------------------------------------------------------------
 
 
-def command_names() -> list[str]:
-    """The commands of `gcbench`, and `robots fetch` after `robots`."""
-    from gcbench.__main__ import COMMANDS
-
-    names = list(COMMANDS)
-    at = names.index("robots") + 1
-    return [*names[:at], "robots fetch", *names[at:]]
-
-
 def help_of(command: str) -> str:
     """The text that `gcbench COMMAND --help` prints."""
     from gcbench.__main__ import main
@@ -76,7 +67,9 @@ def help_of(command: str) -> str:
 
 def command_reference() -> str:
     """Markdown: one section a command, from its `--help`."""
-    return "\n\n".join(command_section(name, help_of(name)) for name in command_names())
+    from gcbench.__main__ import COMMANDS
+
+    return "\n\n".join(command_section(name, help_of(name)) for name in COMMANDS)
 
 
 def command_section(name: str, text: str) -> str:

@@ -65,7 +65,8 @@ LAYERS = {
         "doctor observation torch_dataset",
     ),
     "gcpose": (
-        "numerics networks", "chain images", "rgbd", "rgb", "paper training", "settings", "method"
+        "numerics networks", "chain images", "rgbd", "rgb", "paper training learned", "settings",
+        "method",
     ),
     "benchmark": ("results", "protocol", "methods report", "run"),
 }
@@ -173,7 +174,8 @@ def subpackages() -> list[Path]:
 
 
 LOADED_BY_NAME = {
-    "gcpose.networks", "gcpose.training", "gcpose.images.network_flow", "renderer.dataset.torch"
+    "gcpose.networks", "gcpose.training", "gcpose.learned", "gcpose.images.network_flow",
+    "renderer.dataset.torch",
 }
 """What needs an extra: its modules are imported where they are used."""
 

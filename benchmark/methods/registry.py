@@ -31,6 +31,7 @@ METHODS = {
     "gcpose-flow": "gcbench.gcpose.paper.pipeline:FlowOnly",
     "gcpose-epipolar": "gcbench.gcpose.paper.pipeline:Epipolar",
     "gcpose-depth": "gcbench.gcpose.paper.pipeline:WithDepth",
+    "screwnet": "gcbench.gcpose.learned.screwnet:ScrewNetMethod",
     "icp": "gcbench.benchmark.methods.icp:Icp",
     "icp-first": "gcbench.benchmark.methods.icp:IcpFirst",
     "hold-still": "gcbench.benchmark.methods.baselines:HoldStill",

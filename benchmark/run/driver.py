@@ -51,6 +51,8 @@ class EvalConfig:
     depth: str = ""
     """Single-image depth, for methods with this option: none, or mono:FOLDER (Monodepth2 weights).
     Default: chosen by the method. Becomes part of the row's name."""
+    weights: str = ""
+    """File of trained weights, for methods with this option (screwnet)."""
     set: tuple[str, ...] = ()
     """Settings of the method as NAME=VALUE, e.g. rgbd.candidates=800; part of the row's name."""
     suite: str = "mini"
@@ -166,7 +168,7 @@ def _plan(
     """Return the declaration of each method by its identity, (identity, row) of each row, and why
     the other methods cannot be loaded. Raises MethodError if none can."""
     options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
-                                 ("set", " ".join(config.set))) if v}
+                                 ("weights", config.weights), ("set", " ".join(config.set))) if v}
     for name, _ in map(split_oracles, config.method):
         method_source(name)  # fail on an unknown name before a process starts
     named = dict.fromkeys((with_options(method_identity(method), options), oracles)

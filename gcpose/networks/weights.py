@@ -74,17 +74,36 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
     return {str(key): value for key, value in tree.items() if isinstance(value, Tensor)}
 
 
-def write_weights(path: Path, network: nn.Module) -> None:
-    """Write the tensors of a network to a safetensors file, atomically."""
-    _write_tensors(path, dict(network.state_dict()))
+def read_notes(path: Path) -> dict[str, str]:
+    """Read the notes that `write_weights` put into a safetensors file.
+
+    Raises:
+        ConfigError: If the file cannot be read.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="pt") as file:
+            return dict(file.metadata() or {})
+    except (OSError, SafetensorError) as error:
+        reason = str(error).splitlines()[0][:120]
+        raise ConfigError(f"{path}: no safetensors file ({reason})") from None
 
 
-def _write_tensors(path: Path, tensors: dict[str, Tensor]) -> None:
+def write_weights(path: Path, network: nn.Module, notes: Mapping[str, str] | None = None) -> None:
+    """Write the tensors of a network, and notes on them, to a safetensors file, atomically."""
+    _write_tensors(path, dict(network.state_dict()), notes)
+
+
+def _write_tensors(
+    path: Path, tensors: dict[str, Tensor], notes: Mapping[str, str] | None = None
+) -> None:
     from safetensors.torch import save_file
 
     try:
         with replace_atomically(path) as temporary:
-            save_file({k: v.detach().cpu().contiguous() for k, v in tensors.items()}, temporary)
+            save_file({k: v.detach().cpu().contiguous() for k, v in tensors.items()}, temporary,
+                      dict(notes) if notes else None)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
 
@@ -102,20 +121,19 @@ class Checkpoint:
 def write_checkpoint(
     folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer, at: Checkpoint
 ) -> None:
-    """Write the state of network and AdamW, and the network alone (raft.safetensors)."""
+    """Write the state of a network and of Adam or AdamW."""
     tensors = {f"network/{key}": value for key, value in network.state_dict().items()}
     for name, parameter in network.named_parameters():
         state = optimizer.state[parameter]
         tensors |= {f"{key}/{name}": state[key] for key in _MOMENTS if key in state}
     tensors["at"] = torch.tensor([at.step, at.seconds], dtype=torch.float64)
     _write_tensors(folder / _CHECKPOINT, tensors)
-    write_weights(folder / "raft.safetensors", network)
 
 
 def read_checkpoint(
     folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer
 ) -> Checkpoint:
-    """Restore network and AdamW from a folder; without a checkpoint the run is at step 0.
+    """Restore network and optimizer from a folder; without a checkpoint the run is at step 0.
 
     Raises:
         ConfigError: If the file is damaged or of another network.

@@ -1,4 +1,4 @@
-"""Options of `gcbench train flow`."""
+"""Options of `gcbench train`."""
 
 from __future__ import annotations
 
@@ -63,43 +63,95 @@ class RecipeConfig:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Options of a training run."""
+    """Options of every training run."""
 
     data: tuple[Path, ...] = ()
-    """Datasets (`gcbench render --stream train`), or folders of them; default: random objects
-    and appliances, rendered into OUT/data first."""
-    out: Path = Path("raft")
-    """Folder of the weights (raft.safetensors), the checkpoint and the log (log.jsonl); a run
-    that was stopped continues from there."""
+    """Datasets (`gcbench render --stream train`), or folders of them; default: the command renders
+    them into OUT/data first."""
+    out: Path = Path("trained")
+    """Folder of the weights, the checkpoint, the log (log.jsonl) and its curves (curves.html); a
+    run that was stopped continues from there."""
     start_from: Path | None = None
     """Weights with which a new run begins (a run in OUT continues from its own); default: random
     weights."""
-    held_out: tuple[Path, ...] = ()  # Datasets on which the errors are measured, against DIS.
-    steps: int = 60_000  # 0 measures the errors without training.
+    held_out: tuple[Path, ...] = ()  # Datasets on which the errors are measured.
+    steps: int = 10_000  # 0 measures the errors without training.
     batch: int = 4  # Samples in a step.
-    rate: float = 8e-4  # Highest learning rate of the cycle.
-    warm_up: float = 0.05  # Share of the steps in which the rate rises.
-    first_rate: float = 0.04  # Rate of the first step, as a share of the highest.
+    rate: float = 1e-3  # Highest learning rate.
     weight_decay: float = 1e-4
     max_gradient: float = 1.0  # Norm to which gradients are clipped.
-    crop: tuple[int, int] = (176, 144)
-    """Width and height of the crops that are learned from, px; multiples of 16."""
-    iterations: int = 4
-    """Corrections that the network makes in training (6 in use, 3 when tuned to a video)."""
-    models: int = 300  # Objects to render if no data are given.
-    robots: tuple[str, ...] = ()
-    """Robots (names or files) that half of them are; the others are random."""
     seed: int = 1
     device: str = "auto"  # `cpu`, `cuda`, ...; `auto`: a GPU if there is one.
-    precision: Literal["bfloat16", "float32"] = "bfloat16"
-    """Of the arithmetic in training; weights are float32."""
     workers: int = 0
     """Processes that prepare samples (a GPU needs 8 and more) and that render; 0: samples in the
     training process, and one renderer for each core."""
     threads: int = 0  # Of the arithmetic on a CPU; default: all cores.
     every: int = 1000  # Steps between two checks on the held-out data.
-    held_out_pairs: int = 40  # Pairs of each held-out dataset in a check.
     minutes: float = 3.0  # Time between two checkpoints.
+
+
+@dataclass(frozen=True)
+class FlowTraining(TrainConfig):
+    """Train the optical flow network of GC-Pose.
+
+    To continue an interrupted run, run the same command again. Without --data, the command renders
+    its training data: random articulated and rigid objects that no suite contains, and appliances
+    of the stream "train". It uses a GPU if there is one.
+
+    Examples:
+      gcbench train flow --out raft --held-out data/ur5-train
+      gcbench train flow --out raft --robots panda.urdf kinova.urdf --steps 100000 --workers 8
+      gcbench train flow --data data/train --out raft --start-from gcpose/weights/raft.safetensors
+    """
+
+    out: Path = Path("raft")
+    steps: int = 60_000
+    rate: float = 8e-4
+    warm_up: float = 0.05  # Share of the steps in which the rate rises.
+    first_rate: float = 0.04  # Rate of the first step, as a share of the highest.
+    crop: tuple[int, int] = (176, 144)
+    """Width and height of the crops that are learned from, px; multiples of 16."""
+    iterations: int = 4
+    """Corrections that the network makes in training (6 in use, 3 when tuned to a video)."""
+    precision: Literal["bfloat16", "float32"] = "bfloat16"
+    """Of the arithmetic in training; weights are float32."""
+    models: int = 300  # Objects to render if no data are given.
+    robots: tuple[str, ...] = ()
+    """Robots (names or files) that half of them are; the others are random."""
+    held_out_pairs: int = 40  # Pairs of each held-out dataset in a check.
     loss: LossConfig = field(default_factory=LossConfig)
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     recipe: RecipeConfig = field(default_factory=RecipeConfig)
+
+
+@dataclass(frozen=True)
+class ScrewNetTraining(TrainConfig):
+    """Train ScrewNet, a baseline: the screw motion of one joint from depth video.
+
+    To continue an interrupted run, run the same command again. Without --data, the command renders
+    appliances of the stream "train", and others to measure the errors on. It uses a GPU if there
+    is one; a small --width trains on a CPU. The defaults are those of the paper.
+
+    Examples:
+      gcbench train screwnet --out screwnet --classes microwave
+      gcbench train screwnet --out across --classes dishwasher oven --width 16 --sequences 1000
+      gcbench eval --method screwnet --weights screwnet/screwnet.safetensors --data data/microwave
+    """
+
+    out: Path = Path("screwnet")
+    batch: int = 40  # Samples in a step.
+    weight_decay: float = 1e-2  # Of Adam: it is added to the gradient.
+    max_gradient: float = 10.0  # Norm to which gradients are clipped.
+    epochs: int = 100  # Times that each sequence is seen.
+    steps: int = -1  # Default: as many as the epochs have; 0 measures the errors only.
+    width: int = 64  # Channels of the first layers, a multiple of 8; all other sizes follow.
+    classes: tuple[str, ...] = ("microwave",)
+    """Classes of objects to render if no data are given; each sequence shows another object."""
+    sequences: int = 4000  # Of all classes together.
+    held_out_sequences: int = 100  # Further ones, for the checks.
+    frames: int = 16  # Of a sample.
+    dropped: float = 0.1  # Share of the pixels that are set to zero, the same in all frames.
+
+
+CONFIGS: dict[str, type[TrainConfig]] = {"flow": FlowTraining, "screwnet": ScrewNetTraining}
+"""Options by the name of the network."""

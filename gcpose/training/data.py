@@ -1,13 +1,15 @@
-"""Data that a flow network learns from, rendered here from objects of no suite."""
+"""Datasets that networks learn from, rendered here from objects of no suite."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ...errors import DatasetError
+from ...renderer.dataset import open_dataset
 from ...renderer.generate import render_dataset
 from ...renderer.scene import (
     CameraConfig,
@@ -30,6 +32,7 @@ class PlannedDataset:
     name: str
     config: RenderConfig
     sequences: int
+    held_out: bool = False
 
 
 def plan_datasets(
@@ -94,19 +97,52 @@ def _draw_config(
     )
 
 
-def render_datasets(out: Path, config: TrainConfig) -> list[Path]:
-    """Render the recipe's datasets to folders in `out`; those that are there are kept.
+def render_datasets(
+    out: Path, planned: Iterable[PlannedDataset], config: TrainConfig
+) -> tuple[list[Path], list[Path]]:
+    """Render datasets to folders in `out`; those that are there are kept.
+
+    Returns the folders to learn from, and those to measure errors on.
 
     Raises:
         RenderError: If this machine cannot render.
     """
     from tqdm import tqdm
 
-    folders: list[Path] = []
-    planned = plan_datasets(config.models, config.seed, config.robots, config.recipe)
-    for dataset in tqdm(planned, "render", config.models, unit="model", dynamic_ncols=True):
+    folders: tuple[list[Path], list[Path]] = [], []
+    for dataset in tqdm(list(planned), "render", unit="dataset", dynamic_ncols=True):
         folder = out / dataset.name
         workers = config.workers or None
         render_dataset(dataset.config, dataset.sequences, folder, workers, progress=False)
-        folders.append(folder)
+        folders[dataset.held_out].append(folder)
     return folders
+
+
+def find_datasets(paths: tuple[Path, ...]) -> list[Path]:
+    """Return the datasets among paths, and those in paths that are none.
+
+    Raises:
+        DatasetError: If there is no dataset at a path.
+    """
+    out: list[Path] = []
+    for path in paths:
+        found = [path] if (path / "dataset.json").exists() else sorted(
+            p.parent for p in path.glob("*/dataset.json"))
+        if not found:
+            raise DatasetError(f"{path}: there is no dataset; render one with `gcbench render`")
+        out += found
+    return out
+
+
+def refuse_test_streams(paths: list[Path]) -> None:
+    """Check that no dataset is of the stream that suites score on.
+
+    Raises:
+        DatasetError: If one is.
+    """
+    for path in paths:
+        if open_dataset(path).config.stream != "train":
+            raise DatasetError(
+                f"{path} is of the stream `test`, which suites score on; render training data "
+                "with --stream train"
+            )

@@ -30,15 +30,6 @@ class FlowErrors:
     parts: int
 
 
-def errors_table(errors: Mapping[str, FlowErrors]) -> str:
-    """Return a line of text for each flow, by its name, below a header; px."""
-    lines = [f"  {'flow':10} {'EPE':>7} {'median':>7} {'bias':>7} {'by size':>7}"]
-    for name, e in errors.items():
-        lines.append(
-            f"  {name:10} {e.epe:7.3f} {e.median:7.3f} {e.bias:7.3f} {e.bias_by_size:7.3f}")
-    return "\n".join(lines)
-
-
 def flow_errors(flows: Mapping[str, Flow], pairs: Iterable[FramePair]) -> dict[str, FlowErrors]:
     """Return the errors of flows by name, all on the same pairs."""
     lengths: dict[str, list[float]] = {name: [] for name in flows}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...errors import DatasetError
 from ...renderer.dataset import Dataset, open_dataset
 from ...renderer.types import OCCLUDED, OUT_OF_IMAGE, Sequence
-from .config import AugmentationConfig, LossConfig, TrainConfig
+from .config import AugmentationConfig, FlowTraining, LossConfig
 
 STATIC_MOTION = 0.05
 """Mean motion below which a part counts as background, px."""
@@ -68,7 +68,7 @@ class Pairs:
     Sample i of a seed is always the same.
     """
 
-    def __init__(self, folders: Row[Path], config: TrainConfig) -> None:
+    def __init__(self, folders: Row[Path], config: FlowTraining) -> None:
         """Open datasets; `config` has the seed, the crop, augmentation and weights.
 
         Raises:
@@ -118,7 +118,7 @@ def read_pair(sequence: Sequence, t: int, backward: bool = False) -> FramePair:
     return FramePair(a, b, flow, part.astype(np.int64), seen)
 
 
-def draw_sample(pair: FramePair, config: TrainConfig, rng: np.random.Generator) -> Sample:
+def draw_sample(pair: FramePair, config: FlowTraining, rng: np.random.Generator) -> Sample:
     """Return a crop around something that moves, resized, mirrored and with other colors."""
     augmentation = config.augmentation
     pair = _mirror(_crop(pair, config.crop, augmentation, rng), augmentation, rng)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
-from gcbench.gcpose.training.config import LossConfig, TrainConfig
+from gcbench.gcpose.training.config import FlowTraining, LossConfig
 from gcbench.gcpose.training.data import plan_datasets
 from gcbench.gcpose.training.errors import flow_errors
 from gcbench.gcpose.training.pairs import FramePair, Pairs, draw_sample, weigh_pixels
@@ -20,7 +20,7 @@ from gcbench.robots.catalog import load_robot
 
 from ...support.bench_data import make_dataset
 
-CROPPED = TrainConfig(crop=(64, 48))
+CROPPED = FlowTraining(crop=(64, 48))
 
 
 def to_learn_from(folder: Path, n: int = 3) -> Path:
@@ -99,18 +99,18 @@ def test_a_sample_keeps_flow_and_images_together(seed: int) -> None:
 
 def test_a_sample_of_a_number_is_always_one(tmp_path: Path) -> None:
     folder = make_dataset(tmp_path / "d")
-    first, second = (Pairs([folder, folder], TrainConfig(seed=3, crop=(48, 32))) for _ in range(2))
+    first, second = (Pairs([folder, folder], FlowTraining(seed=3, crop=(48, 32))) for _ in range(2))
     assert len(first) == 2 * 3 * 3 * 2
     for number in (0, 5, 9):
         a, b = first.sample(number), second.sample(number)
         np.testing.assert_array_equal(a.a, b.a)
         np.testing.assert_array_equal(a.flow, b.flow)
     with pytest.raises(GcbenchError, match="no pairs"):
-        Pairs([], TrainConfig())
+        Pairs([], FlowTraining())
 
 
 def test_both_directions_are_each_others_inverse(tmp_path: Path) -> None:
-    pairs = Pairs([make_dataset(tmp_path / "d", n=1)], TrainConfig())
+    pairs = Pairs([make_dataset(tmp_path / "d", n=1)], FlowTraining())
     forward, backward = pairs.pair(0), pairs.pair(1)
     np.testing.assert_array_equal(forward.a, backward.b)
     seen = forward.seen & (forward.part > 0)
@@ -172,8 +172,8 @@ def torch():
     return pytest.importorskip("torch", reason="training needs PyTorch")
 
 
-def config(folder: Path, out: Path, steps: int) -> TrainConfig:
-    return TrainConfig(
+def config(folder: Path, out: Path, steps: int) -> FlowTraining:
+    return FlowTraining(
         data=(folder,), out=out, held_out=(folder,), steps=steps, batch=2, crop=(48, 48),
         threads=1, every=100, device="cpu", precision="float32",
     )  # fmt: skip
@@ -221,10 +221,11 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
     torch, tmp_path: Path
 ) -> None:
     from gcbench.gcpose.networks.weights import read_tensors
+    from gcbench.gcpose.training.flow_task import FlowTask
     from gcbench.gcpose.training.loop import train
 
     folder = to_learn_from(tmp_path / "d")
-    errors = train(config(folder, tmp_path / "whole", 3))
+    errors = train(FlowTask(config(folder, tmp_path / "whole", 3)))
     assert {"dis", "dis-fine", "raft"} == set(errors[str(folder)])
     log = [json.loads(line) for line in (tmp_path / "whole/log.jsonl").read_text().splitlines()]
     assert log[-1]["step"] == 3 and log[-1]["raft"]["pairs"] > 0
@@ -232,7 +233,7 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
     with pytest.raises(GcbenchError):
         stopped(config(folder, tmp_path / "parts", 3), at=2)
     assert (tmp_path / "parts/checkpoint.safetensors").exists()
-    train(config(folder, tmp_path / "parts", 3))
+    train(FlowTask(config(folder, tmp_path / "parts", 3)))
     whole, parts = (read_tensors(tmp_path / k / "raft.safetensors") for k in ("whole", "parts"))
     for key, value in whole.items():
         torch.testing.assert_close(parts[key], value, msg=key)
@@ -240,22 +241,23 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
 
     (tmp_path / "parts/checkpoint.safetensors").write_bytes(b"\x08" * 64)
     with pytest.raises(GcbenchError, match=r"checkpoint\.safetensors: holds no tensors"):
-        train(config(folder, tmp_path / "parts", 4))
+        train(FlowTask(config(folder, tmp_path / "parts", 4)))
 
 
 def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> None:
     from gcbench.gcpose.images.network_flow import SHIPPED
     from gcbench.gcpose.networks.weights import read_tensors
+    from gcbench.gcpose.training.flow_task import FlowTask
     from gcbench.gcpose.training.loop import train
 
     begun = replace(config(to_learn_from(tmp_path / "d"), tmp_path / "out", 1), start_from=SHIPPED)
-    train(begun)
+    train(FlowTask(begun))
     before, after = read_tensors(SHIPPED), read_tensors(tmp_path / "out/raft.safetensors")
     moved = [float((after[key] - before[key].float()).abs().max()) for key in before]
     assert 0 < max(moved) < 1e-3  # one step at the rate of a beginning
-    train(begun)  # a run that is done stays as it is
+    train(FlowTask(begun))  # a run that is done stays as it is
     with pytest.raises(GcbenchError, match=r"none\.safetensors: there is no such file"):
-        train(replace(begun, start_from=tmp_path / "none.safetensors"))
+        train(FlowTask(replace(begun, start_from=tmp_path / "none.safetensors")))
 
 
 def test_the_command_measures_weights_without_a_step(
@@ -270,20 +272,22 @@ def test_the_command_measures_weights_without_a_step(
     assert said[0].startswith(str(held)) and said[-1] == str(out)
     rows = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in said[2:-1]}
     assert set(rows) == {"dis", "dis-fine", "raft"}
-    assert all(len(row) == 4 and min(row) > 0 for row in rows.values())
+    assert all(len(row) == 7 and min(row) > 0 for row in rows.values())
 
 
 def test_what_suites_score_on_is_not_learned_from(torch, tmp_path: Path) -> None:
+    from gcbench.gcpose.training.flow_task import FlowTask
     from gcbench.gcpose.training.loop import train
 
     with pytest.raises(GcbenchError, match="--stream train"):
-        train(config(make_dataset(tmp_path / "d"), tmp_path / "out", 3))
+        train(FlowTask(config(make_dataset(tmp_path / "d"), tmp_path / "out", 3)))
     assert not (tmp_path / "out").exists()
 
 
-def stopped(options: TrainConfig, at: int) -> None:
+def stopped(options: FlowTraining, at: int) -> None:
     """Train until a step in which something fails."""
-    from gcbench.gcpose.training import loop as train_flow
+    from gcbench.gcpose.training.flow_task import FlowTask
+    from gcbench.gcpose.training.loop import train
 
     before = Pairs.sample
 
@@ -293,8 +297,8 @@ def stopped(options: TrainConfig, at: int) -> None:
         return before(self, number)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train_flow.Pairs, "sample", fails)
-        train_flow.train(options)
+        patch.setattr(Pairs, "sample", fails)
+        train(FlowTask(options))
 
 
 def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
@@ -319,7 +323,7 @@ def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        ([], "name the network"),
+        ([], "train flow"),
         (["flow", "--crop", "100", "100"], "multiples of 16"),
         (["flow", "--data", "nowhere"], "there is no dataset"),
         (["flow", "--device", "abacus"], "cpu works everywhere"),
@@ -337,7 +341,7 @@ def test_wrong_options_are_told_in_one_line(
 
 
 def test_the_rate_goes_up_and_then_down_to_nothing(torch) -> None:
-    from gcbench.gcpose.training.loop import one_cycle
+    from gcbench.gcpose.training.flow_task import one_cycle
 
     rates = [one_cycle(x, 0.05, 0.04) for x in np.linspace(0, 1, 101)]
     assert max(rates) == pytest.approx(1, abs=0.02) and rates[0] < 0.05 and rates[-1] == 0

@@ -1,0 +1,76 @@
+"""ScrewNet (Jain et al., ICRA 2021): the screw motion of one joint from depth video.
+
+Features of each depth image by a ResNet-18, a memory over the frames, and a head that gives a screw
+for each frame after the first: l and m = p x l of the axis (camera frame at the first frame), the
+turn theta about it and the slide d along it since the first frame. At width 64 the sizes are those
+of the paper; a smaller width makes all layers narrower.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .resnet import ResNet18
+from .torch_runtime import Tensor, nn
+
+DEPTH_WIDTH, DEPTH_HEIGHT = 192, 108
+"""Size of the depth images, px."""
+_DEPTH_UNIT = 12.0  # m
+SCREW_NUMBERS = 8
+"""l (3), m (3), theta, d."""
+
+
+class ScrewNet(nn.Module):
+    """The network; about 21 million parameters at width 64."""
+
+    def __init__(self, width: int = 64) -> None:
+        super().__init__()
+        size, half, quarter = (n * width // 64 for n in (1000, 512, 256))
+        self.encoder = ResNet18(width)
+        self.features = nn.Linear(8 * width, size)
+        self.reduced = _stack(size, half)
+        self.restored = nn.Linear(half, size)
+        self.memory = nn.LSTM(size, size, batch_first=True)
+        self.head = nn.Sequential(
+            *_stack(size, quarter), *_stack(quarter, quarter // 2),
+            nn.Linear(quarter // 2, SCREW_NUMBERS))
+
+    def forward(self, depth: Tensor) -> Tensor:
+        """Return the screws [B T-1 8] of depth videos [B T H W] (see `fit_depth`)."""
+        batch, frames = depth.shape[:2]
+        images = depth.flatten(0, 1)[:, None].expand(-1, 3, -1, -1)
+        x = self.features(self.encoder(images)[-1].mean((2, 3)))
+        x = self.restored(self.reduced(x)).unflatten(0, (batch, frames))
+        x = self.memory(x)[0].flatten(0, 1)
+        return self.head(x).unflatten(0, (batch, frames))[:, 1:]
+
+
+def _stack(inputs: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(inputs, outputs), nn.BatchNorm1d(outputs), nn.ReLU())
+
+
+def screwnet_width(tensors: Mapping[str, Tensor]) -> int:
+    """Return the width of the network that has these tensors; 0 if it is none."""
+    first = tensors.get("encoder.conv1.weight")
+    return 0 if first is None or first.ndim != 4 else int(first.shape[0])
+
+
+def fit_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return depth images [T H W] m as the network sees them [T 108 192], in units of 12 m.
+
+    They are reduced as a whole, by the nearest pixel, with zeros beside them.
+    """
+    height, width = depth.shape[1:]
+    factor = min(DEPTH_WIDTH / width, DEPTH_HEIGHT / height)
+    w, h = max(1, round(width * factor)), max(1, round(height * factor))
+    rows = ((np.arange(h) + 0.5) * height / h).astype(np.int64)
+    columns = ((np.arange(w) + 0.5) * width / w).astype(np.int64)
+    top, left = (DEPTH_HEIGHT - h) // 2, (DEPTH_WIDTH - w) // 2
+    out = np.zeros((len(depth), DEPTH_HEIGHT, DEPTH_WIDTH), np.float32)
+    out[:, top : top + h, left : left + w] = depth[:, rows[:, None], columns]
+    out /= np.float32(_DEPTH_UNIT)
+    return out

@@ -1,0 +1,38 @@
+"""The networks that `gcbench train` knows."""
+
+# pyright: basic
+from __future__ import annotations
+
+from ...errors import ConfigError
+from .config import FlowTraining, ScrewNetTraining, TrainConfig
+from .flow_task import FlowTask
+from .loop import train
+from .screwnet_task import ScrewNetTask
+from .task import Scores, TrainingTask
+
+
+def task_of(config: TrainConfig) -> TrainingTask:
+    """Return the task of a network's options."""
+    if isinstance(config, FlowTraining):
+        return FlowTask(config)
+    if isinstance(config, ScrewNetTraining):
+        return ScrewNetTask(config)
+    raise ConfigError(f"{type(config).__name__} are options of no network")
+
+
+def run_training(config: TrainConfig) -> str:
+    """Train a network; return the errors on the held-out data as text, and where the files are."""
+    task = task_of(config)
+    tables = [f"{path}: {task.unit}\n{scores_table(scores)}"
+              for path, scores in train(task).items()]
+    return "\n".join([*tables, str(config.out)])
+
+
+def scores_table(scores: Scores) -> str:
+    """Return a line of text for each name below a header of metrics; - where one is not defined."""
+    metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
+    lines = [f"  {'':12}" + "".join(f" {metric:>12}" for metric in metrics)]
+    for name, row in scores.items():
+        values = [f"{row[m]:12.4g}" if m in row else f"{'-':>12}" for m in metrics]
+        lines.append(f"  {name:12} " + " ".join(values))
+    return "\n".join(lines)

@@ -1,0 +1,361 @@
+"""ScrewNet: labels are the true motion, the loss is least there, runs continue."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gcbench import GcbenchError
+from gcbench.__main__ import main
+from gcbench.benchmark.methods.registry import load_method, with_options
+from gcbench.benchmark.protocol import observe
+from gcbench.benchmark.run.driver import EvalConfig, evaluate
+from gcbench.gcpose.training.config import ScrewNetTraining
+from gcbench.renderer.dataset.reader import open_dataset
+from gcbench.renderer.types.sequence import Sequence
+from gcbench.robots.geometry import inverse, se3
+from gcbench.robots.model import forward_kinematics
+
+from ...support import analytic, bench_data
+
+torch = pytest.importorskip("torch", reason="training needs PyTorch")
+pytest.importorskip("safetensors", reason="weights need safetensors")
+
+from gcbench.gcpose.learned.screwnet import motion_of_screws  # noqa: E402
+from gcbench.gcpose.networks.screwnet import ScrewNet, fit_depth  # noqa: E402
+from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
+from gcbench.gcpose.training import loop  # noqa: E402
+from gcbench.gcpose.training.screwnet_task import ScrewNetTask  # noqa: E402
+from gcbench.gcpose.training.screws import (  # noqa: E402
+    DepthVideos,
+    ScrewSample,
+    line_distance,
+    relative_screws,
+    rotations_about,
+    screw_loss,
+)
+
+
+def moved(joint: str, displacement: list[float]) -> Sequence:
+    """The arm of the tests, of which one joint moves."""
+    base = analytic.render(width=48, height=36, frames=len(displacement), room=False)
+    model = analytic.arm()
+    q = np.tile(base.state.joint_positions[:1], (len(displacement), 1))
+    q[:, base.meta.joint_names.index(joint)] += displacement
+    poses = forward_kinematics(model, q)
+    screw = analytic._screws(model, base.state.cam_from_world[0] @ poses)
+    state = replace(base.state, joint_positions=q, world_from_part=poses, joint_screw=screw)
+    return replace(base, state=state, meta=replace(base.meta, scored_joints=(joint,)))
+
+
+def dataset(folder: Path, n: int = 4, joints: tuple[str, ...] = ("pan",)) -> Path:
+    """A dataset of the stream "train" of objects with one scored joint."""
+    folder.mkdir(parents=True)
+    bench_data.make_dataset(folder, n)
+    info = json.loads((folder / "dataset.json").read_text())
+    info["config"]["stream"] = "train"
+    (folder / "dataset.json").write_text(json.dumps(info))
+    for index in range(n):
+        (folder / f"sequences/{index:06d}.zip").unlink()
+        base = moved("pan", [0.0, 0.1, 0.2, 0.3])
+        base = replace(base, meta=replace(base.meta, scored_joints=joints))
+        bench_data.save(base, folder, index, 1.0 + index, observable=True)
+    return folder
+
+
+def options(data: Path, out: Path, steps: int = 3) -> ScrewNetTraining:
+    return ScrewNetTraining(
+        data=(data,), out=out, held_out=(data,), steps=steps, batch=2, width=8, frames=4,
+        device="cpu", threads=1, minutes=0.0)
+
+
+# -- labels -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("joint", "displacement"), [
+    ("pan", [0.3, 0.5, 0.1, -0.4, -2.0]), ("slide", [0.0, 0.05, -0.02, 0.01, 0.1]),
+    ("pan", [0.0, 0.0, 4.0, -4.0, 3.0]),
+])  # fmt: skip
+@pytest.mark.parametrize("first", [0, 1])
+def test_labels_are_the_motion_of_the_part(
+    joint: str, displacement: list[float], first: int
+) -> None:
+    sequence = moved(joint, displacement)
+    state, j = sequence.state, sequence.meta.joint_names.index(joint)
+    rows = relative_screws(sequence, first, len(displacement) - 1)
+    assert rows.shape == (len(displacement) - 1 - first, 8)
+    assert (rows[:, 6:] >= 0).all() and (rows[:, 6] <= np.pi).all()
+    cam_from_part = state.cam_from_world @ state.world_from_part[:, state.joint_child_part[j] - 1]
+    # what moves the post are pan and lift, which stand still, and slide
+    motion = cam_from_part @ inverse(cam_from_part[first])
+    turned = se3.revolute_motion(rows[:, :6], rows[:, 6])
+    slid = se3.prismatic_motion(rows[:, :6], rows[:, 7])
+    assert np.allclose(motion[first + 1 :], slid @ turned, atol=1e-9)
+    assert not (rows[:, 6] * rows[:, 7]).any()
+
+
+def test_true_screws_give_the_true_displacement() -> None:
+    for joint, q in (("pan", [0.0, -0.2, 0.3, 0.9]), ("slide", [0.0, -0.05, -0.1, 0.02])):
+        sequence = moved(joint, q)
+        found, screw = motion_of_screws(relative_screws(sequence, 0, 3), joint == "slide")
+        sign = np.sign(found @ q)
+        assert np.allclose(sign * found, q)
+        j = sequence.meta.joint_names.index(joint)
+        assert np.allclose(sign * screw, sequence.state.joint_screw[0, j])
+    assert np.allclose(motion_of_screws(np.zeros((3, 8)), False)[0], 0)
+
+
+def test_a_sample_is_a_window_with_the_same_pixels_dropped_in_each_frame(tmp_path: Path) -> None:
+    data = dataset(tmp_path / "d")
+    videos = DepthVideos([data], 3, seed=1, dropped=0.25)
+    assert len(videos) == 4
+    sample, again = videos.sample(5), videos.sample(5)
+    assert np.array_equal(sample.depth, again.depth) and sample.screw.shape == (2, 8)
+    whole = DepthVideos([data], 3, seed=1, dropped=0.0).sample(5)
+    seen = (whole.depth > 0).any(axis=0)
+    dropped = (sample.depth == 0).all(axis=0) & seen
+    assert dropped.sum() == pytest.approx(0.25 * seen.sum(), rel=0.15)
+    assert np.array_equal(sample.depth[:, ~dropped], whole.depth[:, ~dropped])
+    turns = [round(float(videos.sample(i).screw[0, 6]), 4) for i in range(8)]
+    assert sorted(turns[:4]) == sorted(turns[4:]) == [0.1, 0.2, 0.3, 0.4]  # an epoch has each once
+    with pytest.raises(GcbenchError, match="give --frames 4 or fewer"):
+        DepthVideos([data], 5, 1, 0.0)
+    with pytest.raises(GcbenchError, match="2 scored joints"):
+        DepthVideos([dataset(tmp_path / "two", 1, ("pan", "lift"))], 4, 1, 0.0).sample(0)
+
+
+def test_depth_is_seen_as_a_whole() -> None:
+    depth = np.random.default_rng(0).uniform(1, 3, (2, 216, 288)).astype(np.float32)
+    small = fit_depth(depth)
+    assert small.shape == (2, 108, 192)
+    assert not small[..., :24].any() and not small[..., 168:].any()  # 4:3 in 16:9
+    assert np.array_equal(small[..., 24:168], depth[:, 1::2, 1::2] / np.float32(12))
+    exact = np.ones((1, 108, 192), np.float32)
+    assert np.array_equal(fit_depth(exact), exact / np.float32(12))
+
+
+# -- network and loss -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("width", "millions"), [(64, 21.0), (16, 1.3)])
+def test_the_network_has_the_size_of_the_paper(width: int, millions: float) -> None:
+    network = ScrewNet(width).eval()
+    count = sum(p.numel() for p in network.parameters()) / 1e6
+    assert count == pytest.approx(millions, rel=0.1)
+    with torch.no_grad():
+        found = network(torch.zeros(2, 5, 108, 192))
+    assert found.shape == (2, 4, 8)
+
+
+def screws(seed: int, count: int = 6) -> Any:
+    rng = np.random.default_rng(seed)
+    l = rng.standard_normal((count, 3))
+    l /= np.linalg.norm(l, axis=1)[:, None]
+    m = np.cross(rng.standard_normal((count, 3)), l)
+    return torch.from_numpy(np.concatenate([l, m, rng.uniform(0, 2, (count, 2))], axis=1))[None]
+
+
+def test_the_loss_is_zero_at_the_truth_and_grows_with_each_error() -> None:
+    true = screws(0)
+    assert float(screw_loss(true, true)) == pytest.approx(0, abs=1e-4)
+    for column in range(8):
+        wrong = true.clone()
+        wrong[..., column] += 0.1
+        assert float(screw_loss(wrong, true)) > 0.004, column
+    found = screws(1).requires_grad_()
+    screw_loss(found, true).backward()
+    assert torch.isfinite(found.grad).all() and (found.grad != 0).any(dim=1).all()
+    zero = torch.zeros_like(true).requires_grad_()  # what an untrained network may return
+    screw_loss(zero, true).backward()
+    assert torch.isfinite(zero.grad).all()
+
+
+def test_distances_and_rotations_are_those_of_the_geometry() -> None:
+    a, b = screws(2), screws(3)
+    (l, m), (k, n) = ((x[0, :, :3].numpy(), x[0, :, 3:6].numpy()) for x in (a, b))
+    cross = np.cross(l, k)
+    at, to = np.cross(l, m), np.cross(k, n)
+    distance = np.abs(((to - at) * cross).sum(1)) / np.linalg.norm(cross, axis=1)
+    assert np.allclose(line_distance(a[..., :3], a[..., 3:6], b[..., :3], b[..., 3:6])[0], distance)
+    shifted = m + np.cross([0.3, -0.1, 0.2], l)
+    gap = np.linalg.norm(np.cross(l, [0.3, -0.1, 0.2]), axis=1)
+    for sign in (1, -1):
+        there = torch.from_numpy(sign * np.concatenate([l, shifted], axis=1))[None]
+        found = line_distance(a[..., :3], a[..., 3:6], there[..., :3], there[..., 3:])
+        assert np.allclose(found[0], gap)
+    turned = rotations_about(a[0, :, :3], a[0, :, 6]).numpy()
+    assert np.allclose(turned, se3.so3_exp(l * a[0, :, 6:7].numpy()))
+
+
+@dataclass(frozen=True)
+class Doors:
+    """Small videos of doors that open at random speeds."""
+
+    frames: int = 5
+
+    def __len__(self) -> int:
+        return 1000
+
+    def sample(self, number: int) -> ScrewSample:
+        rng = np.random.default_rng(number)
+        angle = np.linspace(0, rng.uniform(0.2, 1.2), self.frames)
+        depth = np.full((self.frames, 27, 48), 0.25, np.float32)
+        reach = np.arange(24, dtype=np.float32)
+        for t, a in enumerate(angle):
+            wide = max(1, int(24 * np.cos(a)))
+            depth[t, 6:21, 12 : 12 + wide] = 0.2 - 0.004 * np.sin(a) * reach[:wide]
+        row = np.tile(np.array([0, 1, 0, -2.4, 0, 0, 0, 0], np.float32), (self.frames - 1, 1))
+        row[:, 6] = angle[1:]
+        return ScrewSample(depth, row)
+
+
+class DoorTask(ScrewNetTask):
+    def plan_data(self) -> Iterator[Any]:
+        return iter(())
+
+    def open_samples(self, folders: list[Path]) -> Doors:
+        return Doors()
+
+
+def test_a_short_training_learns_and_a_shuffled_video_is_worse(tmp_path: Path) -> None:
+    config = ScrewNetTraining(
+        out=tmp_path / "out", steps=80, batch=8, width=8, frames=5, rate=3e-3, weight_decay=0.0,
+        device="cpu", threads=1)
+    loop.train(DoorTask(config))
+    log = [json.loads(line) for line in (tmp_path / "out/log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in log] == [20, 40, 60, 80]
+    network = ScrewNet(8).eval()
+    network.load_state_dict(read_tensors(tmp_path / "out/screwnet.safetensors"))
+    some = [Doors().sample(10_000 + i) for i in range(24)]
+    depth = torch.from_numpy(np.stack([s.depth for s in some]))
+    angle = np.stack([s.screw[:, 6] for s in some])
+
+    def error(order: list[int]) -> float:
+        with torch.no_grad():
+            return float(np.abs(network(depth[:, order])[..., 6].numpy() - angle).mean())
+
+    assert error([0, 1, 2, 3, 4]) < 0.6 * np.abs(angle).mean()
+    assert error([4, 2, 3, 1, 0]) > 1.3 * error([0, 1, 2, 3, 4])
+
+
+# -- runs -------------------------------------------------------------------------------------
+
+
+class Killed(BaseException):
+    """The end of the process."""
+
+
+def test_a_run_that_was_killed_goes_on_to_the_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = dataset(tmp_path / "d")
+    loop.train(ScrewNetTask(options(data, tmp_path / "whole", 4)))
+    whole = tmp_path / "whole"
+
+    out, writes, write = tmp_path / "parts", [], loop.write_checkpoint
+
+    def dies(*values: Any) -> None:
+        writes.append(1)
+        if len(writes) >= 3:
+            raise Killed  # the weights are written, the checkpoint is not
+        write(*values)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop, "write_checkpoint", dies)
+        with pytest.raises(Killed):
+            loop.train(ScrewNetTask(options(data, out, 4)))
+    with (out / "log.jsonl").open("a") as log:
+        log.write('{"step": 40, "loss": 1}\n{"step": 3, "lo')
+    loop.train(ScrewNetTask(options(data, out, 4)))
+    ends = [read_tensors(p / "screwnet.safetensors") for p in (whole, out)]
+    assert all(torch.equal(ends[0][key], ends[1][key]) for key in ends[0])
+    logs = [[json.loads(x) for x in (p / "log.jsonl").read_text().splitlines()]
+            for p in (whole, out)]
+    for lines in logs:
+        for line in lines:
+            line.pop("seconds")
+    assert logs[0] == logs[1] and logs[0][0]["loss"] > 0
+    page = (out / "curves.html").read_text()
+    assert page.count("<svg") == 6 and "hold-still" in page  # the loss, and 5 errors
+
+
+def test_the_command_trains_and_eval_takes_the_weights(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, out = dataset(tmp_path / "d"), tmp_path / "out"
+    line = (f"train screwnet --data {data} --held-out {data} --out {out} --steps 1 --batch 2 "
+            "--width 8 --frames 4 --device cpu --threads 1")
+    assert main(line.split()) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == f"{data}: deg, m" and said[-1] == str(out)
+    rows = {row.split()[0]: row.split()[1:] for row in said[2:-1]}
+    assert set(rows) == {"screwnet", "hold-still"}
+    assert float(rows["hold-still"][0]) == pytest.approx(np.degrees(0.5), rel=0.01)
+    weights = out / "screwnet.safetensors"
+    assert read_notes(weights) == {"objects": "arm"}
+
+    method = load_method(with_options("screwnet", {"weights": str(weights)}))
+    assert method.name == "screwnet arm width=8"
+    assert method.training == "supervised: depth video of arm"
+    seen = observe(open_dataset(data)[0], "rgbd", "free")
+    estimate = method.estimate(seen)
+    assert estimate.displacement.shape == (4, 1) and estimate.displacement[0, 0] == 0
+    assert estimate.screw is not None and estimate.screw.shape == (1, 6)
+    assert np.linalg.norm(estimate.screw[0, :3]) == pytest.approx(1)
+    assert estimate.screw[0, :3] @ estimate.screw[0, 3:] == pytest.approx(0, abs=1e-9)
+    with pytest.raises(GcbenchError, match="sees one joint; this object has 2"):
+        method.estimate(replace(seen, n_joints=2))
+    with pytest.raises(GcbenchError, match="needs depth"):
+        method.estimate(replace(seen, depth=None))
+
+    run = EvalConfig(method=("screwnet",), weights=str(weights), data=(data,),
+                     results=tmp_path / "results")
+    (scored,) = evaluate(run, progress=False).runs
+    assert {r.status for r in scored.results()} == {"ok"}
+
+
+def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
+    from gcbench.gcpose.images.network_flow import SHIPPED
+
+    with pytest.raises(GcbenchError, match="needs weights: gcbench train screwnet"):
+        load_method("screwnet")
+    none = tmp_path / "none.safetensors"
+    for path, said in ((SHIPPED, "no weights of screwnet"), (none, "no such file")):
+        with pytest.raises(GcbenchError, match=said):
+            load_method(with_options("screwnet", {"weights": str(path)}))
+    broken = ScrewNet(8)
+    torch.nn.init.constant_(broken.features.bias, float("nan"))
+    write_weights(tmp_path / "nan.safetensors", broken)
+    with pytest.raises(GcbenchError, match=r"features\.bias is not finite"):
+        load_method(with_options("screwnet", {"weights": str(tmp_path / "nan.safetensors")}))
+
+
+def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
+    task = ScrewNetTask(ScrewNetTraining(classes=("dishwasher", "oven"), sequences=101))
+    plan = list(task.plan_data())
+    assert sum(p.sequences for p in plan if not p.held_out) == 101
+    assert sum(p.sequences for p in plan if p.held_out) == 100
+    assert len({p.config.seed for p in plan}) == len({p.name for p in plan}) == 4
+    assert {p.config.stream for p in plan} == {"train"}
+    rates = [task.rate(x) for x in (0.0, 0.29, 0.31, 0.61, 0.95)]
+    assert np.allclose(rates, [1e-3, 1e-3, 1e-4, 1e-5, 1e-6])
+    assert task.count_steps(range(4000)) == 10_000  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    ("--width 20", "multiple of 8"), ("--classes fridge", "there are"), ("--dropped 1", "share"),
+    ("--frames 1", "--frames 2 or more"), ("--epochs 0", "--epochs must be"),
+])  # fmt: skip
+def test_wrong_options_are_refused(
+    args: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", "screwnet", *args.split()]) == 2
+    assert not list(tmp_path.iterdir())
+    assert said in capsys.readouterr().err
