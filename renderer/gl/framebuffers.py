@@ -95,9 +95,9 @@ def picture_texture(
     height, width = data.shape[:2]
     modes = {"repeat": gl.GL_REPEAT, "mirror": gl.GL_MIRRORED_REPEAT,
              "clamp": gl.GL_CLAMP_TO_EDGE}
-    wrap = [modes[t] for t in tiling or ("clamp", "clamp")]
+    wrap_s, wrap_t = (modes[t] for t in tiling or ("clamp", "clamp"))
     smaller = gl.GL_LINEAR_MIPMAP_LINEAR if tiling else gl.GL_LINEAR
-    texture = _new_texture(gl, *wrap, smaller, gl.GL_LINEAR)
+    texture = _new_texture(gl, wrap_s, wrap_t, smaller, gl.GL_LINEAR)
     gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_RGBA8, width, height, 0, layout,
                     gl.GL_UNSIGNED_BYTE, data)
     if tiling:
