@@ -22,6 +22,11 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _KINDS = {"b": "booleans", "i": "integers", "u": "integers", "f": "real numbers", "U": "a text"}
 
 
+ANY_SIZE = -1
+"""In `ArraySpec.shape`: a dimension that the file decides."""
+_LARGEST = 2**26  # bytes of an array with such a dimension
+
+
 @dataclass(frozen=True)
 class ArraySpec:
     """What an array must be."""
@@ -35,11 +40,20 @@ class ArraySpec:
     @property
     def max_bytes(self) -> int:
         """Bytes of the largest NPY file of such an array."""
-        return math.prod(self.shape) * self.item_bytes + _HEADER
+        known = math.prod(self.shape) * self.item_bytes
+        return (_LARGEST if ANY_SIZE in self.shape else known) + _HEADER
+
+    def fits(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> bool:
+        """Whether an array of this shape and type is what it must be."""
+        sizes = tuple(ANY_SIZE if n == ANY_SIZE else size
+                      for n, size in zip(self.shape, shape, strict=False))
+        return (len(shape) == len(self.shape) and sizes == self.shape
+                and dtype.kind in self.kinds and dtype.itemsize <= self.item_bytes)
 
     def __str__(self) -> str:
         words = " or ".join(dict.fromkeys(_KINDS[kind] for kind in reversed(self.kinds)))
-        return f"{words} {list(self.shape)}"
+        sizes = ", ".join("any" if n == ANY_SIZE else str(n) for n in self.shape)
+        return f"{words} [{sizes}]"
 
 
 def parse_npy(data: bytes, spec: ArraySpec, where: str) -> NDArray[Any]:
@@ -61,7 +75,7 @@ def parse_npy(data: bytes, spec: ArraySpec, where: str) -> NDArray[Any]:
             shape, fortran_order, dtype = read(stream)
     except Exception as error:  # hostile headers make NumPy raise errors of a dozen kinds
         raise DatasetError(f"{where} is damaged: its NPY header cannot be read") from error
-    if shape != spec.shape or dtype.kind not in spec.kinds or dtype.itemsize > spec.item_bytes:
+    if not spec.fits(shape, dtype):
         found = f"{dtype} {list(shape)}"
         raise DatasetError(f"{where} is {found[:60]}, expected {spec}")
     if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():

@@ -61,6 +61,9 @@ class MotionConfig:
     """Largest motion of a joint between two frames, deg."""
     fps: Annotated[float, Bounds(1e-6, 1e6)] = 30.0
     """Frames per second of `times`."""
+    file: str = ""
+    """CSV or NPZ of joint positions over time, which every sequence replays from its beginning, in
+    place of a random motion."""
 
 
 @dataclass(frozen=True)

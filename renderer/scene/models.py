@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError, ModelError
 from ...robots.catalog import (
@@ -16,10 +19,11 @@ from ...robots.catalog import (
     scored_by_default,
 )
 from ...robots.model import Animation, ArticulatedModel
-from ...robots.motion import joint_indices
+from ...robots.motion import JointTrajectory, joint_indices
 from ..types import Meta
 from .config import RenderConfig
-from .motion import find_animation, remove_joints
+from .motion import NO_ANIMATION, find_animation, remove_joints
+from .recorded_motion import read_motion
 from .sampling import Streams
 
 _TRIES = 1000
@@ -35,8 +39,8 @@ class ModelSource:
     model: ArticulatedModel
     scored: tuple[str, ...]
     """Scored joints, from the base outward."""
-    animation: Animation | None
-    """The motion of a model that is not moved by joints."""
+    given: Animation | JointTrajectory | None
+    """The motion, if it is not random: of the model's surfaces, or of its joints."""
     asset: dict[str, Any]
     """Where the model came from, for `meta.json`."""
 
@@ -111,8 +115,10 @@ def dataset_asset(config: RenderConfig, source: ModelSource) -> dict[str, Any]:
     """Return where the models of a whole dataset come from, for `dataset.json`."""
     if not is_category(config.robot):
         return {**source.asset, "files": source.model.files}
-    return {"name": config.robot, "source": source.model.source, "licence": source.model.licence,
-            "sha256": "", "notes": ["another instance in each sequence: asset of its meta.json"]}
+    notes = ["another instance in each sequence: asset of its meta.json"]
+    asset = {"name": config.robot, "source": source.model.source, "licence": source.model.licence,
+             "sha256": "", "notes": notes}
+    return asset | {k: v for k, v in source.asset.items() if k == "motion"}
 
 
 def packages_of(config: RenderConfig) -> dict[str, Path]:
@@ -132,7 +138,10 @@ def _load(config: RenderConfig, robot: str) -> ModelSource:
     model = load_robot(robot, packages_of(config), config.allow_missing, root=config.root)
     if not model.visuals:
         raise ModelError(f"{robot}: the model has no visible geometry to render")
-    animation = find_animation(model, config.animation)
+    recorded = read_motion(Path(file)) if (file := config.randomization.motion.file) else None
+    if recorded and config.animation not in ("", NO_ANIMATION):
+        raise ConfigError("--animation and --motion.file exclude each other; give one of them")
+    animation = None if recorded else find_animation(model, config.animation)
     if animation is not None:
         if config.scored_joints:
             raise ConfigError(
@@ -146,9 +155,24 @@ def _load(config: RenderConfig, robot: str) -> ModelSource:
                              "sha256": model.sha256, "notes": notes}
     if is_category(config.robot):
         asset["instance"] = robot
+    given: Animation | JointTrajectory | None = animation
     names = config.scored_joints or scored_by_default(robot, model)
     try:
-        scored = tuple(model.joint_names[j] for j in joint_indices(model, names))
+        joint_indices(model, (*names, *(recorded.joints if recorded else ())))
     except GcbenchError as error:
-        raise MissingJointError(str(error)) from error
-    return ModelSource(robot, model, scored, animation, asset)
+        raise MissingJointError(f"{recorded.path}: {error}" if recorded else str(error)) from error
+    if recorded:
+        asset["motion"] = {"file": recorded.path.name, "sha256": recorded.sha256}
+        given = recorded.on(model, config.frames, config.randomization.motion.fps)
+        names = config.scored_joints or _moved(model, given, names)
+    scored = tuple(model.joint_names[j] for j in joint_indices(model, names))
+    return ModelSource(robot, model, scored, given, asset)
+
+
+def _moved(
+    model: ArticulatedModel, motion: JointTrajectory, wanted: Sequence[str]
+) -> tuple[str, ...]:
+    """Those of the wanted joints that a motion moves; all that it moves if these are none."""
+    moved = [name for name, path in zip(model.joint_names, motion.positions.T, strict=True)
+             if np.ptp(path) > 0]
+    return tuple(name for name in moved if name in wanted) or tuple(moved)

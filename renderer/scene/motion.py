@@ -21,7 +21,7 @@ from ...robots.motion import (
 from .config import RenderConfig
 from .posed_model import PosedModel, pose_parts
 
-NONE = "none"
+NO_ANIMATION = "none"
 """`--animation none`: the joints move even if the model has an animation."""
 
 
@@ -49,7 +49,7 @@ def find_animation(model: ArticulatedModel, name: str) -> Animation | None:
 
     Raises ConfigError with the existing names.
     """
-    if name == NONE or (not name and not model.animations):
+    if name == NO_ANIMATION or (not name and not model.animations):
         return None
     for animation in model.animations:
         if not name or animation.name == name:
@@ -72,20 +72,26 @@ class MotionSampler:
 
     def __init__(
         self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
-        animation: Animation | None,
+        given: Animation | JointTrajectory | None,
     ) -> None:
-        self.model, self.scored, self.config, self.animation = model, scored, config, animation
+        """Every motion is the `given` one, if there is one."""
+        self.model, self.scored, self.config, self.given = model, scored, config, given
         rigid = tuple(v for v in model.visuals if not v.deforms)
         self._deforms = len(rigid) < len(model.visuals)
         # A bending skin intersects itself: only rigid surfaces are checked for collisions.
         checked = replace(model, visuals=rigid) if self._deforms else model
-        self.checker = CollisionChecker(checked) if rigid and animation is None else None
+        moves_joints = given is None or isinstance(given, JointTrajectory)
+        self.checker = CollisionChecker(checked) if rigid and moves_joints else None
         self._hulls = _hulls(replace(model, visuals=rigid))
+        self._replayed: Motion | None = None
 
     def draw(self, rng: np.random.Generator) -> Motion:
         """Draw a motion with the number of frames of the configuration."""
-        if self.animation is not None:
-            return self._play(rng, self.animation)
+        if isinstance(self.given, JointTrajectory):
+            self._replayed = self._replayed or self._motion(self.given)
+            return self._replayed
+        if self.given is not None:
+            return self._play(rng, self.given)
         config, ranges = self.config, self.config.randomization.motion
         trajectory = sample_trajectory(
             self.model, self.scored, config.frames, rng=rng,

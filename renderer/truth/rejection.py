@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...errors import ConfigError
 from ...robots.geometry import Array
 from ...robots.model import Animation, ArticulatedModel, joint_screws
+from ...robots.motion import JointTrajectory
 from ..gl import Rasterizer
 from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera
 from ..types import Camera
@@ -53,17 +54,20 @@ class DrawSampler:
 
     def __init__(
         self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
-        rasterizer: Rasterizer, animation: Animation | None = None,
+        rasterizer: Rasterizer, given: Animation | JointTrajectory | None = None,
     ) -> None:
         self.model, self.scored, self.config = model, scored, config
-        self.motions = MotionSampler(model, scored, config, animation)
+        self.motions = MotionSampler(model, scored, config, given)
         self._rasterizer = rasterizer
         self._joints = np.array([model.joint_names.index(n) for n in scored], np.int64)
         self._prismatic = model.prismatic[model.joint_child[self._joints]].tolist()
         self._moved = subtrees(model, self._joints)
         self._patterns, self._group = _groups(self._moved)
         longest = np.radians(config.randomization.motion.max_step) * (config.frames - 1)
-        self._too_short = longest < MIN_ANGLE
+        # What no draw can change: a video too short for the least displacement, a given motion.
+        self._unavoidable = {"displacement"} if longest < MIN_ANGLE else set[str]()
+        if isinstance(given, JointTrajectory):
+            self._unavoidable = {"displacement", "collision"}
 
     def draw(self, streams: Streams) -> tuple[Draw, dict[str, int]]:
         """The first observable draw, and how many were refused for which reason.
@@ -92,10 +96,11 @@ class DrawSampler:
     def _attempt(self, streams: Streams, attempt: int, keep: bool) -> Draw | str:
         """A draw; or, unless it must be kept, the reason for its rejection."""
         motion = self.motions.draw(streams.rng("motion", attempt))
-        if motion.touches and not keep:
+        if motion.touches and not keep and "collision" not in self._unavoidable:
             return "collision"
-        # An animation may lead anywhere, and no rule refuses what it leads out of the image.
-        framed = slice(None) if self.motions.animation else slice(1)
+        # A given motion may lead anywhere, and no rule refuses what an animation leads out of the
+        # image.
+        framed = slice(1) if self.motions.given is None else slice(None)
         camera = draw_camera(
             streams.rng("camera", attempt), self.config.randomization.camera,
             self.config.width, self.config.height,
@@ -104,9 +109,8 @@ class DrawSampler:
         draw = self._render(motion, camera, keep)
         if isinstance(draw, str) or keep:
             return draw
-        # A video too short for the least displacement is kept, and marked, without more draws.
-        wanted = not draw.reason or (draw.reason == "displacement" and self._too_short)
-        return draw if wanted else draw.reason
+        # What cannot be avoided is kept, and marked, without more draws.
+        return draw if draw.reason in {"", *self._unavoidable} else draw.reason
 
     def _render(self, motion: Motion, camera: Camera, keep: bool) -> Draw | str:
         """Render depth and parts of all frames; unless kept, stop at one that breaks the rule."""
