@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import ConfigError, DatasetError
+from ..runtime import command_line
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence
 from .provenance import DATASET_FILE, Provenance, read_provenance
@@ -113,15 +114,10 @@ def select_sequences(dataset: Dataset, text: str) -> list[str]:
     if not text:
         return list(dataset.names)
     numbers: dict[int, None] = {}
-    for item in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,9})(?:\s*-\s*(\d{1,9}))?\s*", item)
-        if not match:
-            raise ConfigError(f"--sequences {text}: give numbers and ranges, as in 0-9,15")
-        first = int(match[1])
-        last = first if match[2] is None else int(match[2])
-        found = [k for k in there if first <= k <= last]
-        if not found or (match[2] is None and first not in there):
-            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {item.strip()}; "
-                               f"there are {dataset.names[0]} to {dataset.names[-1]}")
+    for wanted in command_line.parse_ranges(text):
+        found = [k for k in there if k in wanted]
+        if not found:
+            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {wanted[0]} to "
+                              f"{wanted[-1]}; there are {dataset.names[0]} to {dataset.names[-1]}")
         numbers.update(dict.fromkeys(sorted(found)))
     return [there[k] for k in numbers]

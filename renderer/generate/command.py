@@ -4,11 +4,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from ...errors import ConfigError
 from ..runtime import command_line
 from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolve
+
+_MOST = 1_000_000  # sequences of one run
 
 
 @dataclass(frozen=True)
@@ -16,7 +20,7 @@ class RenderOptions:
     """What `gcbench render` hands to `render_dataset`."""
 
     config: RenderConfig
-    n: int
+    n: int | Sequence[int]
     out: Path
     workers: int | None
 
@@ -35,6 +39,8 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     class Render(RenderConfig):
         n: int = 10
         """Number of sequences in the dataset."""
+        sequences: Annotated[str, quiet] = ""
+        """Numbers of the sequences to render, such as 0-9,15, in place of --n."""
         out: Annotated[Path | None, quiet] = None
         """Folder of the dataset. Default: data/ROBOT."""
         workers: Annotated[int | None, quiet] = None
@@ -42,9 +48,9 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         randomize: Literal["full", "none"] = "full"
         """none: a plain studio, in which only the motion (and the object of a kind) is random."""
         config: Annotated[Path | None, quiet] = None
-        """TOML or JSON file of options (any but --n, --out, --workers and --randomize, with _ for
-        -), with tables such as `[randomization.camera]`, or a dataset.json. Options on the command
-        line override the file."""
+        """TOML or JSON file of options (any but --n, --sequences, --out, --workers and
+        --randomize, with _ for -), with tables such as `[randomization.camera]`, or a
+        dataset.json. Options on the command line override the file."""
         randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
 
     base = RenderConfig()
@@ -57,4 +63,12 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     options: Any = command_line.parse_options(args, "render", Render, doc, default)
     config = resolve(RenderConfig(**{name: getattr(options, name) for name in names}))
     out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
-    return RenderOptions(config, options.n, out, options.workers)
+    n = options.n
+    if options.sequences:
+        if command_line.option_value(args, "--n") is not None:
+            raise ConfigError("--n and --sequences exclude each other; give one of them")
+        ranges = command_line.parse_ranges(options.sequences)
+        if sum(map(len, ranges)) > _MOST:
+            raise ConfigError(f"--sequences {options.sequences[:60]}: more than {_MOST} at once")
+        n = sorted({*chain(*ranges)})
+    return RenderOptions(config, n, out, options.workers)

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Collection, Generator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +30,7 @@ from ..dataset import (
     sequence_paths,
     write_provenance,
 )
-from ..runtime import dump_json, frame_bar
+from ..runtime import Bar, dump_json, frame_bar
 from ..scene import RenderConfig, config_tree, differences, parse_config, resolve
 from ..types import Sequence
 from .worker_pool import WorkerDied, render_in_workers
@@ -116,20 +116,20 @@ def render_sequence(config: RenderConfig, index: int = 0) -> Sequence:
 
 def render_dataset(
     config: RenderConfig,
-    n: int,
+    n: int | Collection[int],
     out: str | Path,
     workers: int | None = None,
     progress: bool = True,
     source: str = _SOURCE,
 ) -> Summary:
-    """Render sequences 0 .. n-1 of a config into a dataset, those that it lacks.
+    """Render sequences of a config into a dataset, those that it lacks.
 
     What is done stays when the function raises, also for Ctrl-C (KeyboardInterrupt); the same call
     continues.
 
     Args:
         config: What to render.
-        n: Number of sequences in the dataset.
+        n: Number of sequences in the dataset (0 to n-1), or the numbers of those to render.
         out: Folder of the dataset.
         workers: Processes that render; default: one for each core.
         progress: Whether to show a bar on stderr.
@@ -154,18 +154,22 @@ def render_dataset(
         config = resolve(config)
     cpu_count = _cpu_count()
     plan_workers(cpu_count, workers)  # refuses before anything is written
-    if n < 1:
-        raise ConfigError(f"{n} sequences cannot be rendered; ask for 1 or more")
+    wanted = range(n) if isinstance(n, int) else sorted({*n})
+    if not wanted or wanted[0] < 0:
+        raise ConfigError("no sequences to render; give a number of 1 or more, or indices from 0")
     try:
         with _open_folder(out):
             provenance = _open(out, config)
             there = sequence_paths(out)
-            todo = [i for i in range(n) if sequence_name(i) not in there]
+            todo = [i for i in wanted if sequence_name(i) not in there]
             if todo:
                 count, threads = plan_workers(cpu_count, min(workers or cpu_count, len(todo)))
                 task = RenderTask(source, config, out.absolute(), threads)
+                total = len(wanted) * config.frames
+                done = total - len(todo) * config.frames
                 try:
-                    provenance = _render(task, todo, count, n, provenance, progress)
+                    with frame_bar(total, done, progress) as bar:
+                        provenance = _render(task, todo, count, provenance, bar)
                 finally:
                     _tidy(out)
             return _finish(out, provenance, len(todo), started)
@@ -174,14 +178,10 @@ def render_dataset(
 
 
 def _render(
-    task: RenderTask, todo: list[int], workers: int, n: int, provenance: Provenance, progress: bool
+    task: RenderTask, todo: list[int], workers: int, provenance: Provenance, bar: Bar
 ) -> Provenance:
     """Render `todo`; the provenance that is returned, and on disk, names the model."""
-    frames = task.config.frames
-    with (
-        frame_bar(n * frames, (n - len(todo)) * frames, progress) as bar,
-        closing(render_in_workers(task, todo, workers)) as events,
-    ):
+    with closing(render_in_workers(task, todo, workers)) as events:
         for event in events:
             if isinstance(event, ModelLoaded):
                 provenance = _with_asset(task.dataset, provenance, event.asset)
@@ -224,8 +224,8 @@ def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> 
     # datasets of the first edition have no hashes of meshes and textures
     changed = differences(there, {k: v for k, v in now.items() if k != "files" or k in there})
     if changed:
-        raise ConfigError(f"{out} was rendered with other model files ({'; '.join(changed)}); "
-                          "choose another --out folder")
+        raise ConfigError(f"{out} was rendered with other model or motion files "
+                          f"({'; '.join(changed)}); choose another --out folder")
     growing = replace(provenance, assets=provenance.assets or (now,), counts=None)
     if growing != provenance:
         write_provenance(out, growing)

@@ -77,6 +77,20 @@ def command(name: str, function: Callable[..., int]) -> Callable[[Sequence[str]]
     return run
 
 
+def parse_ranges(text: str) -> list[range]:
+    """Return the ranges of numbers that `--sequences` names, such as 0-9,15."""
+    ranges: list[range] = []
+    for item in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,9})(?:\s*-\s*(\d{1,9}))?\s*", item, re.ASCII)
+        if not match:
+            raise ConfigError(f"--sequences {text[:60]!a}: give numbers and ranges, as in 0-9,15")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last < first:
+            raise ConfigError(f"--sequences {text[:60]}: give the smaller number first")
+        ranges.append(range(first, last + 1))
+    return ranges
+
+
 def option_value(args: Sequence[str], option: str) -> str | None:
     """Return the value of an option that decides the defaults of the others."""
     for k, arg in enumerate(args):

@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from gcbench import GcbenchError, open_dataset
+from gcbench import ConfigError, GcbenchError, open_dataset
 from gcbench.renderer.dataset.storage import open_sequence
 from gcbench.renderer.generate.driver import Summary, plan_workers, render_dataset
 from gcbench.renderer.generate.worker_pool import render_in_workers
@@ -134,6 +134,22 @@ def test_what_is_there_is_not_touched(tmp_path: Path, expected: dict[str, str]) 
     assert run(tmp_path, n=2).rendered == 0  # fewer are no other dataset
     assert content(tmp_path) == expected
     assert all(p.stat().st_mtime_ns == t for p, t in before.items())
+
+
+def test_chosen_sequences_are_those_of_the_whole(
+    tmp_path: Path, expected: dict[str, str]
+) -> None:
+    config = dataclasses.replace(CONFIG, robot="arm")
+    for wanted in ((7, 3), range(2, 4), (3,)):
+        render_dataset(config, wanted, tmp_path, 1, progress=False, source=SOURCE)
+    assert open_dataset(tmp_path).names == ("000002", "000003", "000007")
+    found = content(tmp_path)
+    assert all(found[k] == expected[k] for k in found if k != "dataset.json")
+    run(tmp_path)
+    assert content(tmp_path) == expected
+    for wrong in ((), (-1, 2), 0):
+        with pytest.raises(ConfigError, match="no sequences to render"):
+            render_dataset(config, wrong, tmp_path / "x", 1, progress=False, source=SOURCE)
 
 
 def test_an_unpacked_sequence_counts_as_there(tmp_path: Path) -> None:
