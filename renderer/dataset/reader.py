@@ -117,7 +117,8 @@ def select_sequences(dataset: Dataset, text: str) -> list[str]:
     for wanted in command_line.parse_ranges(text):
         found = [k for k in there if k in wanted]
         if not found:
-            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {wanted[0]} to "
-                              f"{wanted[-1]}; there are {dataset.names[0]} to {dataset.names[-1]}")
+            item = "-".join(map(str, dict.fromkeys((wanted[0], wanted[-1]))))
+            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {item}; there are "
+                              f"{dataset.names[0]} to {dataset.names[-1]}")
         numbers.update(dict.fromkeys(sorted(found)))
     return [there[k] for k in numbers]
