@@ -224,8 +224,8 @@ def _with_asset(out: Path, provenance: Provenance, asset: Mapping[str, Any]) -> 
     # datasets of the first edition have no hashes of meshes and textures
     changed = differences(there, {k: v for k, v in now.items() if k != "files" or k in there})
     if changed:
-        raise ConfigError(f"{out} was rendered with other model or motion files "
-                          f"({'; '.join(changed)}); choose another --out folder")
+        raise ConfigError(f"{out} was rendered with other model files ({'; '.join(changed)}); "
+                          "choose another --out folder")
     growing = replace(provenance, assets=provenance.assets or (now,), counts=None)
     if growing != provenance:
         write_provenance(out, growing)

@@ -134,5 +134,5 @@ def test_another_file_is_another_dataset(tmp_path: Path) -> None:
     config = config_of(path, frames=2)
     render_dataset(config, 1, out, 1, progress=False)
     path.write_text(path.read_text().replace("2.1,", "2.11,"))
-    with pytest.raises(GcbenchError, match=r"other model or motion files \(motion\.sha256"):
+    with pytest.raises(GcbenchError, match=r"other model files \(motion\.sha256"):
         render_dataset(config, 2, out, 1, progress=False)
