@@ -94,7 +94,8 @@ def render(args: Sequence[str]) -> int:
 
 
 def verify(
-    dataset: Path, /, workers: int = os.cpu_count() or 1, allow_model: bool = False
+    dataset: Path, /, workers: int = os.cpu_count() or 1, sequences: str = "",
+    allow_model: bool = False,
 ) -> int:
     """Check a dataset: recompute flow, visibility, poses and axes for every pixel and frame.
 
@@ -107,18 +108,20 @@ def verify(
     Args:
         dataset: Folder of a dataset, or one sequence (ZIP or folder).
         workers: Processes that check sequences side by side.
+        sequences: Numbers of sequences, such as 0-9,15. Default: all.
         allow_model: Read the model from a path that the dataset names.
     """
     if workers < 1:
         raise gb.ConfigError(f"{workers} workers cannot verify; give 1 or more")
-    report = gb.verify_dataset(dataset, workers, allow_model=allow_model)
+    report = gb.verify_dataset(dataset, workers, True, allow_model, sequences)
     print(report.table())
     return 0 if report.ok else 1
 
 
 def show(
-    path: Path, /, index: int = 0, out: Path | None = None, contact_sheet: Path | None = None,
-    gif: Path | None = None, mp4: Path | None = None, open: bool = False,
+    path: Path, /, index: int = 0, sequences: str = "", out: Path | None = None,
+    contact_sheet: Path | None = None, gif: Path | None = None, mp4: Path | None = None,
+    open: bool = False,
 ) -> int:
     """Show a sequence: a page with a frame slider, a contact sheet, a GIF or an MP4.
 
@@ -130,15 +133,16 @@ def show(
     Args:
         path: A dataset, or one sequence (ZIP or folder).
         index: Number of the sequence in the dataset.
+        sequences: Instead of --index: sequences of the contact sheet, such as 0-9,15.
         out: HTML page. Default: SEQUENCE.html in the current folder, if no other file is named.
-        contact_sheet: PNG of the first frames of a dataset, or of a sequence's layers over time.
+        contact_sheet: PNG, JPEG or WebP of the first frames of a dataset, or of a sequence.
         gif: GIF of the images beside their ground truth.
         mp4: MP4 of the same.
         open: Open the page in the browser.
     """
     if open and not out and (contact_sheet or gif or mp4):
         raise gb.ConfigError("--open needs a page: add --out PAGE.html")
-    return _present(gb.show(path, out, contact_sheet, gif, mp4, index), open)
+    return _present(gb.show(path, out, contact_sheet, gif, mp4, sequences or index), open)
 
 
 def export(

@@ -118,7 +118,7 @@ def select_sequences(dataset: Dataset, text: str) -> list[str]:
         found = [k for k in there if k in wanted]
         if not found:
             item = "-".join(map(str, dict.fromkeys((wanted[0], wanted[-1]))))
-            raise ConfigError(f"--sequences {text}: {dataset.path} has none of {item}; there are "
+            raise ConfigError(f"{dataset.path} has no sequence {item}; there are "
                               f"{dataset.names[0]} to {dataset.names[-1]}")
         numbers.update(dict.fromkeys(sorted(found)))
     return [there[k] for k in numbers]

@@ -152,7 +152,7 @@ Made by gcbench. Licences of the models:
 def _columns(sequence: Sequence, facts: Mapping[str, object]) -> list[dict[str, Any]]:
     """Return the types of a sample's columns, in the form of a dataset card."""
     arrays = sequence.state.at(0)
-    struct = [{"name": "sequence", "dtype": "string"}]
+    struct: list[dict[str, Any]] = [{"name": "sequence", "dtype": "string"}]
     for name, value in facts.items():
         if name in arrays:
             struct.append({"name": name, **_list_type(arrays[name])})

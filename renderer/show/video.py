@@ -39,11 +39,13 @@ _CODECS = ("vp09", "avc1", "mp4v")
 
 
 def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
-    """Write one PNG: of one sequence RGB with axes, depth, parts and flow over time (a row each);
-    of several the first frame of each, up to _SHEET_SEQUENCES. Returns `out`.
+    """Write one picture, of the format that its suffix names, and return `out`.
 
-    Raises a GcbenchError if there is no sequence, or the file cannot be written.
+    Of one sequence it shows RGB with axes, depth, parts and flow over time (a row each); of several
+    the first frame of each, up to _SHEET_SEQUENCES. Raises a GcbenchError if there is no sequence,
+    or the file cannot be written.
     """
+    _check_suffix(out, ".png", ".jpg", ".jpeg", ".webp")
     if isinstance(sequences, Sequence):
         rows = _over_time(sequences)
     else:
@@ -54,7 +56,7 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
         rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
     if not rows:
         raise DatasetError("nothing to show: the dataset holds no sequence yet")
-    return write_file(out, _png(_grid(rows)))
+    return write_file(out, _encoded(_grid(rows), out.suffix.lower()))
 
 
 def film_frames(sequence: Sequence) -> Iterator[RgbImage]:
@@ -81,6 +83,7 @@ def write_gif(sequence: Sequence, out: Path) -> Path:
 
     from PIL import Image as Pillow
 
+    _check_suffix(out, ".gif")
     pictures = [Pillow.fromarray(picture).quantize(256) for picture in film_frames(sequence)]
     buffer = io.BytesIO()
     milliseconds = max(20, round(_seconds_per_picture(sequence) * 100) * 10)  # the format's unit
@@ -95,31 +98,39 @@ def write_mp4(sequence: Sequence, out: Path) -> Path:
     Warns if browsers will not play the result. Raises a GcbenchError if there is no encoder, the
     name does not end in .mp4 or the file cannot be written.
     """
+    _check_suffix(out, ".mp4")
+    try:
+        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
+            part = Path(folder) / "film.mp4"
+            _encode_mp4(sequence, part, out)
+            part.replace(out)
+    except OSError as error:
+        raise RenderError(f"cannot write {out}: {error.strerror or error}") from error
+    return out
+
+
+def _encode_mp4(sequence: Sequence, part: Path, out: Path) -> None:
     import cv2
 
-    if out.suffix.lower() != ".mp4":
-        raise ConfigError(f"{out} is no MP4 file: give a name that ends in .mp4")
-    if not out.parent.is_dir():
-        raise RenderError(f"cannot write {out}: there is no folder {out.parent}")
     pictures = film_frames(sequence)
     first = next(pictures)
     rate, size = 1 / _seconds_per_picture(sequence), first.shape[1::-1]
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
-        part = Path(folder) / "film.mp4"
-        for codec in _CODECS:
-            writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*codec), rate, size)
-            if writer.isOpened():
-                break
-        else:
-            raise RenderError(f"this OpenCV ({cv2.__version__}) cannot write MP4: use a GIF")
-        for picture in itertools.chain([first], pictures):
-            writer.write(np.ascontiguousarray(picture[..., ::-1]))
-        writer.release()
-        if codec == "mp4v":
-            warnings.warn(f"{out}: MPEG-4 Part 2, which players show and most browsers do not",
-                          stacklevel=2)  # fmt: skip
-        part.replace(out)
-    return out
+    for codec in _CODECS:
+        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*codec), rate, size)
+        if writer.isOpened():
+            break
+    else:
+        raise RenderError(f"this OpenCV ({cv2.__version__}) cannot write MP4: use a GIF")
+    count = 0
+    for picture in itertools.chain([first], pictures):
+        writer.write(np.ascontiguousarray(picture[..., ::-1]))
+        count += 1
+    writer.release()
+    if int(cv2.VideoCapture(str(part)).get(cv2.CAP_PROP_FRAME_COUNT)) != count:
+        raise RenderError(f"cannot write {out}: the file is incomplete; is the disk full?")
+    if codec == "mp4v":
+        warnings.warn(f"{out}: MPEG-4 Part 2, which players show and most browsers do not",
+                      stacklevel=4)  # fmt: skip
 
 
 _LAYER_CAPTIONS = {"normal": "normals", "coordinates": "coordinates in the parts",
@@ -189,10 +200,15 @@ def _grid(rows: list[list[Tile]]) -> RgbImage:
     return sheet
 
 
-def _png(picture: RgbImage) -> bytes:
+def _encoded(picture: RgbImage, suffix: str) -> bytes:
     import cv2
 
-    return cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes()
+    return cv2.imencode(suffix, np.ascontiguousarray(picture[..., ::-1]))[1].tobytes()
+
+
+def _check_suffix(out: Path, *suffixes: str) -> None:
+    if out.suffix.lower() not in suffixes:
+        raise ConfigError(f"{out}: give a name that ends in {' or '.join(suffixes)}")
 
 
 def _true_seconds_per_picture(sequence: Sequence) -> float:

@@ -13,9 +13,16 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ...errors import GcbenchError
+from ...errors import ConfigError, GcbenchError
 from ...robots.model import ArticulatedModel
-from ..scene import RenderConfig, check_model_paths, packages_of
+from ..dataset import (
+    DATASET_FILE,
+    SEQUENCES_FOLDER,
+    open_dataset,
+    open_sequence,
+    select_sequences,
+)
+from ..scene import RenderConfig, check_model_paths, packages_of, robot_of
 from ..types import Sequence
 from .checks import CheckResult, VerifyReport, check, merge_checks
 from .images import verify_images
@@ -66,7 +73,8 @@ def verify_sequence(
 
 
 def verify_dataset(
-    path: str | Path, workers: int = 1, progress: bool = True, allow_model: bool = False
+    path: str | Path, workers: int = 1, progress: bool = True, allow_model: bool = False,
+    sequences: str = "",
 ) -> VerifyReport:
     """Run all checks of every sequence of a dataset, and of the dataset as a whole.
 
@@ -79,6 +87,8 @@ def verify_dataset(
         workers: Number of processes.
         progress: Whether to show a progress bar.
         allow_model: Whether to read the model from a path that the dataset names.
+        sequences: Numbers and ranges of sequences, for example "0-9,15". Default: all, and then
+            also that none is missing.
 
     Returns:
         The report: `ok`, `worst`, `failures` and `table()`. A sequence that cannot be read is a
@@ -86,32 +96,35 @@ def verify_dataset(
 
     Raises:
         DatasetError: there is no readable dataset at `path`.
+        ConfigError: there are no such sequences.
 
     Example:
         >>> report = gb.verify_dataset("data/ur5", progress=False)
         >>> report.ok
         True
     """
-    from ..dataset import open_dataset
-
     path = Path(path)
     if path.is_file() or (path / "meta.json").is_file():
+        if sequences:
+            raise ConfigError(f"--sequences {sequences}: {path} is one sequence")
         return _verify_one(path.absolute(), allow_model)
     dataset = open_dataset(path)
     files, warnings = _sequence_files(path)
+    if sequences:
+        chosen = select_sequences(dataset, sequences)
+        files, warnings, checks = [f for f in files if f.stem in chosen], [], list[CheckResult]()
+    else:
+        checks = _dataset_checks(files, dataset.info.counts)
     reference, notes = _shared_reference(dataset.config, allow_model)
     jobs = [(file, reference, dataset.config.seed) for file in files]
-    checks = _dataset_checks(files, dataset.info.counts)
     for found in _run(jobs, workers, progress):
         checks += found
     return VerifyReport(merge_checks(checks), (*warnings, *notes))
 
 
 def _verify_one(path: Path, allow_model: bool) -> VerifyReport:
-    from ..dataset import open_dataset
-
     seed, reference, notes = None, Reference(), ["alone, without a dataset's config"]
-    if (path.parent.parent / "dataset.json").is_file():
+    if (path.parent.parent / DATASET_FILE).is_file():
         config = open_dataset(path.parent.parent).config
         seed = config.seed
         reference, notes = _shared_reference(config, allow_model)
@@ -152,7 +165,7 @@ def reference_of(
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
     """The sequences in order, and a warning for each other file beside them."""
-    folder = path / "sequences"
+    folder = path / SEQUENCES_FOLDER
     entries = sorted(folder.iterdir()) if folder.is_dir() else []
     named = {e: e.name.removesuffix(".zip") for e in entries}
     files = [e for e, name in named.items()
@@ -201,9 +214,6 @@ def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check
 
 def _verify_file(job: _Job) -> list[CheckResult]:
     """The checks of one file; places start with its name."""
-    from ..dataset import open_sequence
-    from ..scene import robot_of
-
     file, reference, seed = job
     try:
         sequence = open_sequence(file)

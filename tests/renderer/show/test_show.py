@@ -8,6 +8,8 @@ import io
 import itertools
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -346,8 +348,48 @@ def test_show_of_a_dataset_and_of_a_file(
     sheet = cv2.imread("a.png")
     assert sheet is not None
     assert sheet.shape[1] == 10 + 2 * 170, "two sequences side by side"
-    with pytest.raises(GcbenchError, match="there are: 000000 to 000002"):
-        show(dataset, index=1)
+    for absent in (1, "1", "3-9"):
+        with pytest.raises(GcbenchError, match=r"no sequence .*; there are 000000 to 000002"):
+            show(dataset, index=absent)
+
+
+def test_show_of_some_sequences(dataset: Path, tmp_path: Path) -> None:
+    sheet, page_file = tmp_path / "a.png", tmp_path / "a.html"
+    show(dataset, page_file, sheet, index="1-2")
+    assert read_data(page_file.read_text())["name"] == "000002", "the first of them"
+    picture = cv2.imread(str(sheet))
+    assert picture is not None
+    assert picture.shape[1] == 10 + 170, "one sequence"
+    with pytest.raises(GcbenchError, match="no dataset"):
+        show(dataset / "sequences/000000.zip", page_file, index="0")
+
+
+@pytest.mark.parametrize(("suffix", "start"), [
+    (".png", b"\x89PNG"), (".JPG", b"\xff\xd8"), (".jpeg", b"\xff\xd8"), (".webp", b"RIFF")])
+def test_a_sheet_has_the_format_of_its_suffix(
+    sequence: Sequence, tmp_path: Path, suffix: str, start: bytes
+) -> None:
+    assert film.contact_sheet(sequence, tmp_path / f"a{suffix}").read_bytes().startswith(start)
+
+
+def test_a_full_disk_leaves_no_part_of_a_file(dataset: Path, tmp_path: Path) -> None:
+    """The limit of a file's size stands for the disk."""
+    code = """
+import resource, sys
+from gcbench.__main__ import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
+sys.exit(main(sys.argv[1:]))
+"""
+    out = tmp_path / "new"
+    out.mkdir()
+    for option in ("--out=a.html", "--contact-sheet=a.png", "--gif=a.gif", "--mp4=a.mp4"):
+        command = [sys.executable, "-c", code, "show", str(dataset), option]
+        done = subprocess.run(command, cwd=out, capture_output=True, text=True)
+        assert done.returncode == 2, option
+        (line,) = [x for x in done.stderr.splitlines() if x.startswith("gcbench: ")]
+        assert line.startswith("gcbench: cannot write a."), line
+        assert "Traceback" not in done.stderr
+        assert not list(out.iterdir())
 
 
 def test_failures_name_what_to_mend(sequence: Sequence, tmp_path: Path) -> None:
@@ -357,6 +399,9 @@ def test_failures_name_what_to_mend(sequence: Sequence, tmp_path: Path) -> None:
         film.write_mp4(sequence, tmp_path / "none" / "film.mp4")
     with pytest.raises(GcbenchError, match=r"ends in \.mp4"):
         film.write_mp4(sequence, tmp_path / "film.avi")
+    for write, name in ((film.contact_sheet, "sheet.bmp"), (film.write_gif, "film.mp4")):
+        with pytest.raises(GcbenchError, match=r"give a name that ends in \.(png|gif)"):
+            write(sequence, tmp_path / name)
     with pytest.raises(GcbenchError, match="no sequence yet"):
         film.contact_sheet([], tmp_path / "sheet.png")
     with pytest.raises(GcbenchError):

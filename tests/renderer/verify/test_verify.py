@@ -341,6 +341,16 @@ def test_one_sequence_alone_or_in_its_dataset(dataset, tmp_path):
     assert verify_dataset(tmp_path / "unpacked").ok
 
 
+def test_some_sequences_of_a_dataset(dataset, right):
+    write(dataset, images(right, flow=lambda f: f * np.float32(1.01)), 3)
+    assert verify_dataset(dataset, progress=False, sequences="0-1").ok, "2 is missing, 3 is wrong"
+    assert "flow forward" in verify_dataset(dataset, progress=False, sequences="3").failures
+    one = dataset / "sequences/000000.zip"
+    for absent, where in (("2", dataset), ("7-9", dataset), ("0", one)):
+        with pytest.raises(GcbenchError, match=r"no sequence|one sequence"):
+            verify_dataset(where, progress=False, sequences=absent)
+
+
 def test_leftovers_only_warn(dataset):
     (dataset / "sequences" / ".000002.17.tmp").write_bytes(b"half")
     report = verify_dataset(dataset, progress=False)
