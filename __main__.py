@@ -111,8 +111,6 @@ def verify(
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
         allow_model: Read the model from a path that the dataset names.
     """
-    if workers < 1:
-        raise gb.ConfigError(f"{workers} workers cannot verify; give 1 or more")
     report = gb.verify_dataset(dataset, workers, True, allow_model, sequences)
     print(report.table())
     return 0 if report.ok else 1
@@ -182,7 +180,6 @@ def robots() -> int:
     Examples:
       gcbench robots
       gcbench robots fetch ur5
-      gcbench robots fetch --all
     """
     from gcbench.robots.catalog import robots_table
 
@@ -217,9 +214,6 @@ def doctor() -> int:
     """Check whether this machine can render, and how fast, and list missing packages.
 
     The exit code is 2 if nothing can render.
-
-    Example:
-      gcbench doctor
     """
     report = gb.doctor()
     print(report.text)

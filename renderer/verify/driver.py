@@ -96,7 +96,7 @@ def verify_dataset(
 
     Raises:
         DatasetError: there is no readable dataset at `path`.
-        ConfigError: there are no such sequences.
+        ConfigError: there are no such sequences, or no workers.
 
     Example:
         >>> report = gb.verify_dataset("data/ur5", progress=False)
@@ -104,6 +104,8 @@ def verify_dataset(
         True
     """
     path = Path(path)
+    if workers < 1:
+        raise ConfigError(f"{workers} workers cannot verify; give 1 or more")
     if path.is_file() or (path / "meta.json").is_file():
         if sequences:
             raise ConfigError(f"--sequences {sequences}: {path} is one sequence")
