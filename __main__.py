@@ -214,6 +214,9 @@ def doctor() -> int:
     """Check whether this machine can render, and how fast, and list missing packages.
 
     The exit code is 2 if nothing can render.
+
+    Example:
+      gcbench doctor
     """
     report = gb.doctor()
     print(report.text)
