@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from gcbench.gcpose.chain.chain_fit import Chains, Goal, fit_chains, fit_displacements, misfit
-from gcbench.gcpose.chain.kinematics import part_motions
-from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.surfaces import Surfaces, surfaces_from_depth
 from gcbench.gcpose.rgbd.alignment import (
@@ -162,30 +158,3 @@ def test_label_costs_are_least_for_what_moved_the_points() -> None:
     assert (cost[:, 2] == 4.0).all()  # outside of both frames
     motion[1:, 2] = np.nan
     assert (label_costs(still, grid, motion, RgbdSettings())[:, 2] == 4.0).all()
-
-
-@pytest.mark.parametrize("axis_dof", [2, 4])
-@pytest.mark.parametrize("place", [[2], [2, 1]])
-def test_a_chain_is_found_from_the_motion_of_its_last_parts(
-    axis_dof: int, place: list[int]
-) -> None:
-    """The truth makes the motion; so does what is fitted, from axes that are some way off."""
-    rng = np.random.default_rng(5)
-    l = np.array([[0, -1.0, 0], [1.0, 0, 0], [0, 0, 1.0]])
-    p = np.array([[0, 0.3, 2.0], [0.1, 0.1, 2.0], [0.2, -0.2, 1.9]])
-    twist = np.concatenate([l, np.cross(p, l)], axis=1)
-    time = np.linspace(0, 1, 12)
-    angle = np.stack([0.7 * time, -0.5 * time**2, 0.4 * np.sin(2 * time)], axis=1)
-    path, which = np.arange(3), np.array(place)
-    motion = part_motions(twist, angle, path - 1)[:, which + 1]
-    goal = Goal(path, path - 1, which, motion, np.tile(np.eye(6), (12, len(place), 1, 1)),
-                np.zeros(3, bool), p, axis_dof)
-    assert misfit(goal, Chains(twist[None], angle[None]))[0] < 1e-9
-    held = fit_displacements(goal, twist[None], ChainSettings())
-    assert np.allclose(held.angle[0], angle, atol=1e-3)
-    off = np.concatenate([l, np.cross(p + rng.normal(0, 0.05, (3, 3)), l)], axis=1)
-    start = fit_displacements(goal, off[None], ChainSettings())
-    found = fit_chains(goal, start, ChainSettings())
-    assert misfit(goal, found)[0] < 0.02 * misfit(goal, start)[0]
-    if axis_dof == 2:
-        assert np.abs(found.angle[0] - angle).max() < np.radians(1.0)
