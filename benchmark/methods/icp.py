@@ -120,11 +120,8 @@ class LabelledDepth:
         return pinhole.unproject(self.intrinsics, np.stack([u, v], axis=-1), self.depth[v, u])
 
     def surface(self, step: int, joints: int) -> dict[int, tuple[Array, Array]]:
-        """Points [N 3] m and unit normals [N 3] of each part.
-
-        Of pixels whose neighbours at a distance of `step` px, in all four directions, belong to
-        the same part.
-        """
+        """Points [N 3] m and unit normals [N 3] of each part, where the four neighbours at a
+        distance of `step` px belong to the same part."""
         grid = pinhole.pixel_grid(*self.depth.shape)
         cloud = pinhole.unproject(self.intrinsics, grid, self.depth)
         own = np.where(self.depth > 0, self.part, 0)
@@ -165,11 +162,8 @@ def _align(
     target: tuple[Array, Array],
     start: Array,
 ) -> tuple[Array, Array]:
-    """target_from_source [4 4] of a part, and the information [3 3] 1/rad^2 on its rotation.
-
-    From correspondences since the frame of `start` (target_from_source there), and from the
-    surfaces (points and normals) of the source and the target frame.
-    """
+    """Return target_from_source [4 4] of a part and the information [3 3] 1/rad^2 on its rotation,
+    from correspondences since the frame of `start` and from surfaces (points and normals)."""
     information = np.zeros((3, 3))
     if len(matches[0]) >= _MIN_PAIRS:
         start = robust_kabsch(*matches) @ start
@@ -199,7 +193,7 @@ def correspondences(
 ) -> tuple[Array, Array]:
     """Return points [N 3] m of part j in frame a, and in frame b by flow and depth.
 
-    Without pixels whose flow is unknown, ends in another part or where no depth is, or changes the
+    Excludes pixels whose flow is unknown, ends in another part or without depth, or changes the
     depth by more than 10 cm.
     """
     v, u = np.nonzero((a.part == j) & (a.depth > 0))
@@ -251,12 +245,9 @@ def align_surfaces(
 ) -> tuple[Array, tuple[Array, Array] | None]:
     """Fit target_from_source [4 4] by trimmed nearest-neighbour ICP of points [N 3] from `start`.
 
-    The distance is to the target's tangent plane (unit normals [M 3]): surfaces slide along each
-    other, and a direction that the shape does not determine stays at the start.
-
-    Returns:
-        The pose, and the points and normals that were kept last; `start` and None if there are
-        too few points or the correction is too large.
+    The distance is to the target's tangent plane (unit normals [M 3]): a direction that the shape
+    does not determine stays at the start. Returns the pose, and the points and normals that were
+    kept last; `start` and None if there are too few points or the correction is too large.
     """
     if min(len(source), len(target)) < _MIN_PAIRS:
         return start, None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import sys
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from ...renderer.types import Sequence as Video
 from ...robots.catalog import is_category
 from ..protocol import AXES_KNOWN, metrics, shape_of, truth_of
 from ..results import read_stored
-from .leaderboard import Line, sequence_errors
+from .leaderboard import Line
 
 if TYPE_CHECKING:
     from ...renderer.show import Painter
@@ -64,6 +65,14 @@ def select_pictures(lines: Sequence[Line]) -> list[Picture]:
                            if (name, j.name) in line.error)  # fmt: skip
             out.append(Picture(number, kind, name, errors[name], joints))
     return out
+
+
+def sequence_errors(line: Line) -> dict[str, float]:
+    """Return the mean final error of each sequence."""
+    errors: dict[str, list[float]] = defaultdict(list)
+    for (sequence, _), value in line.error.items():
+        errors[sequence].append(value)
+    return {name: float(np.mean(errors[name])) for name in sorted(errors)}
 
 
 def draw_pictures(

@@ -179,14 +179,6 @@ def build_leaderboard(folders: Iterable[RunFolder]) -> Leaderboard:
     )
 
 
-def sequence_errors(line: Line) -> dict[str, float]:
-    """Return the mean final error of each sequence."""
-    errors: dict[str, list[float]] = defaultdict(list)
-    for (sequence, _), value in line.error.items():
-        errors[sequence].append(value)
-    return {name: float(np.mean(errors[name])) for name in sorted(errors)}
-
-
 def _lines_of(folder: RunFolder) -> list[Line]:
     """The lines of one run: one for each unit in which its joints move."""
     results = sorted(folder.results(), key=_position)  # the order in the file changes no number

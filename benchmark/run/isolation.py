@@ -92,6 +92,7 @@ def run_method(
     reader = _Reader(observe, tasks, limits.workers)
     pool = WorkerPool[Task](_settings(source, limits), tasks, partial(_send, reader), _receive)
     started: set[Task] = set()
+    problems: dict[Task, str] = {}
     with closing(reader), closing(pool.events()) as events:
         for event in events:
             worker, task = event.worker, event.worker.task
@@ -102,15 +103,18 @@ def run_method(
                     late = f"{source}: a process did not load within {START_LIMIT:g} s"
                     raise MethodError(late if event.kind == "late" else f"{source}: {how}{said}")
                 if event.kind == "died":
-                    yield task, _failure("crashed", how + said)
+                    yield task, _failure("crashed", problems.get(task, how) + said)
                 else:
                     late = f"no estimate within {limits.timeout:g} s{said}"
                     yield task, _failure("timeout", late)
                 continue
             kind, content = event.content[:1], event.content[1:]
-            if kind == PROBLEM:
-                raise MethodError(content.decode(errors="replace"))
-            if kind == STARTED and task is not None and task not in started:
+            if kind == PROBLEM:  # the last message of a process
+                text = content.decode(errors="replace")
+                if task is None:
+                    raise MethodError(text)
+                problems[task] = text
+            elif kind == STARTED and task is not None and task not in started:
                 started.add(task)
                 worker.allow(limits.timeout)
             elif kind in (READY, DONE):

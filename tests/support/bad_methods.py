@@ -144,6 +144,16 @@ class RaisesUnprintable(_Accident):
         raise UnprintableError
 
 
+class Sabotages(_Accident):
+    """Breaks the code of its own process."""
+
+    name = "sabotages"
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        sys.modules["gcbench.benchmark.run.method_worker"].__dict__["_attempt"] = None
+        return estimate
+
+
 class ForksAndExits(_Accident):
     """Its copy sleeps, with all files open; CALLS.pid names the copy."""
 

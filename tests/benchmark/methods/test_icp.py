@@ -7,7 +7,7 @@ import pytest
 from gcbench import MethodError
 from gcbench.benchmark.methods import icp
 from gcbench.benchmark.methods.icp import Icp, IcpFirst, LabelledDepth
-from gcbench.benchmark.methods.registry import load
+from gcbench.benchmark.methods.registry import load_method
 from gcbench.benchmark.protocol.observations import observe
 from gcbench.benchmark.protocol.truth import truth_of
 from gcbench.robots.geometry import (
@@ -139,4 +139,4 @@ def test_parts_come_from_the_segmenter_where_they_are_not_given() -> None:
     np.testing.assert_array_equal(found.displacement, Icp().estimate(given).displacement)
     with pytest.raises(MethodError, match="needs the directions of the axes"):
         Icp().estimate(observe(sequence, "rgbd", "free"))
-    assert load("icp").segment is not None  # type: ignore[attr-defined]  # of another method, by the registry
+    assert load_method("icp").segment is not None  # type: ignore[attr-defined]  # of another method, by the registry

@@ -23,8 +23,8 @@ from gcbench.benchmark.report.formats import (
     leaderboard_csv,
     leaderboard_text,
 )
-from gcbench.benchmark.report.gallery import draw_pictures, select_pictures
-from gcbench.benchmark.report.leaderboard import read_leaderboard, sequence_errors
+from gcbench.benchmark.report.gallery import draw_pictures, select_pictures, sequence_errors
+from gcbench.benchmark.report.leaderboard import read_leaderboard
 from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
 from gcbench.benchmark.report.suite_scores import suite_scores

@@ -66,6 +66,12 @@ def test_a_method_that_cannot_start_leaves_the_others_alone(
         run(data, tmp_path / "results", name)
 
 
+def test_a_broken_process_costs_one_sequence(data: Path, tmp_path: Path) -> None:
+    (line,) = run(data, tmp_path / "results", "Sabotages").failures
+    assert "/000002: crashed: " in line
+    assert line.endswith("TypeError: 'NoneType' object is not callable")
+
+
 @pytest.mark.parametrize(("name", "failure"), [
     ("ForksAndExits", "crashed: the method's process exited with 0"),
     ("LeavesSession", "timeout: no estimate within 6 s"),
