@@ -91,7 +91,10 @@ def campaign(
             for kind in kinds:
                 if count is None and time.monotonic() > end:
                     return out
-                done = attempt(make(kind, seed, index), box)
+                try:
+                    done = attempt(make(kind, seed, index), box)
+                except KeyboardInterrupt:
+                    return out
                 out.counts[kind] += 1
                 out.accepted[kind] += not done[-1][1].code
                 for command, outcome in done:
@@ -99,6 +102,8 @@ def campaign(
                         out.findings.append(Finding(kind, seed, index, command, problem))
                         tell(out.findings[-1])
             index += 1
+            if index % 100 == 0:
+                print(f"{index} cases of each kind", file=sys.stderr, flush=True)
     return out
 
 

@@ -112,7 +112,7 @@ def _suite(dice: Dice) -> Case:
         "--suites",
         "suites",
     )
-    return Case(files, [Command(argv, quiet=False, fetches=True)], dice.steps)
+    return Case(files, [Command(argv, (0, 1, 2), quiet=False, fetches=True)], dice.steps)
 
 
 def _toml(tree: dict[str, Any]) -> bytes:
@@ -321,7 +321,7 @@ def _options(dice: Dice) -> Case:
             break
     dice.note(" ".join(argv).encode("ascii", "backslashreplace").decode()[:100])
     words = tuple(a.replace("\0", "?").encode("utf-8", "replace").decode() for a in argv)
-    codes = (0, 1, 2) if name == "verify" else (0, 2)
+    codes = (0, 1, 2) if name in ("verify", "eval") else (0, 2)
     return Case(
         dict(dataset_files()),
         [Command(words, codes, quiet=name not in ("eval", "score"), fetches=True)],

@@ -225,7 +225,7 @@ def a_mesh_behind_a_link() -> Case:
 
 def _chain(links: int) -> str:
     parts = "".join(
-        f'<link name="l{k}"><visual><geometry><sphere radius="0.005"/></geometry></visual></link>'
+        f'<link name="l{k}"><visual><geometry><box size=".01 .01 .01"/></geometry></visual></link>'
         for k in range(links)
     )
     joints = "".join(
@@ -238,8 +238,8 @@ def _chain(links: int) -> str:
 
 
 @named()
-def a_chain_of_a_thousand_links() -> Case:
-    return Case({"m/m.urdf": _chain(1000).encode()}, [render("../input/m/m.urdf")])
+def a_chain_of_five_hundred_links() -> Case:
+    return Case({"m/m.urdf": _chain(500).encode()}, [render("../input/m/m.urdf")])
 
 
 @named("links")
@@ -567,25 +567,25 @@ def _method(
     text = _METHOD.replace("BODY", body).replace("BEGIN", begin).replace("NAME", name)
     files: Content = {**dataset_files(), "method.py": text.replace("ERROR", error).encode()}
     argv = ("eval", "--method", "../input/method.py:Method", *EVALUATE[3:])
-    return Case(files, [Command(argv, quiet=False, foreign=foreign)])
+    return Case(files, [Command(argv, (0, 1, 2), quiet=False, foreign=foreign)])
 
 
-@named()
+@named("no sequence was estimated")
 def an_estimate_that_exits() -> Case:
     return _method("return Odd()")
 
 
-@named()
+@named("no sequence was estimated")
 def an_estimate_that_interrupts() -> Case:
     return _method("return Odd()", error="KeyboardInterrupt")
 
 
-@named()
+@named("no sequence was estimated")
 def an_array_that_exits() -> Case:
     return _method("return Estimate(OddArray())")
 
 
-@named()
+@named("no sequence was estimated")
 def an_array_that_interrupts() -> Case:
     return _method("return Estimate(OddArray())", error="KeyboardInterrupt")
 
@@ -605,7 +605,7 @@ def a_method_that_clears_the_screen() -> Case:
     return _method(name='"\\x1b[2J"')
 
 
-@named()
+@named("no sequence was estimated")
 def a_method_that_forks_and_exits() -> Case:
     return _method("os.fork() or time.sleep(30); os._exit(1)")
 
@@ -615,7 +615,7 @@ def a_method_with_a_child_in_its_own_session() -> Case:
     return _method("subprocess.Popen(['sleep', '30'], start_new_session=True)")
 
 
-@named()
+@named("no sequence was estimated")
 def a_method_that_kills_itself() -> Case:
     return _method("os.kill(os.getpid(), signal.SIGKILL)")
 
@@ -628,11 +628,11 @@ def _harmful(harm: str, body: str) -> None:
     CORPUS["seen: " + harm] = Named(lambda: _method(body, foreign=False), "", True, harm)
 
 
-_harmful("reads .*secret", "open('../secret/secret')")
-_harmful("writes .*input/x", "open('../input/x', 'w')")
+_harmful("reads .*secret", "open(os.environ['HOME'] + '/../secret/secret')")
+_harmful("writes .*input/x", "open(os.environ['HOME'] + '/../input/x', 'w')")
 _harmful("writes /tmp", "os.mkdir('/tmp/gcbench-fuzz-x/y')")
 _harmful("uses the network", "__import__('socket').socket().connect(('127.0.0.1', 9))")
 _harmful("starts a program", "subprocess.run(['true'])")
-_harmful("left .* temporary", "open('../tmp/x', 'w')")
+_harmful("left .* temporary", "open(os.environ['HOME'] + '/../tmp/x', 'w')")
 _harmful("prints the control character", "print('\\x1b[2J'); raise ValueError('\\x1b[2J')")
 _harmful("took|MemoryError", "x = bytearray(3 * 2**30); x[::4096] = b'x' * (len(x) // 4096)")

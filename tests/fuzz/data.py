@@ -175,7 +175,7 @@ def _reader(dice: Dice) -> Command:
             ),
         ]
     )
-    codes = (0, 1, 2) if argv[0] == "verify" else (0, 2)
+    codes = (0, 1, 2) if argv[0] in ("verify", "eval") else (0, 2)
     return Command(argv, codes, quiet=argv[0] != "eval")
 
 
@@ -367,7 +367,7 @@ def results(dice: Dice) -> Case:
             (*EVALUATE, "--retry", "raised", "invalid"),
         ]
     )
-    return Case(files, [Command(argv, quiet=argv[0] == "report")], dice.steps)
+    return Case(files, [Command(argv, (0, 1, 2), quiet=argv[0] == "report")], dice.steps)
 
 
 def _scores(dice: Dice, data: bytes) -> bytes:
