@@ -58,6 +58,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # as in `gcbench robots | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
+    except OSError as error:  # a name that is too long, a full disk, a folder without permission
+        where = f"{error.filename}: " if error.filename else ""
+        told = gb.GcbenchError(where + (error.strerror or str(error)))
+        print(f"gcbench: {told}", file=sys.stderr)
+        return 2
 
 
 def _run(name: str, args: Sequence[str]) -> int:

@@ -8,7 +8,9 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypedDict
+
+import msgspec
 
 from ... import __version__
 from ...errors import DatasetError
@@ -60,6 +62,18 @@ def environment() -> dict[str, Any]:
     return {"dependencies": dependencies, "platform": here}
 
 
+_Count = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class _Counts(TypedDict, total=False):
+    """`counts` of `dataset.json`."""
+
+    sequences: _Count
+    frames: _Count
+    unobservable: _Count
+    refused: dict[str, _Count]
+
+
 @dataclass(frozen=True)
 class _File:
     """The fields of `dataset.json`."""
@@ -67,7 +81,7 @@ class _File:
     config: dict[str, Any]
     generator: dict[str, str]
     assets: tuple[dict[str, Any], ...]
-    counts: dict[str, Any] | None = None
+    counts: _Counts | None = None
     dependencies: dict[str, Any] | None = None
     platform: dict[str, Any] | None = None
     other_environments: tuple[dict[str, Any], ...] = ()

@@ -181,7 +181,7 @@ def _dataset_checks(files: Stack[Path], counts: Mapping[str, Any] | None) -> lis
     """Checks of the dataset apart from its sequences; `counts` is from dataset.json."""
     indices = [int(f.stem) for f in files]
     missing = sorted({*range(max(indices, default=0) + 1)} - {*indices})
-    said = int(counts["sequences"]) if counts and "sequences" in counts else len(files)
+    said = counts["sequences"] if counts and "sequences" in counts else len(files)
     return [
         check("sequences present", int(not files), 0, "datasets", "the dataset has none"),
         check("sequences counted", said - len({*indices}), 0, "sequences",

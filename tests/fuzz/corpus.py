@@ -533,6 +533,12 @@ def a_seed_of_five_thousand_digits() -> Case:
     )
 
 
+@named("File name too long")
+def a_name_that_is_too_long() -> Case:
+    argv = ("score", "--predictions", "x" * 5000, "--data", "../input/d")
+    return Case(dict(dataset_files()), [Command(argv, quiet=False)])
+
+
 # -- methods that misbehave -----------------------------------------------------------------------
 
 _METHOD = """import os, signal, subprocess, sys, time

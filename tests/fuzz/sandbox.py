@@ -428,7 +428,7 @@ def _text_problems(command: Command, code: int, out: str, err: str) -> Iterator[
 def _leftover_files(box: Sandbox) -> Iterator[str]:
     for path in (box.root / "tmp").iterdir():
         yield f"left {path.name} in the folder of temporary files"
-    for folder in (box.work, box.root / "cache", box.input):
+    for folder in (box.work, box.input):  # a fetch that was stopped is removed from the cache later
         for path in folder.rglob("*"):
             if re.search(r"\.(tmp|part)$", path.name):
                 yield f"left the temporary file {path.relative_to(box.root)}"
