@@ -173,17 +173,17 @@ def forward_kinematics(model: ArticulatedModel, positions: ArrayLike) -> Array:
     The world is the frame of the root.
     """
     q = np.asarray(positions, np.float64)
-    n_parts = len(model.parent)
-    poses = np.zeros((*q.shape[:-1], n_parts, 4, 4))
-    for p in range(n_parts):
-        local = np.broadcast_to(model.parent_from_part_at_zero[p], (*q.shape[:-1], 4, 4))
-        if model.joint[p] >= 0:
-            value = model.multiplier[p] * q[..., model.joint[p]] + model.offset[p]
-            screw = np.broadcast_to(model.screw[p], (*q.shape[:-1], 6))
-            local = local @ model.part_joint_types[p].motion(screw, value)
-        parent = model.parent[p]
-        poses[..., p, :, :] = local if parent < 0 else poses[..., parent, :, :] @ local
-    return poses
+    local = np.broadcast_to(model.parent_from_part_at_zero,
+                            (*q.shape[:-1], len(model.parent), 4, 4)).copy()
+    for kind in {*model.part_joint_types} - {_FIXED}:
+        p = np.flatnonzero([t is kind for t in model.part_joint_types])
+        value = model.multiplier[p] * q[..., model.joint[p]] + model.offset[p]
+        screw = np.broadcast_to(model.screw[p], (*value.shape, 6))
+        local[..., p, :, :] = local[..., p, :, :] @ kind.motion(screw, value)
+    for p, parent in enumerate(model.parent):
+        if parent >= 0:  # which stands before, as a pose in the world
+            local[..., p, :, :] = local[..., parent, :, :] @ local[..., p, :, :]
+    return local
 
 
 def joint_screws(model: ArticulatedModel, frame_from_part: ArrayLike) -> Array:
