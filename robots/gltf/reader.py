@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...errors import ModelError
 from ..files import Asset, AssetFinder, read_bounded
 from ..geometry import Array, inverse
-from ..meshes import AssetReader, quiet
+from ..meshes import AssetReader, explain, quiet
 from ..model import ArticulatedModel, Link, Visual, deform_visual, forward_kinematics
 from .accessors import Accessors
 from .animation import KeyedAnimation, read_animations
@@ -72,8 +72,7 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
         text = str(error)
         raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
     except (Exception, RecursionError) as error:
-        why = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ModelError(f"{path}: cannot be read as glTF ({why})") from error
+        raise ModelError(f"{path}: cannot be read as glTF ({explain(error)})") from error
     return replace(model, source=path.name, sha256=hashlib.sha256(data).hexdigest(),
                    licence=_licence(reader.document))
 

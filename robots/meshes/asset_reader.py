@@ -110,6 +110,16 @@ def quiet() -> Generator[None]:
                 logger.disabled = disabled
 
 
+def explain(error: BaseException) -> str:
+    """Return what a library's error tells a user about a file, in one line."""
+    if isinstance(error, MemoryError | RecursionError):
+        return "it is too large or nested too deeply"
+    text = " ".join(str(error).split())[:200]
+    if not text or " at 0x" in text or isinstance(error, LookupError | TypeError | AttributeError):
+        return "it is damaged or incomplete"
+    return text
+
+
 def last_part(reference: str) -> str:
     """Return the file name in a reference, which notes show without its folders."""
     return reference.replace("\\", "/").rsplit("/", 1)[-1][:80]

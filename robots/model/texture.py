@@ -76,7 +76,8 @@ class TextureDecoder:
             except ModelError:
                 raise
             except Exception as error:
-                raise ModelError(f"{name}: is a damaged image ({error})") from error
+                why = f" ({error})" if str(error) and "0x" not in str(error) else ""
+                raise ModelError(f"{name}: is a damaged image{why}") from error
         if transparent and pixels[..., 3].min() == 255:
             pixels = pixels[..., :3]
         return np.ascontiguousarray(pixels)

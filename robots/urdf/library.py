@@ -7,7 +7,7 @@ from pathlib import Path
 from ...errors import ModelError
 from ..files import Asset, AssetFinder
 from ..gltf import read_gltf_surfaces
-from ..meshes import AssetReader, MeshLimits, quiet, read_collada, read_with_trimesh
+from ..meshes import AssetReader, MeshLimits, explain, quiet, read_collada, read_with_trimesh
 from ..model import TriangleSurface
 
 
@@ -48,9 +48,8 @@ class MeshLibrary(AssetReader):
             text, path = str(error), str(asset.path)
             raise ModelError(text if text.startswith(path) else f"{path}: {text}") from error
         except (Exception, RecursionError) as error:
-            why = " ".join(str(error).split())[:200] or type(error).__name__
-            raise ModelError(f"{asset.path}: is not a {suffix} file that can be read ({why})"
-                             ) from error
+            raise ModelError(f"{asset.path}: cannot be read as {suffix[1:].upper()} "
+                             f"({explain(error)})") from error
         if not found:
             raise ModelError(f"{asset.path}: holds no triangles")
         return tuple(found)

@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import ModelError
 from ..files import asset_finder, read_bounded
 from ..geometry import apply
-from ..meshes import quiet
+from ..meshes import explain, quiet
 from ..model import (
     ArticulatedModel,
     Joint,
@@ -72,8 +72,7 @@ def load_urdf(
         text = str(error)
         raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
     except (Exception, RecursionError) as error:
-        why = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ModelError(f"{path}: cannot be read as a URDF ({why})") from error
+        raise ModelError(f"{path}: cannot be read as a URDF ({explain(error)})") from error
     model = replace(
         model, visuals=tuple(visuals), source=path.name, sha256=hashlib.sha256(data).hexdigest(),
         notes=tuple(dict.fromkeys([*document.notes, *model.notes, *notes, *library.notes])))

@@ -223,7 +223,7 @@ def test_textures_of_materials_cannot_reach_out(tmp_path: Path, reference: str) 
 @pytest.mark.parametrize(("name", "content", "reason"), [
     ("a.obj", b"", "empty"),
     ("a.obj", b"hello world\n", "a.obj"),
-    ("a.obj", OBJ.replace("1 2 3", "1 2 9").encode(), "a.obj"),
+    ("a.obj", OBJ.replace("1 2 3", "1 2 9").encode(), "as OBJ .it is damaged or incomplete"),
     ("a.obj", OBJ.replace("v 1", "v nan").encode(), "finite"),
     ("a.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no triangles"),
     ("a.obj", b"\x89PNG\r\n\x1a\n" + bytes(100), "a.obj"),
