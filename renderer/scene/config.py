@@ -226,6 +226,8 @@ class RenderConfig:
     """NAME=DIR: where `package://NAME/...` of a URDF is; partnet=DIR: your PartNet-Mobility."""
     root: str = ""
     """Folder that a URDF may read meshes from; default: its package, else its own folder."""
+    scale: Annotated[float, Bounds(1e-6, 1e6)] = 1.0
+    """Factor of all lengths of a URDF or glTF file that is not in metres."""
     seed: Annotated[int, Bounds(0)] = 0
     stream: Literal["test", "train"] = "test"
     """Suites hold sequences of `test` only; a learned method trains on `train`."""

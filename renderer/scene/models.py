@@ -108,7 +108,8 @@ def model_of(
     if not allow:
         check_model_paths(config)
     robot = config.robot if meta is None else robot_of(config, meta)
-    return load_robot(robot, packages_of(config), config.allow_missing, allow, config.root)
+    return load_robot(robot, packages_of(config), config.allow_missing, allow, config.root,
+                      config.scale)
 
 
 def dataset_asset(config: RenderConfig, source: ModelSource) -> dict[str, Any]:
@@ -135,7 +136,8 @@ def packages_of(config: RenderConfig) -> dict[str, Path]:
 
 
 def _load(config: RenderConfig, robot: str) -> ModelSource:
-    model = load_robot(robot, packages_of(config), config.allow_missing, root=config.root)
+    model = load_robot(robot, packages_of(config), config.allow_missing, root=config.root,
+                       scale=config.scale)
     if not model.visuals:
         raise ModelError(f"{robot}: the model has no visible geometry to render")
     recorded = read_motion(Path(file)) if (file := config.randomization.motion.file) else None

@@ -44,11 +44,13 @@ class Reference:
     """read a second time, by the verifier's own reader"""
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """the sequence's names of links of the URDF, where they differ"""
+    scale: float = 1.0
+    """factor of the lengths of the URDF"""
 
 
 def verify_sequence(
     sequence: Sequence, model: ArticulatedModel | None = None, urdf: Path | None = None,
-    names: Mapping[str, str] | None = None,
+    names: Mapping[str, str] | None = None, scale: float = 1.0,
 ) -> VerifyReport:
     """Run all checks of one sequence, in memory or on disk.
 
@@ -57,12 +59,13 @@ def verify_sequence(
         model: The model that it shows. Without one, joints are tested against their own screws.
         urdf: The model's URDF, which is read a second time.
         names: The sequence's names of links of the URDF, where they differ.
+        scale: Factor of the lengths of the URDF.
 
     Raises:
         DatasetError: an image cannot be decoded.
     """
     with np.errstate(all="ignore"):  # a broken value becomes an infinite residual, not a warning
-        checks = verify_state(sequence, model, urdf, names)
+        checks = verify_state(sequence, model, urdf, names, scale)
         if all(c.ok for c in checks[:2]):  # shapes and finite: without them nothing can be computed
             checks += verify_images(sequence)
             checks += verify_layers(sequence)
@@ -157,12 +160,13 @@ def reference_of(
         if not allow_model:
             check_model_paths(config)
         packages = packages_of(config)
-        model = load_robot(robot, packages, config.allow_missing, False, config.root)
+        model = load_robot(robot, packages, config.allow_missing, False, config.root,
+                           config.scale)
         urdf = robot_urdf(robot, packages, download=False)
         names = partnet.part_names(urdf.parent) if urdf and is_object(robot) else {}
     except (GcbenchError, OSError) as error:
         return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
-    return Reference(surfaces_to_check(model), urdf, names), []
+    return Reference(surfaces_to_check(model), urdf, names, config.scale), []
 
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
@@ -227,7 +231,8 @@ def _verify_file(job: _Job) -> list[CheckResult]:
                        and (meta.seed, f"{meta.index:06d}") != (seed, file.stem), 0,
                        "sequences", f"says seed {meta.seed}, index {meta.index}")]
         found += verify_sequence(
-            sequence, reference.model, reference.urdf, reference.names).checks
+            sequence, reference.model, reference.urdf, reference.names,
+            reference.scale).checks
     except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]
     return [replace(c, where=f"{file.stem} {c.where}".rstrip()) if c.worst > 0 else c

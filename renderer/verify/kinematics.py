@@ -28,12 +28,12 @@ _RADIANS = 1e-6  # rad, bound of angles that only rounding may change
 
 
 def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
-                 urdf: Path | None = None, link_names: Mapping[str, str] | None = None
-                 ) -> list[CheckResult]:
+                 urdf: Path | None = None, link_names: Mapping[str, str] | None = None,
+                 scale: float = 1.0) -> list[CheckResult]:
     """Run all checks that need no image. Poses are compared with the model and the URDF, if given.
 
     `link_names` are the sequence's names of links of the URDF, where they differ; a joint has the
-    name of the link that it moves.
+    name of the link that it moves. The lengths of the URDF are multiplied by `scale`.
     """
     checks = [_shapes(sequence)]
     if not checks[0].ok:
@@ -51,7 +51,7 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
     if model is not None:
         checks += _poses(sequence, poses_from_model(model, names, positions), "model")
     if urdf is not None:
-        found = poses_from_urdf(urdf, names, positions, link_names)
+        found = poses_from_urdf(urdf, names, positions, link_names, scale)
         checks += _poses(sequence, found, "URDF")
     return checks
 
@@ -194,7 +194,7 @@ def poses_from_model(model: ArticulatedModel, joint_names: ArrayLike, positions:
 
 def poses_from_urdf(
     urdf: Path, joint_names: ArrayLike, positions: Array,
-    link_names: Mapping[str, str] | None = None,
+    link_names: Mapping[str, str] | None = None, scale: float = 1.0,
 ) -> dict[str, Array]:
     """Return root_from_link [T 4 4] of each link of a URDF, read by `urdf_reader`.
 
@@ -204,6 +204,7 @@ def poses_from_urdf(
         positions: [T J] rad or m.
         link_names: The sequence's names of links that it does not call by their own; a joint is
             called like the link that it moves.
+        scale: Factor of the lengths of the URDF.
     """
     tree, names = read_urdf_tree(urdf), dict(link_names or {})
     column = {str(n): i for i, n in enumerate(np.asarray(joint_names))}
@@ -216,9 +217,11 @@ def poses_from_urdf(
         leader, multiplier, offset = tree.leader_of(joint)
         i = column.get(names.get(leader.child, leader.name))
         value = positions[:, i] if i is not None else np.zeros(len(positions))
+        value = value / scale if leader.kind == "prismatic" else value
         motion = _urdf_motion(joint, multiplier * value + offset)
         poses[link] = poses[joint.parent] @ joint.parent_from_child_at_zero @ motion
-    return {names.get(link, link): pose for link, pose in poses.items()}
+    lengths = np.where(np.arange(4) < 3, scale, 1.0)[:, None] ** (np.arange(4) == 3)
+    return {names.get(link, link): pose * lengths for link, pose in poses.items()}
 
 
 def _urdf_motion(joint: UrdfJoint, value: Array) -> Array:

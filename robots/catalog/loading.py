@@ -19,7 +19,8 @@ from .names import PARTNET, is_object, parse_object_name
 
 _URDF, _GLTF = (".urdf",), (".glb", ".gltf")
 _UNSUPPORTED = {
-    ".xacro": "is a xacro file: run `xacro FILE > robot.urdf` and load the result",
+    ".xacro": "is a xacro file: run `xacro FILE > robot.urdf` (pip install xacro) and load the "
+              "result",
     **dict.fromkeys((".xml", ".mjcf"), "is not supported (MuJoCo's MJCF): convert it to URDF"),
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"),
                     "is not supported (USD): export it as URDF or glTF"),
@@ -30,6 +31,7 @@ _UNSUPPORTED = {
 def load_robot(
     name: str | Path, packages: Mapping[str, str | Path] | None = None,
     allow_missing: bool = False, download: bool = True, root: str | Path | None = None,
+    scale: float = 1.0,
 ) -> ArticulatedModel:
     """Load an articulated model by its name or from a file.
 
@@ -44,6 +46,7 @@ def load_robot(
         download: Whether files of a named robot may be downloaded on first use.
         root: Folder that a URDF may read meshes from; default: its package (the nearest folder
             with a package.xml), else its own folder.
+        scale: Factor of all lengths of a file that is not in metres.
 
     Returns:
         The model. Lengths are in m, angles in rad.
@@ -62,9 +65,11 @@ def load_robot(
     folders = {key: Path(folder) for key, folder in (packages or {}).items()}
     if is_file(name):
         with hash_files() as hashes:
-            model = _load_file(Path(name), folders, allow_missing, root)
+            model = _load_file(Path(name), folders, allow_missing, root, scale)
         return _with_files(model, Path(name).parent, hashes)
     name = str(name)
+    if scale != 1.0:
+        raise ModelError(f"{name} is in metres; --scale is for files")
     if is_object(name):
         return _load_object(name, folders, allow_missing, download)
     entry = find_robot(name)
@@ -160,7 +165,8 @@ def _catalog_urdf(name: str, download: bool) -> Path:
 
 
 def _load_file(
-    path: Path, packages: Mapping[str, Path], allow_missing: bool, root: str | Path | None
+    path: Path, packages: Mapping[str, Path], allow_missing: bool, root: str | Path | None,
+    scale: float,
 ) -> ArticulatedModel:
     suffix = path.suffix.lower()
     if suffix in _UNSUPPORTED:
@@ -168,12 +174,13 @@ def _load_file(
     if suffix in _GLTF:
         from ..gltf import load_gltf
 
-        return load_gltf(path, allow_missing)
+        return load_gltf(path, allow_missing, scale)
     if suffix not in _URDF:
         raise ModelError(f"{path}: is no robot file; .urdf, .glb and .gltf files are read")
     from ..urdf import load_urdf
 
-    return load_urdf(path, packages, allow_missing, Path(root).expanduser() if root else None)
+    return load_urdf(path, packages, allow_missing, Path(root).expanduser() if root else None,
+                     scale)
 
 
 def _load_object(

@@ -43,11 +43,13 @@ _SMALLEST, _LARGEST = 1e-3, 1e4
 _MAX_MORPH_CHANNELS = 10_000
 
 
-def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel:
+def load_gltf(
+    path: str | Path, allow_missing: bool = False, scale: float = 1.0
+) -> ArticulatedModel:
     """Read the .glb or .gltf file at `path`, and the files of its folder that it refers to.
 
-    With `allow_missing` a missing image becomes a note of the model instead of an error.
-    Raises ModelError, with a message of one line, for any invalid file.
+    All lengths are multiplied by `scale`. With `allow_missing` a missing image becomes a
+    note of the model instead of an error. Raises ModelError for any invalid file.
     """
     path = Path(path)
     if not path.is_file():
@@ -59,14 +61,14 @@ def load_gltf(path: str | Path, allow_missing: bool = False) -> ArticulatedModel
         with quiet():
             reader = _Reader(read_gltf_document(data), Asset(real, real.parent), files,
                              allow_missing)
-            model = reader.model(path.stem, 1.0)
+            model = reader.model(path.stem, scale)
             size = _size(model)
             if not _SMALLEST <= size <= _LARGEST:
                 if size < 1e-30:
                     raise ModelError("is a single point")
                 unit = 10.0 ** -round(np.log10(size))
-                model = reader.model(path.stem, unit)
-                note = f"is {size:g} m large: its lengths are taken as {unit:g} m each"
+                model = reader.model(path.stem, scale * unit)
+                note = f"is {size:g} m large: its lengths are multiplied by {unit:g}"
                 model = replace(model, notes=(*model.notes, note))
     except ModelError as error:
         text = str(error)

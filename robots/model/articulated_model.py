@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -184,6 +184,22 @@ def forward_kinematics(model: ArticulatedModel, positions: ArrayLike) -> Array:
         if parent >= 0:  # which stands before, as a pose in the world
             local[..., p, :, :] = local[..., parent, :, :] @ local[..., p, :, :]
     return local
+
+
+def scale_model(model: ArticulatedModel, factor: float) -> ArticulatedModel:
+    """Return a model without skins and animations in which all lengths are `factor` times larger.
+    """
+    unit = np.where(model.prismatic, factor, 1.0)  # of the value of each part's own joint
+    driver = np.where(model.joint >= 0, unit[model.joint_child][model.joint], 1.0) if len(
+        model.joint_child) else 1.0
+    pose, screw = model.parent_from_part_at_zero.copy(), model.screw.copy()
+    pose[:, :3, 3] *= factor
+    screw[:, 3:] *= factor
+    return replace(
+        model, parent_from_part_at_zero=pose, screw=screw, offset=model.offset * unit,
+        multiplier=model.multiplier * unit / driver,
+        limits=model.limits * unit[model.joint_child, None],
+        visuals=tuple(replace(v, vertices=v.vertices * factor) for v in model.visuals))
 
 
 def joint_screws(model: ArticulatedModel, frame_from_part: ArrayLike) -> Array:

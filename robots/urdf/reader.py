@@ -26,6 +26,7 @@ from ..model import (
     Mimic,
     forward_kinematics,
     list_names,
+    scale_model,
 )
 from .document import UrdfDocument, read_urdf_document
 from .library import MeshLibrary
@@ -47,14 +48,14 @@ def load_urdf(
     packages: Mapping[str, Path] | None = None,
     allow_missing: bool = False,
     asset_root: Path | None = None,
+    scale: float = 1.0,
 ) -> ArticulatedModel:
     """Read the URDF at `path` with its meshes and textures.
 
     `packages` maps names of `package://name/...` to folders; `asset_root` is the folder that the
     model's files must not leave (by default the package or folder of the URDF, see `files.paths`).
-    With `allow_missing` a mesh that is nowhere is recorded in the model's notes instead of
-    stopping the load. Raises ModelError (a GcbenchError) in one line for everything that a file
-    can have wrong.
+    All lengths are multiplied by `scale`. With `allow_missing` a missing mesh becomes a note of
+    the model instead of an error. Raises ModelError for any invalid file.
     """
     path = Path(path)
     if not path.is_file():
@@ -76,6 +77,7 @@ def load_urdf(
     model = replace(
         model, visuals=tuple(visuals), source=path.name, sha256=hashlib.sha256(data).hexdigest(),
         notes=tuple(dict.fromkeys([*document.notes, *model.notes, *notes, *library.notes])))
+    model = model if scale == 1.0 else scale_model(model, scale)
     _check_size(path, model)
     return model
 
@@ -152,4 +154,4 @@ def _check_size(path: Path, model: ArticulatedModel) -> None:
     size = float(np.linalg.norm(high - low))
     if not _SMALLEST <= size <= _LARGEST:
         raise ModelError(f"{path}: is {size:g} m large, outside {_SMALLEST:g} to {_LARGEST:g} m; "
-                         "its meshes are in another unit: set their `scale`")
+                         "add --scale FACTOR, or set the `scale` of its meshes")

@@ -473,3 +473,19 @@ def test_a_child_that_its_scene_lists_is_drawn_once(tmp_path: Path) -> None:
     assert len(model.visuals) == 1
     poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
     np.testing.assert_allclose(poses[model.visuals[0].part, :3, 3], [0, 0, 1])
+
+
+def test_a_scale_multiplies_all_lengths(tmp_path: Path) -> None:
+    maker = Maker()
+    _, tip, _ = bent_bar(maker)
+    maker.animate([(tip, "translation", [0, 1], [[0, 1, 0], [0, 2, 0]], "LINEAR")])
+    path = maker.save(tmp_path)
+    one, other = load_gltf(path), load_robot(path, scale=0.1)
+    times = np.array([0.0, 0.5])
+    a, b = one.animations[0].at(times), other.animations[0].at(times)
+    np.testing.assert_allclose(b.world_from_part[..., :3, 3], 0.1 * a.world_from_part[..., :3, 3],
+                               atol=1e-12)
+    for v, w in zip(one.visuals, other.visuals, strict=True):
+        p, _ = deform_visual(v, a.world_from_part[1], None, one.morph_weights)
+        q, _ = deform_visual(w, b.world_from_part[1], None, other.morph_weights)
+        np.testing.assert_allclose(q, 0.1 * p, atol=1e-12)

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.renderer.verify.kinematics import poses_from_urdf
+from gcbench.robots.catalog import load_robot
 from gcbench.robots.files.paths import MissingAssetError
 from gcbench.robots.model import ArticulatedModel, JointType, forward_kinematics
 from gcbench.robots.model.texture import linear_from_srgb
@@ -289,3 +291,29 @@ def test_stray_xacro_elements_are_ignored_with_a_note(tmp_path: Path) -> None:
     stray = '<xacro:include filename="x"/><xacro:arg name="a" default="1"/>'
     m = load(tmp_path / "m.urdf", robot(stray + link("a", '<box size="1 1 1"/>')))
     assert m.notes == ("xacro elements are ignored: xacro:include",)
+
+
+def test_a_scale_multiplies_all_lengths(tmp_path: Path) -> None:
+    limit = '<limit lower="-1" upper="2"/>'
+    text = robot(
+        link("a", '<box size="1 1 1"/>') + link("b", '<box size="1 2 3"/>') + link("c")
+        + link("d", '<sphere radius="1"/>')
+        + joint("turn", "a", "b", more=f'<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/>{limit}')
+        + joint("slide", "b", "c", "prismatic", f'<origin xyz="0 1 0"/>{limit}')
+        + joint("follow", "c", "d", "prismatic",
+                '<mimic joint="turn" multiplier="0.5" offset="0.25"/>'))
+    plain = load(tmp_path / "m.urdf", text)
+    small = load_robot(tmp_path / "m.urdf", scale=0.01)
+    np.testing.assert_allclose(small.limits, [[-1, 2], [-0.01, 0.02]])
+    one = forward_kinematics(plain, [0.7, 0.3])
+    other = forward_kinematics(small, [0.7, 0.003])
+    np.testing.assert_allclose(other[:, :3, :3], one[:, :3, :3], atol=1e-12)
+    np.testing.assert_allclose(other[:, :3, 3], 0.01 * one[:, :3, 3], atol=1e-12)
+    for a, b in zip(plain.visuals, small.visuals, strict=True):
+        np.testing.assert_allclose(b.vertices, 0.01 * a.vertices)
+    found = poses_from_urdf(tmp_path / "m.urdf", small.joint_names, np.array([[0.7, 0.003]]),
+                            scale=0.01)
+    for name, pose in zip(small.part_names, other, strict=True):
+        np.testing.assert_allclose(found[name][0], pose, atol=1e-12)
+    with pytest.raises(GcbenchError, match="ur5 is in metres; --scale is for files"):
+        load_robot("ur5", scale=2.0)
