@@ -199,20 +199,11 @@ def accumulate_angles(
     pairs: Sequence[MatchedParts | None], steps: Sequence[Sequence[Array | None]],
     axes: ChainAxes, orders: Sequence[NDArray[np.int64]], settings: PaperSettings,
 ) -> tuple[Array, list[NDArray[np.int64]]]:
-    """Sum up angles from the parts' rotations in the camera frame between frames.
+    """Sum up angles from the rotations in the camera frame of the parts of T-1 pairs of frames.
 
     The chain explains all rotations of a step together, each weighted by its share of the points:
-    the turn of a part that is not seen follows from the parts that it carries.
-
-    Args:
-        pairs: Matched parts of T-1 pairs of frames.
-        steps: Rotations of their parts.
-        axes: The axes; no joint slides.
-        orders: Joints [J] that the parts may belong to (see `joint_orders`).
-        settings: Settings.
-
-    Returns:
-        Displacements [T J], rad, and the joints [J] of each pair's parts.
+    the turn of a part that is not seen follows from the parts that it carries. No joint slides.
+    Returns displacements [T J], rad, and the joints [J] of each pair's parts, of `orders`.
     """
     joints = len(axes.direction)
     angle = np.zeros((len(steps) + 1, joints))

@@ -37,13 +37,8 @@ def tune_flow(
 ) -> Image:
     """Return the flows [T-1 h w 2] px of images [T h w 3] after tuning; the network is restored.
 
-    Args:
-        flow: The network.
-        images: [T h w 3]
-        moving: [T h w] pixels whose brightness counts.
-        focal: Focal length, px.
-        match: Returns the matched parts of frame k and the next, from k and their flow.
-        settings: Settings.
+    The brightness of the pixels `moving` [T h w] counts. `match` returns the matched parts of frame
+    k and the next, from k and their flow.
     """
     device = next(flow.network.parameters()).device
     kept = {name: value.clone() for name, value in flow.network.state_dict().items()}

@@ -7,7 +7,7 @@ the video. `gcpose-depth`: with depth, motions by PnP and bundle adjustment over
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from ...errors import ConfigError, MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
 from ...robots.motion import ChainAxes
-from ..chain import Articulation, JointPriors, axis_twists, joint_priors, locate_hinges
+from ..chain import Articulation, axis_twists, joint_priors, locate_hinges
 from ..images import (
     Depth,
     Flow,
@@ -77,9 +77,7 @@ class FlowOnly:
             MethodError: If a joint slides: without scale its step is unknown.
         """
         video = _observe(observation, self.name, self.flow, None, self.settings)
-        if video is None:
-            return _static_estimate(observation)
-        return _finite(observation, _angles_by_flow(video))
+        return _estimate(observation, video, _angles_by_flow)
 
 
 class Epipolar:
@@ -111,9 +109,7 @@ class Epipolar:
             MethodError: If a joint slides: without scale its step is unknown.
         """
         video = _observe(observation, self.name, self.network, None, self.settings)
-        if video is None:
-            return _static_estimate(observation)
-        return _finite(observation, _angles_by_flow(_tune(video, self.network)))
+        return _estimate(observation, _tune(video, self.network), _angles_by_flow)
 
 
 class WithDepth:
@@ -155,9 +151,7 @@ class WithDepth:
             raise MethodError(f"{self.name} needs depth: --depth mono:FOLDER with Monodepth2's "
                               "weights, or --inputs rgbd")
         video = _observe(observation, self.name, self.network, depth, self.settings)
-        if video is None:
-            return _static_estimate(observation)
-        return _finite(observation, _angles_by_depth(_tune(video, self.network)))
+        return _estimate(observation, _tune(video, self.network), _angles_by_depth)
 
 
 def _suffix(settings: PublishedSettings, **options: str) -> str:
@@ -206,13 +200,17 @@ class _Video:
                               self.settings.paper, self.settings.images)
         return matcher.match(self.points[k], self.bases[k], flow)
 
+    def match_all(self) -> list[MatchedParts | None]:
+        """The same for all frames, by the flow of the video."""
+        return [self.match(k, flow) for k, flow in enumerate(self.evidence.flow)]
+
 
 def _observe(
     observation: Observation, name: str, flow: Flow, depth: Depth | Image | None,
     settings: PublishedSettings,
 ) -> _Video | None:
     """Measure the images and sample pixels; None where nothing moves or axes are unknown."""
-    known: JointPriors = joint_priors(observation)
+    known = joint_priors(observation)
     if known.prismatic.any():
         j = int(np.flatnonzero(known.prismatic)[0]) + 1
         raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
@@ -230,13 +228,13 @@ def _observe(
     return _Video(observation, tracker, points, bases, settings)
 
 
-def _tune(video: _Video, network: Any) -> _Video:
+def _tune(video: _Video | None, network: Any) -> _Video | None:
     """Replace the flow by the tuned network's, unless it is an oracle's."""
     from .fine_tune import tune_flow
 
-    rgb, evidence = video.observation.rgb, video.evidence
-    if rgb is None or video.observation.flow is not None:
+    if video is None or video.observation.rgb is None or video.observation.flow is not None:
         return video
+    rgb, evidence = video.observation.rgb, video.evidence
     height, width = evidence.moving.shape[1:]
     left, top = evidence.corner
     crop = np.ascontiguousarray(rgb[:, top : top + height, left : left + width])
@@ -246,10 +244,6 @@ def _tune(video: _Video, network: Any) -> _Video:
         float(evidence.intrinsics[0, 0]), video.match, video.settings.paper)
     tracker = VideoTracker(replace(evidence, flow=flow), video.tracker.known, video.settings.rgb)
     return replace(video, tracker=tracker)
-
-
-def _match_all(video: _Video) -> list[MatchedParts | None]:
-    return [video.match(k, flow) for k, flow in enumerate(video.evidence.flow)]
 
 
 def _accumulate(
@@ -267,7 +261,7 @@ def _accumulate(
 
 def _angles_by_flow(video: _Video) -> Array:
     """Displacements [T J] by essential matrices (Sec. 3.3)."""
-    pairs, none = _match_all(video), [None] * video.tracker.joints
+    pairs, none = video.match_all(), [None] * video.tracker.joints
     steps = [none if p is None else rotations(p, video.settings.paper) for p in pairs]
     return _accumulate(video, pairs, steps)[0]
 
@@ -276,7 +270,7 @@ def _angles_by_depth(video: _Video) -> Array:
     """Displacements [T J] by PnP, then bundle adjustment of all points (Sec. 3.4)."""
     tracker, paper = video.tracker, video.settings.paper
     focal = float(tracker.evidence.intrinsics[0, 0])
-    pairs, none = _match_all(video), [None] * tracker.joints
+    pairs, none = video.match_all(), [None] * tracker.joints
     steps = [none if p is None else rotations_with_depth(p, q.expected, focal, paper)
              for p, q in zip(pairs, video.points[:-1], strict=True)]
     angle, joint = _accumulate(video, pairs, steps)
@@ -316,10 +310,10 @@ def _hypothesis(
     return VideoHypothesis(state, points, video.bases[0], np.inf, np.zeros((0, 0)))
 
 
-def _finite(observation: Observation, angle: Array) -> Estimate:
-    return Estimate(angle) if np.isfinite(angle).all() else _static_estimate(observation)
-
-
-def _static_estimate(observation: Observation) -> Estimate:
-    """The estimate of no motion."""
-    return Estimate(np.zeros((len(observation.times), observation.n_joints)))
+def _estimate(
+    observation: Observation, video: _Video | None, angles: Callable[[_Video], Array]
+) -> Estimate:
+    """The estimate; no motion where nothing was seen, or a number is not finite."""
+    still = np.zeros((len(observation.times), observation.n_joints))
+    angle = still if video is None else angles(video)
+    return Estimate(angle if np.isfinite(angle).all() else still)

@@ -102,7 +102,7 @@ class Lookup(NamedTuple):
     x: Image
     y: Image
     z: Image
-    """m, at least `NEAR`"""
+    """m, at least `MIN_DEPTH`"""
     u: Image
     v: Image
     """px"""
