@@ -1,4 +1,6 @@
-"""What to render, as one object: the command line, the function's argument and `dataset.json`."""
+"""The configuration of a dataset: options of `gcbench render`, argument of `render_dataset`, and
+`config` in `dataset.json`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ FACTORS = (
 )
 """Each factor draws from its own random stream, so that two datasets can differ in one only."""
 LAYERS = ("normal", "coordinates", "keypoints", "tracks")
-"""Ground truth that is stored on demand."""
+"""Optional layers of ground truth."""
 AROUND: Range = (-180.0, 180.0)
 """deg: azimuths of the camera all around a robot."""
 FRONT: Range = (110.0, 250.0)
@@ -106,21 +108,21 @@ class LightsConfig:
     """Directional lights and a constant ambient light."""
 
     number: Annotated[tuple[int, int], Bounds(1, 8)] = (1, 3)
-    """How many, both ends included."""
+    """Number of lights, both ends included."""
     elevation: Annotated[Range, Bounds(-90, 90)] = (20.0, 80.0)
     """deg above the horizon."""
     intensity: Annotated[Range, Bounds(0, 1e3)] = (2.0, 5.0)
-    """Of all the lights together (pyrender's unit: radiance factor)."""
+    """Sum over all lights (radiance factor, as in pyrender)."""
     warmth: Annotated[Range, Bounds(-1, 1)] = (-0.15, 0.15)
-    """Red against blue of each light's colour."""
+    """Colour of each light: positive is red, negative is blue."""
     ambient: Annotated[Range, Bounds(0, 1e3)] = (0.15, 0.4)
     shadows: bool = False
-    """Directional shadows (costs about twice the time)."""
+    """Shadows of directional lights (about twice the time)."""
 
 
 @dataclass(frozen=True)
 class MaterialsConfig:
-    """Changes to the model's own materials; each distinct material has its own draw."""
+    """Changes of the model's own materials; each distinct material is drawn separately."""
 
     probability: Annotated[float, Bounds(0, 1)] = 1.0
     """Probability that a material is changed."""
@@ -152,11 +154,11 @@ class TexturesConfig:
 
 @dataclass(frozen=True)
 class BackgroundConfig:
-    """What is behind the robot."""
+    """What the images show behind the robot."""
 
     room: Annotated[float, Bounds(0, 1)] = 0.5
-    """Share of sequences with a room (textured floor and walls that have depth) instead of an
-    image, which has none."""
+    """Share of sequences with a room (textured floor and walls, with depth) instead of an image
+    (without depth)."""
     kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood", "clutter")
     """Procedural images to draw from; "plain" is one colour."""
     folder: str = ""
@@ -164,13 +166,12 @@ class BackgroundConfig:
     color: Annotated[tuple[float, float, float], Bounds(0, 1, ordered=False)] = (0.85, 0.85, 0.85)
     """sRGB of the kind "plain", 0..1."""
     room_size: Annotated[Range, Bounds(0, 1e3)] = (0.2, 1.5)
-    """Space between each wall and what must be inside (robot, camera), in units of the robot's
-    reach."""
+    """Distance of each wall from the robot and the camera, in units of the robot's reach."""
 
 
 @dataclass(frozen=True)
 class ImageConfig:
-    """Camera imperfections; off by default. They touch the RGB images only."""
+    """Imperfections of the camera, in the RGB images only; off by default."""
 
     noise: Annotated[Range, Bounds(0, 255)] = (0.0, 0.0)
     """Standard deviation of additive Gaussian noise, grey levels of 255."""
@@ -219,34 +220,34 @@ class RenderConfig:
     """What to render. Sequence i of a dataset depends only on its configuration and on i."""
 
     robot: str = "ur5"
-    """A name of `gcbench robots`, or a path to a .urdf, .glb or .gltf file. `microwave` is another
-    one in each sequence, `microwave:17` that one, `partnet:7310` an object of your PartNet-Mobility
-    folder."""
+    """A name of `gcbench robots`, or a path to a .urdf, .glb or .gltf file. `microwave` shows
+    another instance in each sequence, `microwave:17` one instance, `partnet:7310` an object of your
+    PartNet-Mobility folder."""
     package: tuple[str, ...] = ()
-    """NAME=DIR: where `package://NAME/...` of a URDF is; partnet=DIR: your PartNet-Mobility."""
+    """NAME=DIR: folder of `package://NAME/...` in a URDF; partnet=DIR: your PartNet-Mobility."""
     root: str = ""
     """Folder that a URDF may read meshes from; default: its package, else its own folder."""
     scale: Annotated[float, Bounds(1e-6, 1e6)] = 1.0
     """Factor of all lengths of a URDF or glTF file that is not in metres."""
     seed: Annotated[int, Bounds(0)] = 0
     stream: Literal["test", "train"] = "test"
-    """Suites hold sequences of `test` only; a learned method trains on `train`."""
+    """Suites contain sequences of `test` only; train a learned method on `train`."""
     frames: Annotated[int, Bounds(1, 100_000)] = 15
     width: Annotated[int, Bounds(16, 16_384)] = 640
     height: Annotated[int, Bounds(16, 16_384)] = 480
     animation: str = ""
-    """Animation of the model to play; default: its first, if it has any; none: joints move."""
+    """Animation of the model to play. Default: the first, if there is any; none: joints move."""
     scored_joints: tuple[str, ...] = ()
     """Joints that move and are scored; default: the bottom three, those of the catalogue, an
     object's doors (three at most), or its first drawer."""
     vary: tuple[str, ...] = FACTORS
     """Factors that change from sequence to sequence; the others keep the draw of sequence 0."""
     keep_unobservable: bool = False
-    """Keep sequences whose motion cannot be seen (the rule is in the docs)."""
+    """Keep sequences whose motion cannot be observed (see the docs on observability)."""
     allow_missing: bool = False
     """Load a model although meshes are missing; they are listed in the dataset."""
     layers: tuple[str, ...] = ()
-    """More truth: normal, coordinates (on the object), keypoints, tracks (of surface points)."""
+    """Layers to add: normal, coordinates (on the object), keypoints, tracks (of surface points)."""
     track_points: Annotated[int, Bounds(1, 100_000)] = 256
     """Number of tracks in a sequence."""
     samples: Literal[1, 4, 9] = 4
@@ -255,7 +256,7 @@ class RenderConfig:
 
 
 def resolve(config: RenderConfig) -> RenderConfig:
-    """Return the config with every default that depends on its robot, checked.
+    """Check a config, and return it with the defaults that depend on its robot.
 
     Raises:
         ConfigError: if a value is out of range, or a name is unknown.
