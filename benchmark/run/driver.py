@@ -15,7 +15,7 @@ from typing import Literal
 
 from ...errors import ConfigError, MethodError
 from ...renderer.dataset import Dataset
-from ...renderer.runtime import Bar, uninterrupted
+from ...renderer.runtime import Bar, cpu_count, uninterrupted
 from ...renderer.scene import check_model_paths, model_of
 from ...renderer.types import Inputs, Knowledge, Observation
 from ...renderer.types import Sequence as Video
@@ -33,7 +33,7 @@ from ..protocol import observe, shape_of
 from ..results import EstimateShape, Results, Row, Status
 from .datasets import SUITES, from_folders, from_suite
 from .isolation import Limits, read_declaration, run_method
-from .jobs import Job, cpu_count, describe_run, prepare_job
+from .jobs import Job, describe_run, prepare_job
 from .schedule import Clock, cheap_first, describe_plan, interleave
 from .suite import read_suite
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ from typing import Any
 from ... import __version__
 from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import environment
-from ...renderer.runtime import dump_json
+from ...renderer.runtime import cpu_count, dump_json
 from ...renderer.scene import differences
 from ...robots.files import remove_leftovers, write_atomically
 from ..methods import method_identity
@@ -157,13 +156,6 @@ def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
         assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
         environments=(_describe_environment(),), settings=settings, digests=data.digests,
     )  # fmt: skip
-
-
-def cpu_count() -> int:
-    """Return the number of CPU cores available to this process."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _describe_environment() -> dict[str, Any]:

@@ -7,7 +7,6 @@ touched again. So a run may end at any moment and in any way, and the same comma
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Collection, Generator, Mapping
@@ -30,7 +29,7 @@ from ..dataset import (
     sequence_paths,
     write_provenance,
 )
-from ..runtime import Bar, dump_json, frame_bar
+from ..runtime import Bar, cpu_count, dump_json, frame_bar
 from ..scene import RenderConfig, config_tree, differences, parse_config, resolve
 from ..types import Sequence
 from .worker_pool import WorkerDied, render_in_workers
@@ -74,12 +73,12 @@ class Summary:
         return "\n".join(lines)
 
 
-def plan_workers(cpu_count: int, requested: int | None) -> tuple[int, int]:
+def plan_workers(cores: int, requested: int | None) -> tuple[int, int]:
     """(processes, threads of the software rasterizer in each); at least one process."""
-    workers = cpu_count if requested is None else requested
+    workers = cores if requested is None else requested
     if workers < 1:
         raise ConfigError(f"{workers} workers cannot render; ask for 1 or more")
-    return workers, max(1, cpu_count // workers)
+    return workers, max(1, cores // workers)
 
 
 def render_sequence(config: RenderConfig, index: int = 0) -> Sequence:
@@ -152,8 +151,8 @@ def render_dataset(
     started = time.monotonic()
     if source == _SOURCE:  # another source has robots of its own
         config = resolve(config)
-    cpu_count = _cpu_count()
-    plan_workers(cpu_count, workers)  # refuses before anything is written
+    cores = cpu_count()
+    plan_workers(cores, workers)  # refuses before anything is written
     wanted = range(n) if isinstance(n, int) else sorted({*n})
     if not wanted or wanted[0] < 0:
         raise ConfigError("no sequences to render; give a number of 1 or more, or indices from 0")
@@ -163,7 +162,7 @@ def render_dataset(
             there = sequence_paths(out)
             todo = [i for i in wanted if sequence_name(i) not in there]
             if todo:
-                count, threads = plan_workers(cpu_count, min(workers or cpu_count, len(todo)))
+                count, threads = plan_workers(cores, min(workers or cores, len(todo)))
                 task = RenderTask(source, config, out.absolute(), threads)
                 total = len(wanted) * config.frames
                 done = total - len(todo) * config.frames
@@ -264,10 +263,3 @@ def _tidy(out: Path) -> None:
     """Remove what killed processes have left."""
     remove_leftovers(out)
     remove_leftovers(out / SEQUENCES_FOLDER)
-
-
-def _cpu_count() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

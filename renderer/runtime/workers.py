@@ -33,7 +33,7 @@ from .interrupt import uninterrupted
 
 _Task = TypeVar("_Task")
 _Received = TypeVar("_Received")
-_LAST_WORDS = 2000  # bytes
+_LAST_OUTPUT = 2000  # bytes
 _LONGEST_WAIT = 3600.0  # s
 
 
@@ -82,12 +82,12 @@ class Worker(Generic[_Task]):
         """Set the time limit for the next message."""
         self.deadline = time.monotonic() + seconds
 
-    def last_words(self) -> str:
+    def last_output(self) -> str:
         """Return what the process printed last, on lines of their own; only of foreign code."""
         with suppress(OSError):
             if self.log is not None:
                 with self.log.open("rb") as file:
-                    file.seek(max(0, self.log.stat().st_size - _LAST_WORDS))
+                    file.seek(max(0, self.log.stat().st_size - _LAST_OUTPUT))
                     said = file.read().decode(errors="replace").strip()
                     return f"; it said:\n{said}" if said else ""
         return ""
@@ -254,6 +254,13 @@ def _arguments(shown: bool) -> Generator[None]:
         yield
     finally:
         sys.argv = mine
+
+
+def cpu_count() -> int:
+    """Return the number of CPU cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 # -- in the process ---------------------------------------------------------------------------
