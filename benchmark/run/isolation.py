@@ -57,7 +57,7 @@ def read_declaration(source: str, limits: Limits) -> Declaration:
     pool = WorkerPool[None](_settings(source, limits), [None], receive=_receive)
     with closing(pool.events()) as events:
         event = next(events)
-        said = event.worker.last_words()
+        said = event.worker.last_output()
     if event.kind == "late":
         raise MethodError(f"{source}: did not load within {START_LIMIT:g} s{said}")
     if event.kind == "died":
@@ -98,7 +98,7 @@ def run_method(
             worker, task = event.worker, event.worker.task
             if event.kind != "message":
                 how = f"the method's process {event.content}"
-                said = worker.last_words()
+                said = worker.last_output()
                 if task is None:
                     late = f"{source}: a process did not load within {START_LIMIT:g} s"
                     raise MethodError(late if event.kind == "late" else f"{source}: {how}{said}")

@@ -78,7 +78,7 @@ class SequenceRenderer:
     def _new_sampler(self) -> DrawSampler:
         source = self._source
         return DrawSampler(
-            source.model, source.scored, self.config, self._rasterizer, source.given)
+            source.model, source.scored, self.config, self._rasterizer, source.fixed_motion)
 
     def _in_room(self, draw: Draw, room: NDArray[np.float32]) -> Draw:
         """The draw before (or, where it sinks into the floor, behind) a room [H W] m."""

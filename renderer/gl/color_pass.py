@@ -104,9 +104,9 @@ class ColorPass:
         """Its room."""
         return None if self._uploaded is None else self._uploaded.room
 
-    def take(self, scene: Scene) -> None:
+    def upload(self, scene: Scene) -> None:
         """Upload a scene in place of the one before."""
-        self.forget()
+        self.delete_scene()
         self._uploaded = _upload_scene(self._gl, scene)
 
     def draw(self, shot: Shot, t: int) -> DrawnColor:
@@ -137,7 +137,7 @@ class ColorPass:
             _ = last.rgb
         self._last = None
 
-    def forget(self) -> None:
+    def delete_scene(self) -> None:
         """Free what goes with the scene."""
         if self._uploaded is not None:
             self._uploaded.textures.delete()

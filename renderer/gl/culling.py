@@ -11,7 +11,7 @@ from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel
 
 
-def one_sided(
+def outward_faces(
     vertices: Sequence[Array], faces: Sequence[NDArray[np.int32]]
 ) -> list[NDArray[np.bool_]]:
     """Whether each triangle, [F] per mesh, belongs to a closed surface that faces outward.
@@ -51,7 +51,7 @@ def one_sided(
     return np.split(outward, np.cumsum(counts)[:-1])
 
 
-def one_sided_of(model: ArticulatedModel) -> list[NDArray[np.bool_]]:
+def find_one_sided(model: ArticulatedModel) -> list[NDArray[np.bool_]]:
     """For each visual, which of its triangles [F] are seen from outside only.
 
     None of one that deforms, which may turn inside out, or in which alpha cuts holes.
@@ -63,7 +63,7 @@ def one_sided_of(model: ArticulatedModel) -> list[NDArray[np.bool_]]:
             closed.setdefault(v.part, []).append(k)
     for chosen in closed.values():
         visuals = [model.visuals[k] for k in chosen]
-        found = one_sided([v.vertices for v in visuals], [v.faces for v in visuals])
+        found = outward_faces([v.vertices for v in visuals], [v.faces for v in visuals])
         for k, outward in zip(chosen, found, strict=True):
             out[k] = outward
     return out

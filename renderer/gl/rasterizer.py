@@ -105,7 +105,7 @@ class Rasterizer:
         """Free everything on the device; images of earlier draws can still be accessed."""
         self._truth.finish()
         self._color.finish()
-        self._color.forget()
+        self._color.delete_scene()
         self.context.close()
 
     def _shot(self, posed: PosedModel, camera: Camera) -> Shot:
@@ -120,7 +120,7 @@ class Rasterizer:
         """The shot of a scene's colours, likewise."""
         shot = self._color_shot
         if self._color.scene is not scene:
-            self._color.take(scene)
+            self._color.upload(scene)
             shot = None
         uploaded = self._upload(posed, scene.texture_size > 0)
         if shot is None or shot.uploaded is not uploaded or shot.posed is not posed:

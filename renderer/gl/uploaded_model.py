@@ -24,7 +24,7 @@ from .buffers import (
     upload_pieces,
 )
 from .context import Program, Programs
-from .culling import one_sided_of
+from .culling import find_one_sided
 from .framebuffers import TextureCache
 
 _WHITE = np.full((1, 1, 4), 255, np.uint8)
@@ -81,7 +81,7 @@ def upload_model(
         projected = np.zeros(len(model.visuals), bool)
     if previous is not None:
         previous.delete(gl)
-    one_sided = previous.one_sided if previous is not None and same else one_sided_of(model)
+    one_sided = previous.one_sided if previous is not None and same else find_one_sided(model)
     deforming = [k for k, v in enumerate(model.visuals) if v.deforms]
     at_rest = {k: v.vertices for k, v in enumerate(model.visuals)}
     if deforming:  # a skin's own frame may have any scale

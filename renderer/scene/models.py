@@ -39,7 +39,7 @@ class ModelSource:
     model: ArticulatedModel
     scored: tuple[str, ...]
     """Scored joints, from the base outward."""
-    given: Animation | JointTrajectory | None
+    fixed_motion: Animation | JointTrajectory | None
     """The motion, if it is not random: of the model's surfaces, or of its joints."""
     asset: dict[str, Any]
     """Where the model came from, for `meta.json`."""
@@ -157,7 +157,7 @@ def _load(config: RenderConfig, robot: str) -> ModelSource:
                              "sha256": model.sha256, "notes": notes}
     if is_category(config.robot):
         asset["instance"] = robot
-    given: Animation | JointTrajectory | None = animation
+    fixed_motion: Animation | JointTrajectory | None = animation
     names = config.scored_joints or scored_by_default(robot, model)
     try:
         joint_indices(model, (*names, *(recorded.joints if recorded else ())))
@@ -165,10 +165,10 @@ def _load(config: RenderConfig, robot: str) -> ModelSource:
         raise MissingJointError(f"{recorded.path}: {error}" if recorded else str(error)) from error
     if recorded:
         asset["motion"] = {"file": recorded.path.name, "sha256": recorded.sha256}
-        given = recorded.on(model, config.frames, config.randomization.motion.fps)
-        names = config.scored_joints or _moved(model, given, names)
+        fixed_motion = recorded.trajectory(model, config.frames, config.randomization.motion.fps)
+        names = config.scored_joints or _moved(model, fixed_motion, names)
     scored = tuple(model.joint_names[j] for j in joint_indices(model, names))
-    return ModelSource(robot, model, scored, given, asset)
+    return ModelSource(robot, model, scored, fixed_motion, asset)
 
 
 def _moved(

@@ -72,26 +72,27 @@ class MotionSampler:
 
     def __init__(
         self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
-        given: Animation | JointTrajectory | None,
+        fixed_motion: Animation | JointTrajectory | None,
     ) -> None:
-        """Every motion is the `given` one, if there is one."""
-        self.model, self.scored, self.config, self.given = model, scored, config, given
+        """Without a `fixed_motion`, motions are drawn at random."""
+        self.model, self.scored, self.config = model, scored, config
+        self.fixed_motion = fixed_motion
         rigid = tuple(v for v in model.visuals if not v.deforms)
         self._deforms = len(rigid) < len(model.visuals)
         # A bending skin intersects itself: only rigid surfaces are checked for collisions.
         checked = replace(model, visuals=rigid) if self._deforms else model
-        moves_joints = given is None or isinstance(given, JointTrajectory)
+        moves_joints = fixed_motion is None or isinstance(fixed_motion, JointTrajectory)
         self.checker = CollisionChecker(checked) if rigid and moves_joints else None
         self._hulls = _hulls(replace(model, visuals=rigid))
         self._replayed: Motion | None = None
 
     def draw(self, rng: np.random.Generator) -> Motion:
         """Draw a motion with the number of frames of the configuration."""
-        if isinstance(self.given, JointTrajectory):
-            self._replayed = self._replayed or self._motion(self.given)
+        if isinstance(self.fixed_motion, JointTrajectory):
+            self._replayed = self._replayed or self._motion(self.fixed_motion)
             return self._replayed
-        if self.given is not None:
-            return self._play(rng, self.given)
+        if self.fixed_motion is not None:
+            return self._play(rng, self.fixed_motion)
         config, ranges = self.config, self.config.randomization.motion
         trajectory = sample_trajectory(
             self.model, self.scored, config.frames, rng=rng,

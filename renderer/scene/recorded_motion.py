@@ -35,7 +35,7 @@ class RecordedMotion:
     positions: Array
     """[N K] rad or m"""
 
-    def on(self, model: ArticulatedModel, frames: int, fps: float) -> JointTrajectory:
+    def trajectory(self, model: ArticulatedModel, frames: int, fps: float) -> JointTrajectory:
         """Return the motion of a model from the file's first time on, interpolated.
 
         Joints that the file lacks stay at zero, or at the limit nearest to it.

@@ -29,7 +29,7 @@ def pose_table(cam_from_world: Array, world_from_part: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Moved:
+class PointMotion:
     """Where the N points of a `SurfacePoints` are in another frame."""
 
     flow: NDArray[np.float32]
@@ -67,7 +67,7 @@ class SurfacePoints:
         """The points of a part number, in the arrays of N."""
         return slice(int(self.first[number]), int(self.first[number + 1]))
 
-    def moved(self, here: Array, there: Array) -> Moved:
+    def motion(self, here: Array, there: Array) -> PointMotion:
         """The points in another frame, from the pose tables [P+1 4 4] of the two instants."""
         flow = np.zeros((len(self.index), 2), np.float32)
         depth = self.points[:, 2].astype(np.float32)
@@ -79,9 +79,9 @@ class SurfacePoints:
             points = apply(motion[number], self.points[part])
             uv, depth[part] = project_in_front(self.intrinsics, points)
             np.subtract(uv, self.pixels[part], out=flow[part], casting="same_kind")
-        return Moved(flow, depth)
+        return PointMotion(flow, depth)
 
-    def flow_image(self, moved: Moved) -> NDArray[np.float32]:
+    def flow_image(self, moved: PointMotion) -> NDArray[np.float32]:
         """Flow [H W 2] px; NaN where there is no surface."""
         out = self.still.copy()
         for k in (0, 1):  # faster than both at once
@@ -119,7 +119,7 @@ def surface_points(
 
 def visibility(
     points: SurfacePoints,
-    moved: Moved,
+    moved: PointMotion,
     next_depth: NDArray[np.float32],
     next_part: NDArray[np.uint16],
     depth_unit: float,

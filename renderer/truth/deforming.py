@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..scene import PosedModel
-from .correspondence import Moved, SurfacePoints, project_in_front
+from .correspondence import PointMotion, SurfacePoints, project_in_front
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class DeformingPoints:
     here: Array
     """[M 3 3] m, the corners in the camera frame of this instant"""
 
-    def moved(self, rigid: Moved, vertices: Array) -> Moved:
+    def motion(self, rigid: PointMotion, vertices: Array) -> PointMotion:
         """All points in another frame, whose vertices [V 3] m (camera frame) are given; `rigid` is
         where they would be if each moved with its part.
         """
@@ -41,7 +41,7 @@ class DeformingPoints:
         stands = (shift == 0).all(axis=1, keepdims=True)
         flow[self.chosen] = np.where(stands, 0.0, uv - self.points.pixels[self.chosen])
         depth[self.chosen] = z
-        return Moved(flow, depth)
+        return PointMotion(flow, depth)
 
 
 def deforming_points(

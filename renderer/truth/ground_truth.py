@@ -13,7 +13,7 @@ from ...robots.model import ArticulatedModel
 from ..runtime import named_rng
 from ..scene import RenderConfig, RoomSurface, rest_in_part
 from ..types import Camera, Frame
-from .correspondence import Moved, SurfacePoints, pose_table, surface_points, visibility
+from .correspondence import PointMotion, SurfacePoints, pose_table, surface_points, visibility
 from .deforming import DeformingPoints, deforming_points
 from .layers import coordinate_boxes, coordinate_image, normal_image
 from .rejection import Draw
@@ -67,9 +67,9 @@ class SequenceTruth:
         deforming = self._deforming(points, t)
         forward = backward = seen = None
         if t > 0:
-            backward = points.flow_image(self._moved(points, deforming, t, t - 1))
+            backward = points.flow_image(self._motion(points, deforming, t, t - 1))
         if t < self.config.frames - 1:
-            moved = self._moved(points, deforming, t, t + 1)
+            moved = self._motion(points, deforming, t, t + 1)
             forward = points.flow_image(moved)
             seen = visibility(
                 points, moved, draw.depth[t + 1], draw.part[t + 1], self.depth_unit)
@@ -109,11 +109,11 @@ class SequenceTruth:
             return None
         return deforming_points(points, self.draw.face[t], posed, self._vertices(t))
 
-    def _moved(
+    def _motion(
         self, points: SurfacePoints, deforming: DeformingPoints | None, t: int, other: int
-    ) -> Moved:
-        rigid = points.moved(self._table[t], self._table[other])
-        return deforming.moved(rigid, self._vertices(other)) if deforming else rigid
+    ) -> PointMotion:
+        rigid = points.motion(self._table[t], self._table[other])
+        return deforming.motion(rigid, self._vertices(other)) if deforming else rigid
 
     def _normal(self, t: int) -> NDArray[np.float32]:
         draw = self.draw

@@ -54,19 +54,19 @@ class DrawSampler:
 
     def __init__(
         self, model: ArticulatedModel, scored: tuple[str, ...], config: RenderConfig,
-        rasterizer: Rasterizer, given: Animation | JointTrajectory | None = None,
+        rasterizer: Rasterizer, fixed_motion: Animation | JointTrajectory | None = None,
     ) -> None:
         self.model, self.scored, self.config = model, scored, config
-        self.motions = MotionSampler(model, scored, config, given)
+        self.motions = MotionSampler(model, scored, config, fixed_motion)
         self._rasterizer = rasterizer
         self._joints = np.array([model.joint_names.index(n) for n in scored], np.int64)
         self._prismatic = model.prismatic[model.joint_child[self._joints]].tolist()
         self._moved = subtrees(model, self._joints)
         self._patterns, self._group = _groups(self._moved)
         longest = np.radians(config.randomization.motion.max_step) * (config.frames - 1)
-        # What no draw can change: a video too short for the least displacement, a given motion.
+        # What no draw can change: a video too short for the least displacement, a fixed motion.
         self._unavoidable = {"displacement"} if longest < MIN_ANGLE else set[str]()
-        if isinstance(given, JointTrajectory):
+        if isinstance(fixed_motion, JointTrajectory):
             self._unavoidable = {"displacement", "collision"}
 
     def draw(self, streams: Streams) -> tuple[Draw, dict[str, int]]:
@@ -98,9 +98,9 @@ class DrawSampler:
         motion = self.motions.draw(streams.rng("motion", attempt))
         if motion.touches and not keep and "collision" not in self._unavoidable:
             return "collision"
-        # A given motion may lead anywhere, and no rule refuses what an animation leads out of the
+        # A fixed motion may lead anywhere, and no rule refuses what an animation leads out of the
         # image.
-        framed = slice(1) if self.motions.given is None else slice(None)
+        framed = slice(1) if self.motions.fixed_motion is None else slice(None)
         camera = draw_camera(
             streams.rng("camera", attempt), self.config.randomization.camera,
             self.config.width, self.config.height,

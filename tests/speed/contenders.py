@@ -43,7 +43,7 @@ def draw_shots(config: RenderConfig, n: int) -> list[Shot]:
     config = resolve(config)
     source = model_source(config, 0)
     rasterizer = Rasterizer(config.width, config.height)
-    sampler = DrawSampler(source.model, source.scored, config, rasterizer, source.given)
+    sampler = DrawSampler(source.model, source.scored, config, rasterizer, source.fixed_motion)
     shots = []
     for index in range(n):
         streams = Streams(config, index)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gcbench.renderer.gl.culling import one_sided
+from gcbench.renderer.gl.culling import outward_faces
 from gcbench.renderer.gl.rasterizer import Rasterizer
 from gcbench.renderer.scene import pose_parts, rest
 from gcbench.renderer.scene.room import RoomSurface
@@ -237,7 +237,7 @@ CLOSED = {
 @pytest.mark.parametrize("name", CLOSED)
 def test_which_meshes_are_drawn_one_sided(name: str) -> None:
     visual, expected = CLOSED[name]
-    found = one_sided([visual.vertices], [visual.faces])[0]
+    found = outward_faces([visual.vertices], [visual.faces])[0]
     assert found.all() if expected else not found.any()
 
 
@@ -245,7 +245,7 @@ def test_a_closed_surface_may_be_cut_into_meshes_with_split_vertices() -> None:
     triangles = BOX.vertices[BOX.faces]
     pieces = [t.reshape(-1, 3) for t in np.split(triangles, [5])]
     faces = [np.arange(len(p), dtype=np.int32).reshape(-1, 3) for p in pieces]
-    assert all(found.all() for found in one_sided(pieces, faces))
+    assert all(found.all() for found in outward_faces(pieces, faces))
 
 
 @pytest.mark.parametrize("name", CLOSED)

@@ -83,7 +83,7 @@ def test_a_hang_costs_one_task_and_what_it_printed_is_known() -> None:
             if event.worker.task is not None:
                 ends.append((event.worker.task, event.kind))
             if event.kind == "late":
-                said = event.worker.last_words()
+                said = event.worker.last_output()
             elif event.content == "begun":
                 event.worker.allow(1.0)
             else:

@@ -48,7 +48,7 @@ def test_csv_and_npz_say_the_same(tmp_path: Path) -> None:
 
 def test_positions_are_interpolated_and_other_joints_rest(tmp_path: Path) -> None:
     model = load_robot("owi535")
-    motion = read_motion(csv_of(tmp_path)).on(model, 21, 20.0)
+    motion = read_motion(csv_of(tmp_path)).trajectory(model, 21, 20.0)
     names = model.joint_names
     np.testing.assert_allclose(motion.positions[::2, names.index("base")], BASE, atol=1e-12)
     np.testing.assert_allclose(motion.positions[1, names.index("elbow")], 0.23, atol=1e-12)
@@ -101,12 +101,12 @@ def test_a_wrong_npz_is_one_line(tmp_path: Path) -> None:
 def test_what_the_robot_cannot_do_is_refused(tmp_path: Path) -> None:
     model = load_robot("owi535")
     with pytest.raises(ConfigError, match="no joint 'knee' of its own; there are"):
-        read_motion(csv_of(tmp_path, "time,elbow,knee")).on(model, 3, 30.0)
+        read_motion(csv_of(tmp_path, "time,elbow,knee")).trajectory(model, 3, 30.0)
     motion = read_motion(csv_of(tmp_path))
     with pytest.raises(ConfigError, match="lasts 1 s, which is 21 frames at 20 per second"):
-        motion.on(model, 22, 20.0)
+        motion.trajectory(model, 22, 20.0)
     with pytest.raises(ConfigError, match=r"elbow is at 9\.24 in frame 2, outside its limits"):
-        replace(motion, positions=motion.positions + 9.0).on(model, 3, 30.0)
+        replace(motion, positions=motion.positions + 9.0).trajectory(model, 3, 30.0)
 
 
 def test_scored_joints_are_those_that_the_file_moves(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ def plane(z: float = 2.0, part: int = 1) -> tuple[np.ndarray, np.ndarray]:
 def flow(depth, part, motion) -> np.ndarray:
     """[H W 2] px where parts move by `motion` [3 4 4] in the camera frame."""
     points = surface_points(depth, part, K, 2)
-    return points.flow_image(points.moved(NOW, motion))
+    return points.flow_image(points.motion(NOW, motion))
 
 
 @pytest.mark.parametrize(("shift", "expected"), [
@@ -49,7 +49,7 @@ def test_rotation_about_the_optical_axis_turns_x_to_y() -> None:
     motion[1] = revolute_motion([0, 0, 1, 0, 0, 0], np.pi / 2)
     depth, part = plane()
     points = surface_points(depth, part, k, 2)
-    actual = points.flow_image(points.moved(NOW, motion))
+    actual = points.flow_image(points.motion(NOW, motion))
     v, u = np.mgrid[:HEIGHT, :WIDTH] - np.array([14.0, 19.0])[:, None, None]
     np.testing.assert_allclose(actual, np.stack([-v - u, u - v], -1), atol=1e-4)
 
@@ -61,7 +61,7 @@ def test_what_stands_still_has_exactly_zero_flow() -> None:
     there = here.copy()
     there[2] = transform(None, (0.1, 0, 0))
     points = surface_points(depth, part, K, 2)
-    actual = points.flow_image(points.moved(here, there))
+    actual = points.flow_image(points.motion(here, there))
     assert (actual[:, :20] == 0).all()
     assert (actual[:, 20:, 0] != 0).all()
 
@@ -107,7 +107,7 @@ def test_a_wall_that_slides_under_another_is_occluded_and_leaves_the_image() -> 
     motion = NOW.copy()
     motion[1] = transform(None, (4 * 2 / 50, 0, 0))
     points = surface_points(depth, part, K, 2)
-    seen = visibility(points, points.moved(NOW, motion), depth, part, UNIT)
+    seen = visibility(points, points.motion(NOW, motion), depth, part, UNIT)
     assert (seen[:10] == BACKGROUND).all()
     assert (seen[10:, :15] == VISIBLE).all()
     # Column 16 lands on 20 and 19 on 23, whose own part is hidden there; 15 and 19 touch an edge.
@@ -120,7 +120,7 @@ def test_a_wall_that_slides_under_another_is_occluded_and_leaves_the_image() -> 
 def test_the_same_part_at_another_depth_hides_too() -> None:
     depth, part = plane()
     points = surface_points(depth, part, K, 2)
-    moved = points.moved(NOW, NOW)
+    moved = points.motion(NOW, NOW)
     nearer = (depth * np.float32(0.99), part)
     assert (visibility(points, moved, *nearer, UNIT) == OCCLUDED).all()
     within = (depth * np.float32(0.999), part)
