@@ -39,7 +39,7 @@ def renderer(model: ArticulatedModel, monkeypatch: pytest.MonkeyPatch, **changes
              ) -> Iterator[SequenceRenderer]:
     """A renderer of that model."""
     with monkeypatch.context() as patch:
-        patch.setattr(models, "load_robot", lambda *_: model)
+        patch.setattr(models, "load_robot", lambda *_, **__: model)
         opened = SequenceRenderer(replace(CONFIG, **changes))
     try:
         yield opened
