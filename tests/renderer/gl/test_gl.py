@@ -256,8 +256,8 @@ def test_culling_changes_no_pixel(
     views = [camera(look_at(eye, [0, 0, 0.1])) for eye in ([1, 1, 1], [-1, 0.4, -0.5], [0, -1, 2])]
     drawn = [truth(rasterizer, model(visual), view) for view in views]
     colors = color(rasterizer, scene(model(visual)))
-    monkeypatch.setattr(
-        "gcbench.renderer.gl.culling.one_sided", lambda v, f: [np.zeros(len(x), bool) for x in f])
+    monkeypatch.setattr("gcbench.renderer.gl.culling.outward_faces",
+                        lambda v, f: [np.zeros(len(x), bool) for x in f])
     both = [truth(rasterizer, model(visual), view) for view in views]
     for one, two in zip(drawn, both, strict=True):
         np.testing.assert_array_equal(one[0], two[0])
