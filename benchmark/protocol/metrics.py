@@ -83,10 +83,9 @@ def signs(
 ) -> tuple[NDArray[np.float64], list[Sign]]:
     """Choose the sign of each joint [J], +1 or -1, for the whole sequence, and return its origin.
 
-    estimate and truth [T J] are finite; screws [J 6] are in the camera frame at frame 0.
-    "given": the method's knowledge includes the axes, so the sign is +1. "screw": -1 where the
-    returned direction opposes the true one. "best": the method returns no finite, non-zero axis;
-    the sign has the smaller error, summed over frames. Joints are never permuted.
+    "given": the method knows the axes, so the sign is +1. "screw": -1 where the returned direction
+    opposes the true one. "best": no axis is returned; the sign with the smaller error, summed over
+    frames. Estimate and truth [T J] are finite; screws [J 6] are in the camera frame at frame 0.
     """
     joints = truth.shape[1]
     if axes_known:
@@ -131,8 +130,7 @@ def over_frames(values: Array) -> Array:
 def axis_direction_error(screw: Array, true_screw: Array) -> Array:
     """Return the unsigned angles [J] between the directions of screws [J 6], rad in [0, pi/2].
 
-    NaN where the estimated direction is not finite or is zero. The arctangent is safe where
-    rounding makes a cosine larger than 1.
+    NaN where the estimated direction is not finite or is zero.
     """
     found, true = screw[:, :3], true_screw[:, :3]
     known = has_axis(screw[:, :3])
@@ -145,9 +143,8 @@ def axis_direction_error(screw: Array, true_screw: Array) -> Array:
 def axis_distance(screw: Array, true_screw: Array, origin: Array) -> Array:
     """Return the distances [J], m, from each revolute joint to its estimated axis.
 
-    screw and true_screw [J 6] are (l, m = p x l); the estimated l has any length, the true l is a
-    unit vector. The joint is the point of the true axis nearest to `origin` [J 3], the origin of
-    the child part. The distance of two lines would not do: it vanishes where they intersect.
+    Screws [J 6] are (l, m = p x l). The joint is the point of the true axis nearest to `origin`
+    [J 3], the origin of the child part: the distance of two lines vanishes where they intersect.
     NaN where the estimated axis is not finite or its direction is zero.
     """
     known = has_axis(screw)

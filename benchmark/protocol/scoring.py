@@ -28,12 +28,8 @@ def score_sequence(
 ) -> list[Result]:
     """Compute every metric of one estimate (see metrics.py), in deg and m.
 
-    Args:
-        sequence: The ground truth.
-        stored: The estimate, or the failure.
-        run: The row and the dataset.
-        name: Name of the sequence in its dataset.
-        cluster: Unit of the bootstrap; default: `name`.
+    `name` is that of the sequence in its dataset, `cluster` the unit of the bootstrap (default:
+    the sequence).
     """
     truth = truth_of(sequence)
     row = run.row
@@ -95,10 +91,8 @@ def joint_results(
 def _joint_metrics(
     truth: Truth, estimate: Estimate | None, error: Array, step: Array
 ) -> dict[str, tuple[Array, str | None]]:
-    """Values [J] and unit of each metric of a joint; None stands for the joint's own, deg or m.
-
-    error [T J] and step [T-1 J] are in the joints' units.
-    """
+    """Return values [J] and unit (None: deg or m, as the joint) of each metric of a joint, from the
+    errors [T J] and the errors of the steps [T-1 J]."""
     prismatic, joints = truth.prismatic, len(truth.joint_names)
     scale = np.where(prismatic, 1.0, np.degrees(1.0))
     covered = metrics.is_covered(None if estimate is None else estimate.displacement, joints)

@@ -57,10 +57,10 @@ def summarize(
     thresholds: Sequence[float],
     rng: np.random.Generator,
 ) -> ErrorSummary:
-    """Everything about N errors [N] >= 0; `covered` [N] bool; thresholds in the errors' unit.
+    """Summarize errors [N] >= 0 with coverage [N]; thresholds are in the unit of the errors.
 
-    A pair without an estimate is in every number, with the error it was given, and is wrong for
-    PCP. Raises ValueError if an error is not finite: nothing may be left out of a mean.
+    A pair without an estimate is in every number, with the error of no motion, and is wrong for
+    PCP. Raises ValueError if an error is not finite: no mean omits a pair.
     """
     e, c = np.asarray(error, np.float64), np.asarray(covered, bool)
     if e.ndim != 1 or not e.size or not np.isfinite(e).all() or e.shape != c.shape:
@@ -113,10 +113,7 @@ def percentile_interval(draws: Array) -> tuple[float, float]:
 def bootstrap_mean(
     value: ArrayLike, cluster: Sequence[Hashable], rng: np.random.Generator, draws: int = DRAWS
 ) -> tuple[float, float]:
-    """Percentile interval of the mean of [N] values when whole clusters are drawn again.
-
-    With one cluster the interval is that mean, which says nothing.
-    """
+    """Return the 95 % interval of the mean of [N] values; see `bootstrap_draws`."""
     return percentile_interval(bootstrap_draws(value, cluster, rng, draws))
 
 
@@ -142,8 +139,7 @@ def paired_difference(
     rng: np.random.Generator,
     cluster: Mapping[SequenceJoint, Hashable] | None = None,
 ) -> Difference:
-    """Mean of a - b over the pairs that both have, with its interval by cluster (default: the
-    sequence). Without common pairs: zero pairs, NaN."""
+    """Compare a - b on common pairs, with the interval by cluster (default: the sequence)."""
     common = sorted(a.keys() & b.keys())
     if not common:
         return Difference(0, 0, float("nan"), float("nan"), float("nan"))
@@ -157,13 +153,8 @@ def compare_rows(
     rows: Sequence[tuple[Mapping[SequenceJoint, float], Mapping[SequenceJoint, Hashable]]],
     seed: int = SEED,
 ) -> dict[tuple[int, int], Difference]:
-    """Compare each two rows, given as errors and clusters of their pairs.
-
-    Returns:
-        The paired difference a - b of rows a < b, where they share enough clusters for an
-        interval. All comparisons use the same random draws, so that the order of the rows changes
-        nothing.
-    """
+    """Return the difference a - b of rows a < b, given as errors and clusters of their pairs, where
+    they share enough clusters. The order of the rows does not change the random draws."""
     seed = int(np.random.default_rng(seed).integers(2**63))
     found: dict[tuple[int, int], Difference] = {}
     for b, (second, _) in enumerate(rows):
@@ -177,12 +168,10 @@ def compare_rows(
 def shared_ranks(
     number: int, differences: Mapping[tuple[int, int], Difference]
 ) -> list[int]:
-    """Return the rank of each of `number` rows: 1 + the number of rows that are better beyond
-    their interval.
+    """Return the rank of each of `number` rows: 1 + the number of significantly better rows.
 
-    Rows with indistinguishable paired differences share a rank: a row loses a rank only to a row
-    that is better than itself, not to one that is better than its equal. There is no correction
-    for the number of comparisons.
+    Rows without a significant difference share a rank: a row loses a rank only to a row that is
+    better than itself. There is no correction for the number of comparisons.
     """
     ranks = [1] * number
     for (a, b), difference in differences.items():
@@ -192,7 +181,8 @@ def shared_ranks(
 
 
 def best_half(error: ArrayLike) -> float:
-    """Mean of the better half of [N] errors (rounded up). Only beside CRAVES' published number,
-    which is this one: ranked by the true error, so it is no measure of a method."""
+    """Return the mean of the better half of [N] errors (rounded up): CRAVES' published metric.
+
+    It selects by the true error and is shown only beside CRAVES' number."""
     e = np.sort(np.asarray(error, np.float64))
     return float(e[: (len(e) + 1) // 2].mean())

@@ -49,11 +49,7 @@ class Limits:
 
 
 def read_declaration(source: str, limits: Limits) -> Declaration:
-    """Load a method in a separate process and return its declaration.
-
-    Raises:
-        MethodError: If it cannot be loaded.
-    """
+    """Load a method in a separate process and return its declaration, or raise MethodError."""
     pool = WorkerPool[None](_settings(source, limits), [None], receive=_receive)
     with closing(pool.events()) as events:
         event = next(events)
@@ -79,15 +75,8 @@ def run_method(
     """Yield each finished task with the ZIP of its stored estimate (results/estimates.py).
 
     A failure is yielded as a stored estimate too. Closing the iterator ends all processes.
-
-    Args:
-        source: Name or source of the method.
-        tasks: What to estimate, in order.
-        observe: Reads the observation of a task, in this process.
-        limits: What the processes may use.
-
-    Raises:
-        MethodError: If the method cannot be loaded.
+    `observe` reads the observation of a task in this process. Raises MethodError if the method
+    cannot be loaded.
     """
     reader = _Reader(observe, tasks, limits.workers)
     pool = WorkerPool[Task](_settings(source, limits), tasks, partial(_send, reader), _receive)

@@ -31,10 +31,8 @@ def supervise(
 ) -> None:
     """Fork, and return in the child, which runs the foreign code; this process never returns.
 
-    Args:
-        connection: The pool's connection, which the supervisor closes.
-        memory: Largest private memory of each process, bytes.
-        wait_for_pool: Returns when the pool's process has ended.
+    The supervisor closes the connection. `memory` limits the private memory of each process, bytes;
+    `wait_for_pool` returns when the pool's process has ended.
     """
     _prctl(_SUBREAPER, 1)
     with warnings.catch_warnings():
