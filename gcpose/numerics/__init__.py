@@ -5,14 +5,7 @@ from __future__ import annotations
 from .arrays import Image
 from .compilation import compiled
 from .least_squares import Solver, gauss_newton
-from .robust import (
-    cauchy_cost,
-    cauchy_weight,
-    geman_mcclure_cost,
-    geman_mcclure_weight,
-    truncated_cost,
-    truncated_weight,
-)
+from .robust import cauchy_weight, geman_mcclure_cost, truncated_cost
 from .settings import (
     DEGREE,
     Count,
@@ -27,7 +20,6 @@ from .threads import thread_map
 
 __all__ = [
     "DEGREE", "Count", "Image", "NonNegative", "Positive", "Scales", "SettingsRecord", "Share",
-    "Solver", "Whole", "cauchy_cost", "cauchy_weight", "compiled", "gauss_newton",
-    "geman_mcclure_cost", "geman_mcclure_weight", "thread_map",
-    "truncated_cost", "truncated_weight",
+    "Solver", "Whole", "cauchy_weight", "compiled", "gauss_newton", "geman_mcclure_cost",
+    "thread_map", "truncated_cost",
 ]

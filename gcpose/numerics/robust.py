@@ -1,7 +1,7 @@
-"""Robust costs and their weights in iteratively reweighted least squares.
+"""Robust costs, and weights of iteratively reweighted least squares.
 
-All take squared residuals [...] in squared robust scales, s = (r / scale)^2. The weight is the
-derivative of the cost by s, so that a weighted least-squares step descends the cost (Huber, Robust
+All take squared residuals [...] in squared robust scales, s = (r / scale)^2. A weight is the
+derivative of its cost by s, so that a weighted least-squares step descends the cost (Huber, Robust
 Statistics, 1981, section 7.8). Compiled kernels repeat the formulas that they need.
 """
 
@@ -13,7 +13,7 @@ from ...robots.geometry import Array
 
 
 def geman_mcclure_cost(square: Array) -> Array:
-    """Return s / (1 + s).
+    """Return s / (1 + s); its weight is 1 / (1 + s)^2.
 
     Source: Geman and McClure, Statistical methods for tomographic image reconstruction, Bulletin of
     the International Statistical Institute 52 (1987).
@@ -21,27 +21,12 @@ def geman_mcclure_cost(square: Array) -> Array:
     return square / (1.0 + square)
 
 
-def geman_mcclure_weight(square: Array) -> Array:
-    """Return 1 / (1 + s)^2."""
-    return 1.0 / (1.0 + square) ** 2
-
-
-def cauchy_cost(square: Array) -> Array:
-    """Return log(1 + s): the logarithm of Cauchy's density, which forgives less than the others."""
-    return np.log1p(square)
-
-
 def cauchy_weight(square: Array) -> Array:
-    """Return 1 / (1 + s)."""
+    """Return 1 / (1 + s), of the cost log(1 + s): the logarithm of Cauchy's density."""
     return 1.0 / (1.0 + square)
 
 
-def truncated_cost(square: Array, limit: float = 1.0) -> Array:
+def truncated_cost(square: Array, limit: float) -> Array:
     """Return min(s, limit): outliers cost the same, wherever they are (Blake and Zisserman, Visual
     Reconstruction, 1987)."""
     return np.minimum(square, limit)
-
-
-def truncated_weight(square: Array, limit: float = 1.0) -> Array:
-    """Return 1 where s < limit, else 0."""
-    return (square < limit).astype(np.float64)

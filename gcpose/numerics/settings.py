@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -40,7 +39,7 @@ class SettingsRecord:
 
         Args:
             changes: Text by dotted name, such as `{"rgb.max_points": "200"}`. Commas separate
-                the numbers of a tuple, semicolons the tuples of a tuple.
+                the numbers of a tuple.
 
         Raises:
             ConfigError: If a setting does not exist, or a value has the wrong type or is out of
@@ -53,67 +52,44 @@ class SettingsRecord:
 
     def changes(self) -> dict[str, str]:
         """Return the settings that differ from the defaults, as `override` takes them."""
-        default = dict(_leaves(type(self)()))
-        return {name: _text(value) for name, value in _leaves(self) if value != default[name]}
+        default = dict(_leaves(type(self)().as_dict()))
+        return {name: _text(value) for name, value in _leaves(self.as_dict())
+                if value != default[name]}
 
 
 def _replaced(settings: _Record, name: str, text: str) -> _Record:
     tree = settings.as_dict()
-    leaves = dict(_leaves(settings))
+    leaves, parts = dict(_leaves(tree)), name.split(".")
     if name not in leaves:
-        parts = name.split(".")
         heads = [".".join(parts[:n]) + "." for n in range(len(parts), 0, -1)]
-        near = next(([n for n in leaves if n.startswith(h)] for h in heads
-                     if any(n.startswith(h) for n in leaves)), leaves)
-        raise ConfigError(f"no setting {name!r}; there are {', '.join(near)}")
-    *path, last = name.split(".")
+        listed = ([n for n in leaves if n.startswith(head)] for head in heads)
+        raise ConfigError(
+            f"no setting {name!r}; there are {', '.join(next(filter(None, listed), leaves))}")
     at: Any = tree
-    for key in path:
+    for key in parts[:-1]:
         at = at[int(key) if isinstance(at, list) else key]
-    at[last] = _parse(text, leaves[name])
+    at[parts[-1]] = text.split(",") if isinstance(leaves[name], list) else text
     try:
         out = msgspec.convert(tree, type(settings), strict=False)
     except msgspec.ValidationError as error:
         reason = str(error).partition(" - at")[0].replace("`", "").replace(", got str", "")
         raise ConfigError(f"setting {name}={text}: {reason[0].lower()}{reason[1:]}") from error
-    if not all(map(math.isfinite, _numbers(dict(_leaves(out))[name]))):
+    if b"null" in msgspec.json.encode(out):  # JSON has neither infinity nor NaN
         raise ConfigError(f"setting {name}={text}: expected a finite number")
     return out
 
 
-def _leaves(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the dotted names and values of all numbers and tuples of a record."""
-    for f in fields(record):
-        value = getattr(record, f.name)
-        inner = dict(enumerate(cast("tuple[Any, ...]", value))) if isinstance(value, tuple) else {}
-        if is_dataclass(value):
-            yield from _leaves(value, f"{prefix}{f.name}.")
-        elif any(is_dataclass(v) for v in inner.values()):
-            for k, v in inner.items():
-                yield from _leaves(v, f"{prefix}{f.name}.{k}.")
+def _leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted names and values of all numbers and lists of numbers of a tree."""
+    for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+        if isinstance(value, dict) or (isinstance(value, list) and value
+                                       and isinstance(value[0], dict)):
+            yield from _leaves(value, f"{prefix}{key}.")
         else:
-            yield prefix + f.name, value
-
-
-def _parse(text: str, old: Any) -> Any:
-    if not isinstance(old, tuple):
-        return text
-    if any(isinstance(v, tuple) for v in cast("tuple[Any, ...]", old)):
-        return [_parse(part, (0,)) for part in text.split(";")]
-    return text.split(",")
-
-
-def _numbers(value: Any) -> Iterator[float]:
-    if isinstance(value, tuple):
-        for v in cast("tuple[Any, ...]", value):
-            yield from _numbers(v)
-    else:
-        yield value
+            yield f"{prefix}{key}", value
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, tuple):
-        values = cast("tuple[Any, ...]", value)
-        deep = any(isinstance(v, tuple) for v in values)
-        return (";" if deep else ",").join(map(_text, values))
+    if isinstance(value, list):
+        return ",".join(map(_text, value))
     return str(value).lower() if isinstance(value, bool) else f"{value:.9g}"
