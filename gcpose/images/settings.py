@@ -29,102 +29,65 @@ class ImageSettings:
     flow: FlowSettings = field(default_factory=FlowSettings)
 
     # moving foreground of a still camera
-    change_threshold: Count = 3
-    """Grey levels by which a pixel must change to count as possibly moving."""
-    background_threshold: Count = 6
-    """Grey levels from the background above which a pixel is foreground."""
-    same_threshold: Count = 1
-    """Grey levels within which a pixel shows the same in two frames."""
-    min_foreground: Count = 150
-    """Area below which a piece of foreground is noise, px."""
-    max_gap: Count = 300
-    """Area below which a gap in the foreground is filled, px."""
-    max_static_gap: Count = 1500
-    """The same for a gap that does not change, px."""
-    static_gap_share: Share = 0.3
-    """Share of a gap's pixels that must not change."""
-    crop_margin: Count = 24
-    """Margin of the crop around what moves, px."""
+    change_threshold: Count = 3  # Change of a pixel that may move, grey levels.
+    background_threshold: Count = 6  # The same of the foreground from the background.
+    same_threshold: Count = 1  # Grey levels within which a pixel shows the same in two frames.
+    min_foreground: Count = 150  # Area below which a piece of foreground is noise, px.
+    max_gap: Count = 300  # Area below which a gap in the foreground is filled, px.
+    max_static_gap: Count = 1500  # The same for a gap that does not change, px.
+    static_gap_share: Share = 0.3  # Share of a gap's pixels that must not change.
+    crop_margin: Count = 24  # Margin of the crop around what moves, px.
 
     # appearance
-    brightness_blur: Positive = 0.8
-    """Standard deviation of the blur of brightness, px."""
-    outline_blur: Positive = 1.0
-    """Standard deviation of the blur of the outline, px."""
-    outline_contrast: Positive = 60.0
-    """Grey levels of the outline's channel inside of what moves."""
-    texture_blur: Positive = 1.0
-    """Standard deviation of the blur before gradients, px."""
-    texture_window: Positive = 2.0
-    """Standard deviation of the structure tensor's window, px."""
+    brightness_blur: Positive = 0.8  # Standard deviation of the blur of brightness, px.
+    outline_blur: Positive = 1.0  # Standard deviation of the blur of the outline, px.
+    outline_contrast: Positive = 60.0  # Grey levels of the outline's channel inside of what moves.
+    texture_blur: Positive = 1.0  # Standard deviation of the blur before gradients, px.
+    texture_window: Positive = 2.0  # Standard deviation of the structure tensor's window, px.
     texture_scale: Positive = 60.0
     """Eigenvalue of the structure tensor at which confidence is 1/2, squared grey levels by
     px^2."""
-    min_relative_depth: NonNegative = 0.5
-    max_relative_depth: Positive = 2.0
-    """Of inverse depths about their median."""
+    min_relative_depth: NonNegative = 0.5  # Least inverse depth, by the median.
+    max_relative_depth: Positive = 2.0  # Largest inverse depth, by the median.
 
     # patches
-    patch_floor: Positive = 30.0
-    """Variance of a pixel, squared grey levels."""
-    patch_gain: NonNegative = 8.0
-    """Share of the remaining squared difference that is added to it."""
-    patch_ridge: NonNegative = 0.01
-    """Damping of the Gauss-Newton steps, as a share of the trace."""
-    patch_ridge_floor: NonNegative = 20.0
-    """Damping that is added to it, squared grey levels by px^2."""
-    patch_iterations: Count = 10
-    max_patch_step: Positive = 1.5
-    """Largest step of an iteration, px."""
-    min_patch_step: NonNegative = 0.02
-    """Step below which iterations end, px."""
-    min_patch_area: NonNegative = 0.3
-    max_patch_area: Positive = 3.0
-    """Range of the factor by which a patch's area may change."""
-    texture_floor: NonNegative = 2.0
-    """Gradient below which shading is taken for texture, grey levels by px."""
+    patch_floor: Positive = 30.0  # Variance of a pixel, squared grey levels.
+    patch_gain: NonNegative = 8.0  # Share of the remaining squared difference that is added to it.
+    patch_ridge: NonNegative = 0.01  # Damping of the Gauss-Newton steps, as a share of the trace.
+    patch_ridge_floor: NonNegative = 20.0  # Damping that is added, squared grey levels by px^2.
+    patch_iterations: Count = 10  # Gauss-Newton steps at most.
+    max_patch_step: Positive = 1.5  # Largest step of an iteration, px.
+    min_patch_step: NonNegative = 0.02  # Step below which iterations end, px.
+    min_patch_area: NonNegative = 0.3  # Least factor of a patch's area.
+    max_patch_area: Positive = 3.0  # Largest factor of a patch's area.
+    texture_floor: NonNegative = 2.0  # Gradient that counts as shading, grey levels by px.
 
     # neighborhoods
-    label_window: Count = 5
-    """Side of the window over which label costs are averaged, candidates."""
-    noisy_label_sigma: Positive = 5.0
-    """Standard deviation of that window where depth is noisy, candidates."""
-    rank_points: Count = 500
-    """Points of the graph whose shortest paths give the rank from the base."""
-    rank_static_points: Count = 1000
-    """Static points from which distances are taken."""
-    rank_source_share: Share = 0.02
-    """Share of the points, those nearest to the static ones, where paths begin."""
+    label_window: Count = 5  # Side of the window over which label costs are averaged, candidates.
+    noisy_label_sigma: Positive = 5.0  # Its deviation where depth is noisy, candidates.
+    rank_points: Count = 500  # Points of the graph of paths from the base.
+    rank_static_points: Count = 1000  # Static points from which distances are taken.
+    rank_source_share: Share = 0.02  # Share of the points where paths begin.
 
     # surfaces of depth images
-    min_normal_cosine: Share = 0.12
-    """Cosine between normal and ray below which a pixel has no normal."""
+    min_normal_cosine: Share = 0.12  # Least cosine between a normal and the ray.
     max_curvature: Positive = 2.0
     """Second difference of inverse depth above which a pixel is at an edge, by its value and the
     focal length."""
-    static_pixels: NonNegative = 0.5
-    """Tolerance of the depth of a static surface, footprints of a pixel."""
-    static_depth: NonNegative = 5e-4
-    """Tolerance that is added to it, m."""
-    static_noise: NonNegative = 5.0
-    """Tolerance that is added to it, standard deviations of the depth."""
+    static_pixels: NonNegative = 0.5  # Tolerance of a static surface's depth, footprints.
+    static_depth: NonNegative = 5e-4  # Tolerance that is added to it, m.
+    static_noise: NonNegative = 5.0  # The same, standard deviations of the depth.
 
     # planes fitted to noisy depth
-    plane_radius: Count = 8
-    """Radius of the windows from which slopes are fitted, px."""
+    plane_radius: Count = 8  # Radius of the windows from which slopes are fitted, px.
     plane_center_radius: Count = 4
     """Radius of the windows from which depths are fitted, px: curved surfaces are flattened with
     its square."""
     rim_width: Count = 5
     """Window that must be on one surface for a normal, px: at the rim of a round limb the front
     shows where a point has turned to its back."""
-    layer_spacing: Positive = 4.0
-    """Spacing of depth layers, standard deviations of the median."""
-    plane_ridge: NonNegative = 0.01
-    """Damping of slopes, as a share of the trace."""
-    noisy_change_threshold: Count = 2
-    """Grey levels by which a pixel must change for its surface to be fitted."""
-    noisy_margin: Count = 21
-    """Side of the window by which the changing region is dilated, px."""
-    noisy_crop_margin: Count = 16
-    """Margin of the crop whose flow is computed, px."""
+    layer_spacing: Positive = 4.0  # Spacing of depth layers, standard deviations of the median.
+    plane_ridge: NonNegative = 0.01  # Damping of slopes, as a share of the trace.
+    noisy_change_threshold: Count = 2  # Change where a surface is fitted, grey levels.
+    noisy_margin: Count = 21  # Side of the window by which the changing region is dilated, px.
+    noisy_crop_margin: Count = 16  # Margin of the crop whose flow is computed, px.

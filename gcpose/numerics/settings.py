@@ -1,7 +1,7 @@
 """Settings records: frozen dataclasses of tuned numbers that can be listed, overridden and stored.
 
 A record holds numbers, tuples of numbers, and further records. Its annotations carry the bounds;
-the string below a field gives its unit and effect.
+a comment behind a field, or the string below it, gives its unit and effect.
 """
 
 from __future__ import annotations

@@ -19,225 +19,133 @@ class RgbSettings:
     chain: ChainSettings = field(default_factory=ChainSettings)
 
     # sampled pixels
-    sweep_points: Count = 220
-    """Pixels of frame 0 that first steps are searched on."""
-    min_points: Count = 20
-    """Moving pixels of frame 0 below which no motion is estimated."""
-    tracking_points: Count = 100
-    """Pixels of each key frame while hypotheses are tracked through the video."""
-    max_points: Count = 130
-    """Pixels of each key frame while hypotheses are refined."""
-    final_points: Count = 300
-    """Pixels of each key frame in the last refinement."""
-    label_neighbors: Count = 12
-    """Nearest sampled pixels over which label costs are averaged."""
-    same_pixel_cells: NonNegative = 1.5
-    """Distance in sampling cells within which a pixel of another key frame shows the same."""
+    sweep_points: Count = 220  # Pixels of frame 0 that first steps are searched on.
+    min_points: Count = 20  # Moving pixels of frame 0 below which no motion is estimated.
+    tracking_points: Count = 100  # Pixels of each key frame while hypotheses are tracked.
+    max_points: Count = 130  # Pixels of each key frame while hypotheses are refined.
+    final_points: Count = 300  # Pixels of each key frame in the last refinement.
+    label_neighbors: Count = 12  # Nearest sampled pixels over which label costs are averaged.
+    same_pixel_cells: NonNegative = 1.5  # Reach of a pixel in other key frames, cells.
 
     # noise of flow and patches
-    flow_sigma: Positive = 0.5
-    """Standard deviation of flow, px."""
-    flow_rate: NonNegative = 0.05
-    """Standard deviation of flow, as a share of its length."""
-    flow_share: Share = 0.2
-    """Share of the sampled pixels whose flow errors are independent."""
-    patch_radius: Count = 3
-    """Radius of patches, px; larger patches cover more than one part."""
-    patch_sigma: Positive = 0.1
-    """Error of a patch's model, px."""
-    patch_rate: NonNegative = 0.02
-    """Error of a patch's model for each frame between, px."""
-    patch_weight: NonNegative = 3.0
-    """Weight of patches against the priors in bundle adjustment."""
-    patch_reach: Positive = 3.0
-    """Search radius around a patch's predicted place, px."""
-    patch_reach_new: Positive = 10.0
-    """The same in a frame that was just added, px."""
-    patch_reach_first: Positive = 6.0
-    """The same in the first refinement of a tracked hypothesis, px."""
-    patch_span: Count = 3
-    """Frames before and after a patch's own frame in which it is searched."""
-    patch_span_first: Count = 2
-    """The same in the first round of a refinement."""
+    flow_sigma: Positive = 0.5  # Standard deviation of flow, px.
+    flow_rate: NonNegative = 0.05  # Standard deviation of flow, as a share of its length.
+    flow_share: Share = 0.2  # Share of the sampled pixels whose flow errors are independent.
+    patch_radius: Count = 3  # Radius of patches, px; larger patches cover more than one part.
+    patch_sigma: Positive = 0.1  # Error of a patch's model, px.
+    patch_rate: NonNegative = 0.02  # Error of a patch's model for each frame between, px.
+    patch_weight: NonNegative = 3.0  # Weight of patches against the priors in bundle adjustment.
+    patch_reach: Positive = 3.0  # Search radius around a patch's predicted place, px.
+    patch_reach_new: Positive = 10.0  # The same in a frame that was just added, px.
+    patch_reach_first: Positive = 6.0  # The same in the first refinement of a hypothesis, px.
+    patch_span: Count = 3  # Frames before and after a patch's own frame in which it is searched.
+    patch_span_first: Count = 2  # The same in the first round of a refinement.
 
     # inverse depths, about 1
-    depth_sigma: Positive = 0.3
-    """Standard deviation of inverse depths about 1, in label costs and sweeps."""
-    depth_sigma_patch: Positive = 0.1
-    """Standard deviation about the depth found by flow, in label costs by patches."""
+    depth_sigma: Positive = 0.3  # Standard deviation about 1 in label costs and sweeps.
+    depth_sigma_patch: Positive = 0.1  # The same about the depth by flow, for patches.
     depth_sigma_bundle: Positive = 0.5
     """Standard deviation about the expected depth in bundle adjustment: inverse depths err
     together, so that it is loose."""
-    depth_sigma_tracking: Positive = 0.3
-    """The same while tracking."""
-    depth_sigma_exchange: Positive = 0.2
-    """The same for hypotheses that share turns among parallel axes."""
-    min_inverse_depth: Positive = 0.4
-    max_inverse_depth: Positive = 2.5
-    max_depth_step: Positive = 0.1
-    """Largest change of an inverse depth in an iteration."""
-    neighbor_depth_sigma: Positive = 0.1
-    """Standard deviation of an inverse depth from those of its neighbors on the same part."""
-    plane_depth_sigma: Positive = 0.03
-    """Standard deviation of inverse depths from the plane through their neighbors."""
-    slope_sigma: Positive = 2.0
-    """Standard deviation of the slope of inverse depth by ray."""
-    max_slope: Positive = 4.0
-    """Largest slope of inverse depth by ray."""
+    depth_sigma_tracking: Positive = 0.3  # The same while tracking.
+    depth_sigma_exchange: Positive = 0.2  # The same where parallel axes exchange turns.
+    min_inverse_depth: Positive = 0.4  # Least inverse depth.
+    max_inverse_depth: Positive = 2.5  # Largest inverse depth.
+    max_depth_step: Positive = 0.1  # Largest change of an inverse depth in an iteration.
+    neighbor_depth_sigma: Positive = 0.1  # Deviation from the neighbors on the part.
+    plane_depth_sigma: Positive = 0.03  # Deviation from the plane through these neighbors.
+    slope_sigma: Positive = 2.0  # Standard deviation of the slope of inverse depth by ray.
+    max_slope: Positive = 4.0  # Largest slope of inverse depth by ray.
 
     # label costs
-    outlier_width: Positive = 3.0
-    """Standard deviations at which the robust cost of flow or patches levels off."""
-    background_cost: NonNegative = 1.5
-    """Cost of a predicted place where only background is seen, in costs of an outlier."""
+    outlier_width: Positive = 3.0  # Robust scale of flow and patches, standard deviations.
+    background_cost: NonNegative = 1.5  # Cost of a place on the background, in outliers.
     depth_rounds: tuple[int, ...] = (4, 0)
     """Iterations of each point's depth in each evaluation of label costs; neighbors share their
     depths after all but the last."""
-    patch_label_weight: NonNegative = 2.0
-    """Weight of patches against flow in label costs."""
-    order_cost: NonNegative = 0.2
-    """Label cost of a part that does not follow the order from the base outward."""
+    patch_label_weight: NonNegative = 2.0  # Weight of patches against flow in label costs.
+    order_cost: NonNegative = 0.2  # Cost of a part that is out of order from the base.
 
     # bundle adjustment
-    max_step: Positive = 0.15
-    """Largest change of an unknown in an iteration, rad or length."""
-    damping: NonNegative = 1e-4
-    """Share of the diagonal that is added to it."""
-    hinge_slack: Positive = 0.1
-    """Standard deviation of an axis' distance from its hinge."""
-    tracking_prior: NonNegative = 4.0
-    """Weight of the priors on motion and axes while tracking (1 elsewhere)."""
+    max_step: Positive = 0.15  # Largest change of an unknown in an iteration, rad or length.
+    damping: NonNegative = 1e-4  # Share of the diagonal that is added to it.
+    hinge_slack: Positive = 0.1  # Standard deviation of an axis' distance from its hinge.
+    tracking_prior: NonNegative = 4.0  # Weight of the priors while tracking (else 1).
     tracking_scales_first: Scales = (6.0, 4.0)
     """Robust scales of the first round of tracking, in standard deviations; one iteration for
     each."""
-    tracking_scales: Scales = (3.0, 3.0)
-    """Robust scales of the second round of tracking."""
-    refine_scales: Scales = (6.0, 4.0, 3.0)
-    """Robust scales of the first round of a refinement."""
-    final_scales: Scales = (3.0, 3.0, 3.0)
-    """Robust scales of the other rounds."""
-    exchange_scales: Scales = (8.0, 6.0)
-    """Robust scales, with flow, after turns are shared otherwise among parallel axes."""
-    settle_scales: Scales = (6.0, 4.0)
-    """Robust scales of the adjustment to flow that follows."""
+    tracking_scales: Scales = (3.0, 3.0)  # Robust scales of the second round of tracking.
+    refine_scales: Scales = (6.0, 4.0, 3.0)  # Robust scales of the first round of a refinement.
+    final_scales: Scales = (3.0, 3.0, 3.0)  # Robust scales of the other rounds.
+    exchange_scales: Scales = (8.0, 6.0)  # Robust scales after turns are exchanged.
+    settle_scales: Scales = (6.0, 4.0)  # Robust scales of the adjustment to flow that follows.
 
     # sweep: a beam search over first steps
-    sweep_spans: tuple[Count, ...] = (2, 3)
-    """Frames between the two frames of each sweep."""
-    max_turn: Positive = 6.5 * DEGREE
-    """Largest turn in a frame, rad."""
-    max_slide: Positive = 0.06
-    """Largest slide in a frame."""
-    max_step_frames: Positive = 2.0
-    """Frames' worth of these steps that is searched at most."""
-    hinge_places: Count = 14
-    """Places in the image where a hinge may be."""
-    hinge_depths: Scales = (0.85, 1.15)
-    """Depths of those places."""
-    root_depths: Scales = (0.8, 0.95, 1.1, 1.3, 1.6)
-    """Depths of the first hinge, which is often behind what moves."""
-    spread_points: Count = 400
-    """Points from which such places are chosen."""
-    beam_width: Count = 1200
-    """Chains that are extended by the next joint."""
-    sweep_limit: Positive = 9.0
-    """Cost at which flow counts as an outlier, in variances."""
-    outside_cost: NonNegative = 0.5
-    """Cost of a place outside of the image, in costs of an outlier."""
-    min_sweep_inverse_depth: Positive = 0.5
-    max_sweep_inverse_depth: Positive = 2.0
-    """Range of a point's inverse depth in a sweep."""
-    min_texture: NonNegative = 1e-3
-    """Smallest confidence of flow in a direction."""
+    sweep_spans: tuple[Count, ...] = (2, 3)  # Frames between the two frames of each sweep.
+    max_turn: Positive = 6.5 * DEGREE  # Largest turn in a frame, rad.
+    max_slide: Positive = 0.06  # Largest slide in a frame.
+    max_step_frames: Positive = 2.0  # Frames' worth of these steps that is searched at most.
+    hinge_places: Count = 14  # Places in the image where a hinge may be.
+    hinge_depths: Scales = (0.85, 1.15)  # Depths of those places.
+    root_depths: Scales = (0.8, 0.95, 1.1, 1.3, 1.6)  # Depths of the first hinge.
+    spread_points: Count = 400  # Points from which such places are chosen.
+    beam_width: Count = 1200  # Chains that are extended by the next joint.
+    sweep_limit: Positive = 9.0  # Cost at which flow counts as an outlier, in variances.
+    outside_cost: NonNegative = 0.5  # Cost of a place outside of the image, in costs of an outlier.
+    min_sweep_inverse_depth: Positive = 0.5  # Least inverse depth in a sweep.
+    max_sweep_inverse_depth: Positive = 2.0  # Largest inverse depth in a sweep.
+    min_texture: NonNegative = 1e-3  # Smallest confidence of flow in a direction.
 
     # strategies
-    sweep_kept: Count = 30
-    """Chains of each sweep that become hypotheses."""
-    first_kept: Count = 40
-    """Distinct hypotheses after the sweeps."""
-    half_kept: Count = 24
-    """Distinct hypotheses that are tracked to frame `half_frame`."""
-    tracked_kept: Count = 10
-    """Distinct hypotheses that are tracked through the whole video."""
-    half_frame: Count = 8
+    sweep_kept: Count = 30  # Chains of each sweep that become hypotheses.
+    first_kept: Count = 40  # Distinct hypotheses after the sweeps.
+    half_kept: Count = 24  # Distinct hypotheses that are tracked to frame `half_frame`.
+    tracked_kept: Count = 10  # Distinct hypotheses that are tracked through the whole video.
+    half_frame: Count = 8  # Frame to which these are tracked first.
     distinct_motion_first: NonNegative = 0.07
     """Difference of a displacement that makes hypotheses distinct, rad or length, before
     tracking."""
-    distinct_motion: NonNegative = 0.2
-    """The same afterwards."""
-    distinct_labels: NonNegative = 0.05
-    """Share of the labels whose difference makes hypotheses distinct."""
-    key_frame_step: Count = 3
-    """Frames from one key frame to the next while tracking."""
-    final_key_frame_step: Count = 2
-    """The same in refinements."""
-    base_slow_share: Share = 0.04
-    """Share of the pixels, the slowest, from which the base point is searched."""
-    base_end_share: Share = 0.03
-    """Share of the pixels at an end of the chain that are averaged to a base point."""
-    base_frames: Count = 3
-    """Frames before and after over which speeds are averaged for it."""
-    tilts: Count = 8
-    """Planes through a door's axis that are tried."""
+    distinct_motion: NonNegative = 0.2  # The same afterwards.
+    distinct_labels: NonNegative = 0.05  # Share of the labels that makes hypotheses distinct.
+    key_frame_step: Count = 3  # Frames from one key frame to the next while tracking.
+    final_key_frame_step: Count = 2  # The same in refinements.
+    base_slow_share: Share = 0.04  # Share of the pixels, the slowest, where the base may be.
+    base_end_share: Share = 0.03  # Share of the pixels, at an end, that are averaged.
+    base_frames: Count = 3  # Frames before and after over which speeds are averaged for it.
+    tilts: Count = 8  # Planes through a door's axis that are tried.
     min_tilt_sine: Share = 0.15
     """Sine of the angle between a plane and the rays below which its depths are not used."""
-    min_tilt_scale: Positive = 0.3
-    """Least mean depth of a door in a plane."""
-    max_tilt_scale: Positive = 3.0
-    """Largest mean depth of a door in a plane."""
-    min_tilt_points: Share = 0.5
-    """Share of the points that must be seen at that sine."""
-    min_tilt_in_front: Share = 0.9
-    """Share of the points that must lie in front of the camera."""
+    min_tilt_scale: Positive = 0.3  # Least mean depth of a door in a plane.
+    max_tilt_scale: Positive = 3.0  # Largest mean depth of a door in a plane.
+    min_tilt_points: Share = 0.5  # Share of the points that must be seen at that sine.
+    min_tilt_in_front: Share = 0.9  # Share of the points that must lie in front of the camera.
 
     # parallel axes
-    exchange_points: Count = 220
-    """Pixels of the key frame on which turns are shared otherwise among parallel axes."""
-    parallel_cosine: Share = 0.98
-    """Cosine of the angle between axes above which they count as parallel."""
-    exchange_places: Count = 16
-    """Places of the second axis that are tried."""
-    exchange_feet: Count = 3
-    """Places of the first axis that are tried for each."""
+    exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.
+    parallel_cosine: Share = 0.98  # Cosine above which axes count as parallel.
+    exchange_places: Count = 16  # Places of the second axis that are tried.
+    exchange_feet: Count = 3  # Places of the first axis that are tried for each.
     exchange_shares: tuple[float, ...] = (-1.5, -0.75, 0.0, 0.5, 1.0, 1.75, 2.5)
     """Shares of the total turn that the first axis is given."""
-    min_axis_distance: NonNegative = 0.03
-    """Distance between parallel axes, by that to the camera, below which they say nothing."""
+    min_axis_distance: NonNegative = 0.03  # Least distance between parallel axes.
 
     # choice among hypotheses
-    tilted_kept: Count = 3
-    """Distinct hypotheses for which a door's planes are tried."""
-    refined_kept: Count = 6
-    """Distinct hypotheses in the second refinement."""
-    exchanged_kept: Count = 3
-    """Distinct hypotheses with turns shared otherwise."""
-    final_kept: Count = 3
-    """Distinct hypotheses in the last refinement."""
-    patch_outlier_cost: NonNegative = 9.0
-    """Score of a patch that is found elsewhere."""
-    patch_missing_cost: NonNegative = 4.0
-    """Score of a patch that is not found."""
-    score_flow: NonNegative = 0.2
-    """Weight of the flow cost against the patches'."""
-    score_jerk: NonNegative = 30.0
-    """Weight of the root mean square second difference of the displacements, 1/rad."""
-    score_inversions: NonNegative = 1.5
-    """Weight of the share of labels that are out of order along the chain."""
-    score_offset: NonNegative = 0.1
-    """Weight of an axis that passes far from its hinge."""
-    axis_offset: Positive = 0.2
-    """Distance of an axis from its hinge at which that weight is halved."""
-    score_sigma: NonNegative = 0.1
-    """Weight of the logarithm of a displacement's standard deviation."""
-    min_sigma: Positive = 0.004
-    """Standard deviation below which a smaller one scores no better, rad."""
+    tilted_kept: Count = 3  # Distinct hypotheses for which a door's planes are tried.
+    refined_kept: Count = 6  # Distinct hypotheses in the second refinement.
+    exchanged_kept: Count = 3  # Distinct hypotheses with turns shared otherwise.
+    final_kept: Count = 3  # Distinct hypotheses in the last refinement.
+    patch_outlier_cost: NonNegative = 9.0  # Score of a patch that is found elsewhere.
+    patch_missing_cost: NonNegative = 4.0  # Score of a patch that is not found.
+    score_flow: NonNegative = 0.2  # Weight of the flow cost against the patches'.
+    score_jerk: NonNegative = 30.0  # Weight of the RMS second difference, 1/rad.
+    score_inversions: NonNegative = 1.5  # Weight of the share of labels out of order.
+    score_offset: NonNegative = 0.1  # Weight of an axis that passes far from its hinge.
+    axis_offset: Positive = 0.2  # Distance of an axis from its hinge that counts half.
+    score_sigma: NonNegative = 0.1  # Weight of the logarithm of a standard deviation.
+    min_sigma: Positive = 0.004  # Least standard deviation in a score, rad.
 
     # estimate
-    sigma_factor: Positive = 15.0
-    """Calibration of the standard deviations; from training sequences."""
-    sigma_floor: NonNegative = 0.4 * DEGREE
-    """Least standard deviation that is reported, rad."""
-    sigma_unknown: Positive = 1.0
-    """Standard deviation of a displacement that nothing was seen of, rad or m."""
-    part_stride: Count = 2
-    """Pixels from one to the next whose part is looked up."""
+    sigma_factor: Positive = 15.0  # Calibration by training sequences.
+    sigma_floor: NonNegative = 0.4 * DEGREE  # Least standard deviation that is reported, rad.
+    sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
+    part_stride: Count = 2  # Pixels from one to the next whose part is looked up.
