@@ -7,9 +7,10 @@ from .articulation import (
     Cloud,
     Hypothesis,
     axis_bases,
-    displace_axes,
     part_centers,
     select_by_labels,
+    select_distinct,
+    take_step,
 )
 from .beam import (
     Beam,
@@ -23,61 +24,17 @@ from .beam import (
 from .chain_fit import Chains, Goal, fit_chains, fit_displacements, misfit
 from .hinges import extent, locate_hinges, subsample
 from .kernels import add_normal_equations
-from .kinematics import (
-    ancestors,
-    axis_basis,
-    displace_axis,
-    relative_derivatives,
-    screws_of,
-)
+from .kinematics import ancestors, displace_axis, relative_derivatives, screws_of
 from .priors import JointPriors, axis_from_twist, joint_priors, twist_about, twist_spaces
 from .settings import ChainSettings
-from .weak_prior import (
-    HingePrior,
-    NormalEquations,
-    hinge_equations,
-    offset_from_axis,
-    smoothness_equations,
-)
+from .weak_prior import HingePrior, offset_from_axis, prior_equations
 
 __all__ = [
-    "Articulation",
-    "Beam",
-    "ChainSettings",
-    "Chains",
-    "Cloud",
-    "Goal",
-    "HingePrior",
-    "Hypothesis",
-    "JointPriors",
-    "NormalEquations",
-    "StepGrid",
-    "add_normal_equations",
-    "ancestors",
-    "axis_bases",
-    "axis_basis",
-    "axis_directions",
-    "axis_from_twist",
-    "axis_twists",
-    "beam_search",
-    "displace_axes",
-    "displace_axis",
-    "extent",
-    "fit_chains",
-    "fit_displacements",
-    "hinge_equations",
-    "joint_priors",
-    "locate_hinges",
-    "misfit",
-    "offset_from_axis",
-    "part_centers",
-    "relative_derivatives",
-    "screws_of",
-    "select_by_labels",
-    "select_by_steps",
-    "smoothness_equations",
-    "spread_places",
-    "subsample",
-    "twist_about",
-    "twist_spaces",
+    "Articulation", "Beam", "ChainSettings", "Chains", "Cloud", "Goal", "HingePrior", "Hypothesis",
+    "JointPriors", "StepGrid", "add_normal_equations", "ancestors", "axis_bases",
+    "axis_directions", "axis_from_twist", "axis_twists", "beam_search", "displace_axis", "extent",
+    "fit_chains", "fit_displacements", "joint_priors", "locate_hinges", "misfit",
+    "offset_from_axis", "part_centers", "prior_equations", "relative_derivatives", "screws_of",
+    "select_by_labels", "select_by_steps", "select_distinct", "spread_places", "subsample",
+    "take_step", "twist_about", "twist_spaces",
 ]

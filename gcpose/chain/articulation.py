@@ -6,13 +6,17 @@ has one unknown per frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from .kinematics import axis_basis, derivatives, displace_axis, part_motions
+
+_H = TypeVar("_H")
 
 
 @dataclass(frozen=True)
@@ -63,15 +67,11 @@ class Hypothesis:
     """Index of the candidate of the base point (see `rgbd.Tracker.base_candidates`)."""
 
 
-def axis_bases(
-    state: Articulation, clouds: tuple[Cloud, ...], axis_dof: int
-) -> tuple[Array, ...]:
-    """Return a basis [6 d] of displacements of each joint's axis (see `axis_basis`)."""
-    return tuple(
-        axis_basis(twist, bool(prismatic), near, axis_dof)
-        for twist, prismatic, near in zip(
-            state.twist, state.prismatic, part_centers(clouds[0], len(state.twist)), strict=True)
-    )
+def axis_bases(state: Articulation, near: Array, axis_dof: int) -> tuple[Array, ...]:
+    """Return a basis [6 d] of displacements of each joint's axis by points near [J 3] (see
+    `axis_basis`)."""
+    return tuple(axis_basis(twist, bool(prismatic), point, axis_dof) for twist, prismatic, point
+                 in zip(state.twist, state.prismatic, near, strict=True))
 
 
 def part_centers(cloud: Cloud, joints: int) -> Array:
@@ -82,23 +82,35 @@ def part_centers(cloud: Cloud, joints: int) -> Array:
     return np.stack([m.mean(axis=0) if len(m) else middle for m in mine])
 
 
-def displace_axes(state: Articulation, basis: tuple[Array, ...], step: Array) -> Array:
-    """Return the axes [J 6] after a step along their bases."""
-    twist, at = state.twist.copy(), 0
+def take_step(state: Articulation, basis: tuple[Array, ...], step: Array) -> Articulation:
+    """Return the articulation after a step [U] of its displacements of frames 1.. and of its axes
+    along their bases."""
+    angle, twist, at = state.angle.copy(), state.twist.copy(), state.angle[1:].size
+    angle[1:] += step[:at].reshape(angle[1:].shape)
     for j, b in enumerate(basis):
         if b.shape[1]:
             by = b @ step[at : at + b.shape[1]]
-            twist[j] = displace_axis(state.twist[j], by, bool(state.prismatic[j]))
+            twist[j] = displace_axis(twist[j], by, bool(state.prismatic[j]))
         at += b.shape[1]
-    return twist
+    return replace(state, angle=angle, twist=twist)
 
 
-def select_by_labels(found: list[Hypothesis], most: int, difference: float) -> list[Hypothesis]:
-    """Return the `most` best whose labels differ in more than a share of the points of frame 0."""
-    out: list[Hypothesis] = []
-    for h in sorted(found, key=lambda h: h.cost):
-        if all(np.mean(h.clouds[0].label != other.clouds[0].label) > difference for other in out):
+def select_distinct(
+    found: list[_H], most: int, differ: Callable[[_H, _H], bool], key: Callable[[_H], float]
+) -> list[_H]:
+    """Return the `most` best by `key` of which any two differ."""
+    out: list[_H] = []
+    for h in sorted(found, key=key):
+        if all(differ(h, other) for other in out):
             out.append(h)
         if len(out) == most:
             break
     return out
+
+
+def select_by_labels(found: list[Hypothesis], most: int, difference: float) -> list[Hypothesis]:
+    """Return the `most` best whose labels differ in more than a share of the points of frame 0."""
+    def differ(one: Hypothesis, two: Hypothesis) -> bool:
+        return bool(np.mean(one.clouds[0].label != two.clouds[0].label) > difference)
+
+    return select_distinct(found, most, differ, lambda h: h.cost)

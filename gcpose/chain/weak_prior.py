@@ -13,16 +13,6 @@ from .settings import ChainSettings
 
 
 @dataclass(frozen=True)
-class NormalEquations:
-    """Normal equations of some unknowns of an articulation, in rad and m."""
-
-    matrix: Array
-    """[U U]"""
-    vector: Array
-    """[U]"""
-
-
-@dataclass(frozen=True)
 class HingePrior:
     """Each axis passes near the place where its part begins."""
 
@@ -32,40 +22,36 @@ class HingePrior:
     """Standard deviation of the distance, m"""
 
 
-def smoothness_equations(angle: Array, last: int, settings: ChainSettings) -> NormalEquations:
-    """Return the prior on displacements of frames 1..last: small first and second differences."""
-    matrix = smoothness_matrix(last, angle.shape[1], settings.acceleration_sigma,
+def prior_equations(
+    state: Articulation, basis: tuple[Array, ...], hinges: HingePrior, settings: ChainSettings
+) -> tuple[Array, Array]:
+    """Return matrix [U U] and vector [U] of the priors on the displacements of frames 1.. (small
+    first and second differences) and on the axes (Gaussian distances from the hinges)."""
+    smooth = smoothness_matrix(len(state.angle) - 1, len(basis), settings.acceleration_sigma,
                                settings.step_sigma)
-    return NormalEquations(matrix, -matrix @ angle[1 : last + 1].reshape(-1))
-
-
-@cache
-def smoothness_matrix(last: int, joints: int, acceleration: float, step: float) -> Array:
-    """Return the matrix [last*J last*J] of that prior."""
-    first = np.eye(last) - np.eye(last, k=-1)
-    second = (first @ first)[1:]  # angle[t+1] - 2 angle[t] + angle[t-1], angle[0] = 0
-    along = second.T @ second / acceleration**2 + first.T @ first / step**2
-    return np.kron(along, np.eye(joints))
-
-
-def hinge_equations(
-    state: Articulation, basis: tuple[Array, ...], hinges: HingePrior
-) -> NormalEquations:
-    """Return the prior on the unknowns of the axes: Gaussian distances from the hinges."""
-    sizes = [b.shape[1] for b in basis]
-    matrix, vector = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
-    at = 0
+    at, size = len(smooth), len(smooth) + sum(b.shape[1] for b in basis)
+    matrix, vector = np.zeros((size, size)), np.zeros(size)
+    matrix[:at, :at] = smooth
+    vector[:at] = -smooth @ state.angle[1:].reshape(-1)
     for twist, b, point, prismatic in zip(
         state.twist, basis, hinges.point, state.prismatic, strict=True
     ):
         if b.shape[1] and not prismatic:
-            offset = offset_from_axis(twist, point)
             moved = b[3:, :2]  # the distance depends on its shift only
             here = slice(at, at + 2)
-            matrix[here, here] += moved.T @ moved / hinges.slack**2
-            vector[here] += moved.T @ offset / hinges.slack**2
+            matrix[here, here] = moved.T @ moved / hinges.slack**2
+            vector[here] = moved.T @ offset_from_axis(twist, point) / hinges.slack**2
         at += b.shape[1]
-    return NormalEquations(matrix, vector)
+    return matrix, vector
+
+
+@cache
+def smoothness_matrix(last: int, joints: int, acceleration: float, step: float) -> Array:
+    """Return the matrix [last*J last*J] of the prior on displacements."""
+    first = np.eye(last) - np.eye(last, k=-1)
+    second = (first @ first)[1:]  # angle[t+1] - 2 angle[t] + angle[t-1], angle[0] = 0
+    along = second.T @ second / acceleration**2 + first.T @ first / step**2
+    return np.kron(along, np.eye(joints))
 
 
 def offset_from_axis(twist: Array, point: Array) -> Array:

@@ -14,19 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, inverse
+from ...robots.geometry import Array
 from ..chain import (
     Articulation,
     HingePrior,
-    axis_basis,
-    displace_axes,
-    hinge_equations,
+    axis_bases,
+    prior_equations,
     relative_derivatives,
-    smoothness_equations,
+    take_step,
 )
 from ..numerics import Solver
 from .kernels import accumulate
-from .points import InverseDepthPoints
+from .points import InverseDepthPoints, motions_from_frames
 from .settings import RgbSettings
 
 
@@ -84,26 +83,20 @@ def adjust_points(
     state: Articulation, points: InverseDepthPoints, setup: BundleSetup, weights: BundleWeights,
     settings: RgbSettings,
 ) -> BundleFit:
-    """Adjust an articulation and the depths of its points to the points' measurements.
-
-    Gauss-Newton, one iteration for each robust scale.
-    """
-    frames, joints = state.angle.shape
-    held = (frames - 1) * joints
+    """Adjust an articulation and the depths of its points to the points' measurements by
+    Gauss-Newton, one iteration for each robust scale."""
     depth = points.inverse_depth.copy()
     hessian = np.zeros((0, 0))
     blocks = _smoothness_blocks(points, settings)
     low, high = settings.min_inverse_depth, settings.max_inverse_depth
     solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
     for scale in weights.scales:
-        basis = tuple(
-            axis_basis(state.twist[j], bool(state.prismatic[j]), setup.hinges.point[j],
-                       setup.axis_dof)
-            for j in range(joints)
-        )
+        basis = axis_bases(state, setup.hinges.point, setup.axis_dof)
         moved = replace(points, inverse_depth=depth)
         equations = _assemble(state, moved, setup.intrinsics, basis, scale)
-        _add_priors(equations, state, basis, setup.hinges, weights.prior, settings)
+        matrix, vector = prior_equations(state, basis, setup.hinges, settings.chain)
+        equations.matrix[:] += weights.prior * matrix
+        equations.vector[:] += weights.prior * vector
         by_depth, alone = _solve_depths(equations, moved, blocks, weights.depth_sigma)
         hessian = equations.matrix - equations.coupling.T @ by_depth
         right = equations.vector - equations.coupling.T @ alone
@@ -111,25 +104,8 @@ def adjust_points(
         change = alone - by_depth @ step
         most = settings.max_depth_step
         depth = np.clip(depth + np.clip(change, -most, most), low, high)
-        angle = state.angle.copy()
-        angle[1:] += step[:held].reshape(frames - 1, joints)
-        state = replace(state, angle=angle, twist=displace_axes(state, basis, step[held:]))
+        state = take_step(state, basis, step)
     return BundleFit(state, depth, hessian)
-
-
-def _add_priors(
-    equations: _Equations, state: Articulation, basis: tuple[Array, ...], hinges: HingePrior,
-    weight: float, settings: RgbSettings,
-) -> None:
-    """Add the priors on smooth motion and on axes near their hinges, in place."""
-    frames, joints = state.angle.shape
-    held = (frames - 1) * joints
-    prior = smoothness_equations(state.angle, frames - 1, settings.chain)
-    equations.matrix[:held, :held] += weight * prior.matrix
-    equations.vector[:held] += weight * prior.vector
-    near = hinge_equations(state, basis, hinges)
-    equations.matrix[held:, held:] += weight * near.matrix
-    equations.vector[held:] += weight * near.vector
 
 
 def _solve_depths(
@@ -180,7 +156,7 @@ def _assemble(
     size = derivative.shape[2]
     keys = np.unique(points.frame)
     key = np.searchsorted(keys, points.frame)
-    from_key = np.stack([motion @ inverse(motion[k]) for k in keys])
+    from_key = motions_from_frames(state, keys)
     a, b, c, h, g = accumulate(
         points.ray, points.inverse_depth, points.label, key, from_key,
         float(intrinsics[0, 0]), intrinsics[:2, 2].astype(np.float64), points.flow,

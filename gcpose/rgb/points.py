@@ -55,9 +55,14 @@ class InverseDepthPoints:
 
 def motions_from_key(state: Articulation, points: InverseDepthPoints) -> Array:
     """Return the motion [N T 4 4] of each point's part from its key frame to each frame."""
-    motion = state.motions(len(state.angle))
     keys, key = np.unique(points.frame, return_inverse=True)
-    return (motion @ inverse(motion[keys])[:, None])[key, :, points.label]
+    return motions_from_frames(state, keys)[key, :, points.label]
+
+
+def motions_from_frames(state: Articulation, keys: NDArray[np.int64]) -> Array:
+    """Return the motions [K T J+1 4 4] of all parts from each of K frames to each frame."""
+    motion = state.motions(len(state.angle))
+    return motion @ inverse(motion[keys])[:, None]
 
 
 def predict_places(state: Articulation, points: InverseDepthPoints, intrinsics: Array) -> Array:

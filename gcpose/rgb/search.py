@@ -12,7 +12,7 @@ from .settings import RgbSettings
 from .strategies import (
     exchange_parallel_turns,
     initialize_by_sweeps,
-    select_distinct,
+    select_hypotheses,
     vary_door_plane,
 )
 from .tracker import VideoHypothesis, VideoTracker
@@ -33,9 +33,9 @@ def search_video(
         return None
 
     def best(found: list[VideoHypothesis], most: int, **by: float) -> list[VideoHypothesis]:
-        return select_distinct(found, most, s, key=lambda h: score_hypothesis(h, s), **by)
+        return select_hypotheses(found, most, s, key=lambda h: score_hypothesis(h, s), **by)
 
-    found += [t for h in select_distinct(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
+    found += [t for h in select_hypotheses(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
     found = thread_map(lambda h: tracker.refine_by_patches(h, many, 2, s.patch_reach_first), found)
     found = thread_map(lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach),
                      best(found, s.refined_kept))

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...robots.geometry import Array, inverse
-from ..chain import Articulation, select_by_steps, spread_places, subsample
+from ...robots.geometry import Array
+from ..chain import Articulation, select_by_steps, select_distinct, spread_places, subsample
 from ..images import geodesic_rank
 from ..numerics import thread_map
 from .bundle import BundleWeights
@@ -31,11 +31,11 @@ def initialize_by_sweeps(tracker: VideoTracker) -> list[VideoHypothesis]:
              for h in some]
     start, apart = min(max(spans) + 1, last), s.distinct_motion_first
     found = thread_map(lambda h: tracker.refine_tracked(tracker.extend(h, start), points),
-                     select_distinct(found, s.first_kept, s, motion=apart))
+                     select_hypotheses(found, s.first_kept, s, motion=apart))
     found = thread_map(lambda h: tracker.track(h, min(s.half_frame, last)),
-                     select_distinct(found, s.half_kept, s, motion=apart))
+                     select_hypotheses(found, s.half_kept, s, motion=apart))
     return thread_map(lambda h: tracker.track(h, last),
-                    select_distinct(found, s.tracked_kept, s, motion=apart))
+                    select_hypotheses(found, s.tracked_kept, s, motion=apart))
 
 
 def sweep_hypotheses(
@@ -82,7 +82,7 @@ def exchange_parallel_turns(
     state, settings = hypothesis.state, tracker.settings
     if not (len(points.frame) and (hypothesis.points.frame == points.frame[0]).any()):
         return []
-    at = points_at_start(hypothesis, int(points.frame[0]))
+    at = hypothesis.places_at_start(int(points.frame[0]))
     found: list[VideoHypothesis] = []
     for j in range(tracker.joints - 1):
         cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
@@ -100,17 +100,8 @@ def exchange_parallel_turns(
                   for other in others if other is not None]
     weights = BundleWeights(settings.exchange_scales, settings.depth_sigma_exchange)
     found = [tracker.refine_by_flow(h, points, 2, weights)
-             for h in select_distinct(found, 4 * most, settings)]
-    return select_distinct(found, most, settings)
-
-
-def points_at_start(hypothesis: VideoHypothesis, key: int) -> Array:
-    """Return the places [N 3] at frame 0 of the points of a key frame."""
-    points = hypothesis.points
-    mine = points.frame == key
-    back = inverse(hypothesis.state.motions(len(hypothesis.state.angle))[key, points.label[mine]])
-    here = points.ray[mine] / points.inverse_depth[mine, None]
-    return np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
+             for h in select_hypotheses(found, 4 * most, settings)]
+    return select_hypotheses(found, most, settings)
 
 
 def vary_door_plane(
@@ -147,7 +138,7 @@ def vary_door_plane(
     return out
 
 
-def select_distinct(
+def select_hypotheses(
     found: list[VideoHypothesis], most: int, settings: RgbSettings, *,
     motion: float | None = None, labels: float | None = None,
     key: Callable[[VideoHypothesis], float] = lambda h: h.cost,
@@ -158,14 +149,9 @@ def select_distinct(
     """
     apart = settings.distinct_motion if motion is None else motion
     share = settings.distinct_labels if labels is None else labels
-    out: list[VideoHypothesis] = []
-    for h in sorted(found, key=key):
-        if all(
-            np.mean(h.points.label != o.points.label) > share
-            or np.abs(h.state.angle[-1] - o.state.angle[-1]).max() > apart
-            for o in out
-        ):
-            out.append(h)
-        if len(out) == most:
-            break
-    return out
+
+    def differ(one: VideoHypothesis, two: VideoHypothesis) -> bool:
+        return bool(np.mean(one.points.label != two.points.label) > share
+                    or np.abs(one.state.angle[-1] - two.state.angle[-1]).max() > apart)
+
+    return select_distinct(found, most, differ, key)

@@ -22,6 +22,7 @@ from .points import (
     InverseDepthPoints,
     measure_flow,
     measure_patches,
+    motions_from_frames,
     patch_misfit,
     project_rays,
 )
@@ -54,6 +55,14 @@ class VideoHypothesis:
         covariance = np.linalg.inv(self.hessian + 1e-6 * np.eye(len(self.hessian)))
         return np.sqrt(np.maximum(np.diag(covariance)[: held.size], 0.0)).reshape(held.shape)
 
+    def places_at_start(self, key: int) -> Array:
+        """Return the places [N 3] at frame 0 of the points of a key frame."""
+        points = self.points
+        mine = points.frame == key
+        back = inverse(self.state.motions(len(self.state.angle))[key, points.label[mine]])
+        here = points.ray[mine] / points.inverse_depth[mine, None]
+        return np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
+
 
 class VideoTracker:
     """EM steps of hypotheses on one video."""
@@ -74,12 +83,10 @@ class VideoTracker:
     def relabel(self, hypothesis: VideoHypothesis, points: SampledPixels) -> VideoHypothesis:
         """E-step: label `points`, which need not be the hypothesis' own."""
         own = hypothesis.points.ray is points.ray
-        state = hypothesis.state
-        motion = state.motions(len(state.angle))
         keys, key = np.unique(points.frame, return_inverse=True)
         k = self.evidence.intrinsics
         rays = MovedRays(
-            points.ray, key, np.stack([motion @ inverse(motion[f]) for f in keys]),
+            points.ray, key, motions_from_frames(hypothesis.state, keys),
             (float(k[0, 0]), float(k[0, 2]), float(k[1, 2])))
         depth = hypothesis.points.inverse_depth if own else points.expected
         depth = np.repeat(depth[:, None], self.joints, axis=1)
@@ -135,13 +142,10 @@ class VideoTracker:
     def hinges(self, hypothesis: VideoHypothesis) -> HingePrior:
         """Return where the parts of the first key frame meet."""
         points = hypothesis.points
-        first = points.frame == points.frame.min()
-        at = points.ray[first] / points.inverse_depth[first, None]
-        motion = hypothesis.state.motions(len(hypothesis.state.angle))
-        m = inverse(motion[points.frame.min(), points.label[first]])
-        at = np.einsum("nab,nb->na", m[:, :3, :3], at) + m[:, :3, 3]
-        meet = locate_hinges(at, points.label[first], hypothesis.base, self.known.parent,
-                      self.settings.chain)
+        first = int(points.frame.min())
+        meet = locate_hinges(
+            hypothesis.places_at_start(first), points.label[points.frame == first],
+            hypothesis.base, self.known.parent, self.settings.chain)
         return HingePrior(meet, self.settings.hinge_slack)
 
     def adjust(

@@ -9,7 +9,7 @@ displacements theta_{1:n} of all joints and, as far as the knowledge leaves them
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,13 +18,12 @@ from ..chain import (
     Articulation,
     Cloud,
     HingePrior,
-    NormalEquations,
     add_normal_equations,
     axis_bases,
-    displace_axes,
-    hinge_equations,
+    part_centers,
+    prior_equations,
     relative_derivatives,
-    smoothness_equations,
+    take_step,
 )
 from ..images import Surfaces
 from ..numerics import Solver
@@ -74,11 +73,11 @@ class BundleEquations:
         """Add the equations of parts, whose twists are [T J+1 U 6] per unknown."""
         add_normal_equations(*equations, twists, self.matrix, self.vector, self.scatter)
 
-    def add_prior(self, prior: NormalEquations, unknowns: slice) -> None:
-        """Add a prior on some of the unknowns."""
-        self.matrix[unknowns, unknowns] += prior.matrix
-        self.scatter[unknowns, unknowns] += prior.matrix
-        self.vector[unknowns] += prior.vector
+    def add_prior(self, matrix: Array, vector: Array) -> None:
+        """Add the equations of a prior, whose errors are not correlated."""
+        self.matrix[:] += matrix
+        self.scatter[:] += matrix
+        self.vector[:] += vector
 
 
 def assemble(
@@ -134,23 +133,19 @@ def adjust(
     Each revolute axis has `axis_dof` free parameters (see `axis_basis`), each iteration a robust
     scale in footprints. `newest`: only the displacements of the last frame are adjusted.
     """
-    joints, last = len(state.twist), len(state.angle) - 1
-    angles = last * joints
+    joints, near = len(state.twist), part_centers(views.clouds[0], len(state.twist))
     tuned, surfaces = settings.bundle, views.surfaces
     seen = [(c.frame, cloud_surfels(surfaces, c, joints + 1, tuned.min_part_points))
             for c in views.clouds]
     solver = Solver(tuned.damping, tuned.damping_floor, max_step=tuned.max_step)
     sums = BundleEquations.zeros(0)
     for scale in scales:
-        basis = axis_bases(state, views.clouds, 0 if newest else axis_dof)
+        basis = axis_bases(state, near, 0 if newest else axis_dof)
         sums = assemble(surfaces, [(f, s.scaled(scale)) for f, s in seen], state, basis, tuned)
-        sums.add_prior(smoothness_equations(state.angle, last, settings.chain), slice(0, angles))
-        sums.add_prior(hinge_equations(state, basis, views.hinges), slice(angles, None))
-        frozen = newest & (np.arange(len(sums.vector)) < angles - joints)
+        sums.add_prior(*prior_equations(state, basis, views.hinges, settings.chain))
+        frozen = newest & (np.arange(len(sums.vector)) < state.angle[1:-1].size)
         step = solver.step(sums.matrix, sums.vector, frozen)
-        angle = state.angle.copy()
-        angle[1:] += step[:angles].reshape(last, joints)
-        state = replace(state, angle=angle, twist=displace_axes(state, basis, step[angles:]))
+        state = take_step(state, basis, step)
         if np.abs(step).max() < _MIN_STEP:
             break
     return state, sums

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..chain import Hypothesis, displace_axis, select_by_labels
+from ..chain import Hypothesis, displace_axis, select_by_labels, select_distinct
 from ..images import Flow
 from ..numerics import thread_map
 from .chain_from_motion import chains_from_motion
@@ -177,14 +177,10 @@ def select_by_motion(
     found: list[Hypothesis], most: int, settings: RgbdSettings
 ) -> list[Hypothesis]:
     """Return the `most` best hypotheses whose last displacements differ."""
-    least = settings.search.distinct_angle
-    out: list[Hypothesis] = []
-    for h in sorted(found, key=lambda h: h.cost):
-        if all(motion_difference(h, other, settings) > least for other in out):
-            out.append(h)
-        if len(out) == most:
-            break
-    return out
+    def differ(one: Hypothesis, two: Hypothesis) -> bool:
+        return motion_difference(one, two, settings) > settings.search.distinct_angle
+
+    return select_distinct(found, most, differ, lambda h: h.cost)
 
 
 def motion_difference(one: Hypothesis, two: Hypothesis, settings: RgbdSettings) -> float:

@@ -22,7 +22,7 @@ from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, scale_
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.search import score_hypothesis
 from gcbench.gcpose.rgb.settings import RgbSettings
-from gcbench.gcpose.rgb.strategies import select_distinct, vary_door_plane
+from gcbench.gcpose.rgb.strategies import select_hypotheses, vary_door_plane
 from gcbench.gcpose.rgb.tracker import VideoHypothesis, VideoTracker
 from gcbench.renderer.types.observation import Observation
 
@@ -188,14 +188,14 @@ def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> No
     first = hypothesis(state, rays, at[0], np.eye(1), flow_cost=2.0)
     alike = replace(first, cost=4.0, flow_cost=1.0)
     other = replace(first, cost=5.0, state=replace(state, angle=2 * state.angle), flow_cost=1.5)
-    assert select_distinct([other, alike, first], 9, SETTINGS) == [first, other]
-    found = select_distinct([other, alike, first], 9, SETTINGS, key=lambda g: g.flow_cost)
+    assert select_hypotheses([other, alike, first], 9, SETTINGS) == [first, other]
+    found = select_hypotheses([other, alike, first], 9, SETTINGS, key=lambda g: g.flow_cost)
     assert found == [alike, other]
-    assert select_distinct([other, alike, first], 1, SETTINGS) == [first]
+    assert select_hypotheses([other, alike, first], 1, SETTINGS) == [first]
     labels = np.full(1, 2)
     unlike = replace(first, cost=3.5, points=replace(rays, label=labels))
-    assert select_distinct([other, unlike, first], 9, SETTINGS) == [first, unlike, other]
-    assert select_distinct([other, unlike, first], 9, SETTINGS, labels=1.0) == [first, other]
+    assert select_hypotheses([other, unlike, first], 9, SETTINGS) == [first, unlike, other]
+    assert select_hypotheses([other, unlike, first], 9, SETTINGS, labels=1.0) == [first, other]
 
 
 def test_known_axes_give_the_unit_of_length() -> None:
