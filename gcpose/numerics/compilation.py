@@ -17,7 +17,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 def compiled(function: F) -> F:
     """Compile a function of arrays and numbers to machine code (a decorator)."""
     compile_: Any = numba.njit
-    options = {"nogil": True, "error_model": "numpy", "fastmath": {"reassoc", "nsz", "contract"}}
+    options = {
+        "nogil": True, "error_model": "numpy", "fastmath": {"reassoc", "nsz", "contract"},
+        # else a loop calls the copy of a function that its process loaded first: one that is
+        # optimized alone where it was compiled, one from the cache of the loop elsewhere
+        "forceinline": True,
+    }
     try:
         return cast(F, compile_(cache=True, **options)(function))
     except RuntimeError:  # no folder for the cache: every process compiles it
