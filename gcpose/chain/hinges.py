@@ -15,15 +15,8 @@ def locate_hinges(
     points: Array, label: NDArray[np.int64], base: Array, parent: NDArray[np.int64],
     settings: ChainSettings,
 ) -> Array:
-    """Return the place [J 3] where the part of each joint meets its parent part.
-
-    Args:
-        points: [N 3] m.
-        label: [N] 0..J.
-        base: [3] hinge of joints on the base, m.
-        parent: [J] joint before each, -1 for the base.
-        settings: Numbers of points.
-    """
+    """Return the place [J 3] where the part of each joint meets its parent part; `base` [3] for
+    joints on the base. Points [N 3] have labels [N] 0..J."""
     out = np.empty((len(parent), 3))
     fill_hinges(points, label, base, parent, ancestors(parent), settings.hinge_points,
                 settings.hinge_divisor, out)

@@ -76,13 +76,8 @@ def axis_from_twist(
 ) -> tuple[Array, float]:
     """Return the axis [6] and displacement (rad or m) of a joint that makes a twist [6].
 
-    Args:
-        added: The twist.
-        priors: Knowledge of the joints.
-        joint: Index of the joint.
-        hinge: [3] place of its hinge, m.
-        least: Turn below which the axis is put through the hinge, rad.
-        most: Largest distance of the axis from the hinge, by the hinge's depth.
+    A turn below `least` rad puts the axis through the hinge [3]; else it is at most `most` depths
+    of the hinge away.
     """
     w, v = added[:3], added[3:]
     if priors.prismatic[joint]:

@@ -30,39 +30,24 @@ class PredictedPatches:
     """[N T 2 2] predicted distortion, frame from key frame"""
     wanted: NDArray[np.bool_]
     """[N T] whether to search in a frame"""
-
-
-@dataclass(frozen=True)
-class PatchSearch:
-    """How patches are searched."""
-
-    radius: int
-    """px"""
     reach: float
     """Largest distance from the prediction, px"""
-    sigma: float
-    """Error of the patch's model, px"""
-    rate: float
-    """The same for each frame between, px"""
 
 
 def find_patches(
-    images: Image, patches: PredictedPatches, search: PatchSearch, settings: ImageSettings
+    images: Image, patches: PredictedPatches, settings: ImageSettings
 ) -> tuple[Array, Array]:
-    """Find patches in images [T H W 2] (see `appearance`).
+    """Return centers [N T 2], px, of patches in images [T H W 2] (see `appearance`), and their
+    information matrices [N T 2 2], 1/px^2: 0 where no patch was found.
 
     The offset of brightness is free. The outline counts only across its direction: along it, the
-    outline of a round body does not move with the body.
-
-    Returns:
-        Centers [N T 2], px, and their information matrices [N T 2 2], 1/px^2. The information is 0
-        where no patch was found. The error of the patch's model limits it, and it is smaller where
-        gradients are below the texture floor.
+    outline of a round body does not move with the body. The error of the patch's model limits the
+    information, and it is smaller where gradients are below the texture floor.
     """
     s = settings
     return _find(
         images, patches.pixel, patches.frame, patches.place, patches.warp, patches.wanted,
-        search.radius, search.reach, search.sigma, search.rate, s.outline_contrast,
+        s.patch_radius, patches.reach, s.patch_sigma, s.patch_rate, s.outline_contrast,
         s.patch_gain, s.patch_floor, s.patch_ridge, s.patch_ridge_floor, s.patch_iterations,
         s.max_patch_step, s.min_patch_step, s.min_patch_area, s.max_patch_area, s.texture_floor,
     )

@@ -30,6 +30,13 @@ class Candidates:
     settings: ImageSettings
 
 
+def bounding_box(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Return the rows and columns of a mask [H W] with a margin, px."""
+    rows, columns = (slice(max(0, int(x.min()) - margin), int(x.max()) + margin + 1)
+                     for x in np.nonzero(mask))
+    return rows, columns
+
+
 def smooth_costs(cost: Array, grid: Candidates, noisy: bool = False) -> Array:
     """Return the mean of costs [N L] over the candidates around each, on the grid.
 

@@ -12,6 +12,7 @@ from ...robots.geometry import Array
 from ..numerics import Image
 from .depth import Depth
 from .flow import Flow, for_cuts_of
+from .regions import bounding_box
 from .settings import ImageSettings
 
 
@@ -50,21 +51,13 @@ def video_evidence(
 ) -> VideoEvidence | None:
     """Return the evidence in images [T H W 3]; None if nothing moves.
 
-    Args:
-        rgb: The images [T H W 3].
-        intrinsics: [3 3] px.
-        flow: An estimator, or the flow itself [T-1 H W 2] px.
-        depth: An estimator, or depth itself [T H W] (0: no surface), or None.
-        part: True parts [T H W] for an oracle, or None.
-        settings: Settings of what is measured.
+    `flow` is an estimator or the flow itself [T-1 H W 2] px, `depth` an estimator or the depth
+    itself [T H W] (0: no surface), `part` the true parts [T H W] for an oracle.
     """
     moving = moving_foreground(rgb, settings) if part is None else part > 0
     if not moving.any():
         return None
-    v, u = np.nonzero(moving.any(axis=0))
-    margin = settings.crop_margin
-    box = (slice(max(0, int(v.min()) - margin), int(v.max()) + margin + 1),
-           slice(max(0, int(u.min()) - margin), int(u.max()) + margin + 1))
+    box = bounding_box(moving.any(axis=0), settings.crop_margin)
     crop = np.ascontiguousarray(rgb[:, box[0], box[1]])
     inside = np.ascontiguousarray(moving[:, box[0], box[1]])
     k = intrinsics.astype(np.float64).copy()

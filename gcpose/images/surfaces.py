@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array, pinhole
 from ..numerics import Image, thread_map
 from .flow import Flow
+from .regions import bounding_box
 from .settings import ImageSettings
 
 
@@ -108,10 +109,7 @@ def surfaces_from_noisy_depth(
     fitted = thread_map(lambda d: fit_planes(d, moving, intrinsics, noise, settings), depth)
     flows = np.zeros((len(depth) - 1, *moving.shape, 2), np.float32)
     if moving.any():
-        v, u = np.nonzero(moving)
-        pad = settings.noisy_crop_margin
-        box = (slice(max(0, v.min() - pad), v.max() + pad + 1),
-               slice(max(0, u.min() - pad), u.max() + pad + 1))
+        box = bounding_box(moving, settings.noisy_crop_margin)
         crops = [np.ascontiguousarray(image[box]) for image in rgb]
         steps = thread_map(lambda pair: flow(*pair), pairwise(crops))
         flows[(slice(None), *box)] = np.stack(steps)
@@ -151,10 +149,7 @@ def fit_planes(
     layer = np.rint((rough - low) / spacing).astype(np.int64)
     for k in np.unique(layer[wanted]):
         mine = wanted & (layer == k)
-        v, u = np.nonzero(mine)
-        pad = settings.plane_radius + 1
-        box = (slice(max(0, v.min() - pad), v.max() + pad + 1),
-               slice(max(0, u.min() - pad), u.max() + pad + 1))
+        box = bounding_box(mine, settings.plane_radius + 1)
         near = valid[box] & (np.abs(rough[box] - (low + k * spacing)) < 1.5 * spacing)
         take = mine[box]
         window = _Window(depth[box], near, x[box], y[box], take)

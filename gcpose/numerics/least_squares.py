@@ -41,17 +41,10 @@ class Solver:
         self, matrix: Array, vector: Array, frozen: NDArray[np.bool_] | None = None,
         diagonal: Array | None = None,
     ) -> Array:
-        """Solve for a step.
+        """Solve matrix [... U U] @ step = vector [... U]; the step is 0 where frozen [U].
 
-        Args:
-            matrix: [... U U].
-            vector: [... U].
-            frozen: [U] unknowns that do not change.
-            diagonal: [... U] from which the damping is computed; default: the matrix's. A Schur
-                complement is damped by the diagonal before the elimination.
-
-        Returns:
-            [... U], zero where frozen.
+        Damping is computed from `diagonal` [... U], by default the matrix's: a Schur complement is
+        damped by the diagonal before the elimination.
         """
         if frozen is not None and frozen.any():
             free = np.flatnonzero(~frozen)
@@ -79,22 +72,12 @@ def gauss_newton(
     move: Callable[[_State, Array], _State],
     scales: Iterable[_Scale],
     solver: Solver,
-    frozen: NDArray[np.bool_] | None = None,
 ) -> _State:
-    """Minimize a sum of robust squares, one iteration for each robust scale.
+    """Minimize a sum of robust squares from a state, one iteration for each robust scale.
 
-    Args:
-        state: Where to begin.
-        linearize: Returns matrix and vector at a state, with robust weights of a scale.
-        move: Returns the state after a step.
-        scales: The robust scale of each iteration.
-        solver: The rule for a step.
-        frozen: [U] unknowns that do not change.
-
-    Returns:
-        The state after the last iteration.
+    `linearize` returns matrix and vector at a state, with robust weights of a scale; `move` returns
+    the state after a step.
     """
     for scale in scales:
-        step = solver.step(*linearize(state, scale), frozen)
-        state = move(state, step)
+        state = move(state, solver.step(*linearize(state, scale)))
     return state

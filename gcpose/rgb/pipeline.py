@@ -28,21 +28,10 @@ def estimate_rgb(
     observation: Observation, known: JointPriors, flow: Flow, depth: Depth | None,
     settings: RgbSettings, image_settings: ImageSettings,
 ) -> Estimate | None:
-    """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4).
+    """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4); None where nothing is
+    seen to move.
 
-    Args:
-        observation: The sequence; its own flow, if given, replaces `flow`.
-        known: Joints and what is known of their axes.
-        flow: Optical flow.
-        depth: Depth of an image up to scale, as a prior of the points' depths; or None.
-        settings: Settings of the estimator.
-        image_settings: Settings of what is measured in the images.
-
-    Returns:
-        The estimate; None where nothing is seen to move.
-
-    Raises:
-        MethodError: If pixels are not square.
+    The observation's own flow, if given, replaces `flow`; `depth` is a prior of the points' depths.
     """
     rgb, k = observation.rgb, observation.intrinsics
     if rgb is None or len(rgb) < 2:

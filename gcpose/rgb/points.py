@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from ...robots.geometry import Array, inverse
 from ..chain import Articulation
-from ..images import PatchSearch, PredictedPatches, VideoEvidence, find_patches
+from ..images import PredictedPatches, VideoEvidence, find_patches
 from ..numerics import geman_mcclure_cost
 from .settings import RgbSettings
 
@@ -158,13 +158,9 @@ def measure_patches(
     n, frames = at.shape[:2]
     wanted = frames_nearby(points, frames, span)
     wanted &= moving_pixels(evidence, at, np.arange(frames)[None])[2]
-    place, information = find_patches(
-        evidence.appearance,
-        PredictedPatches(at[np.arange(n), points.frame], points.frame, at,
-                         predict_warps(state, points, settings), wanted),
-        PatchSearch(settings.patch_radius, reach, settings.patch_sigma, settings.patch_rate),
-        evidence.settings,
-    )
+    patches = PredictedPatches(at[np.arange(n), points.frame], points.frame, at,
+                               predict_warps(state, points, settings), wanted, reach)
+    place, information = find_patches(evidence.appearance, patches, evidence.settings)
     return replace(
         points, flow=np.zeros((n, frames - 1, 2)), place=place, place_information=information,
         flow_information=np.zeros((n, frames - 1, 2, 2)))

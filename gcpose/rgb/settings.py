@@ -31,9 +31,6 @@ class RgbSettings:
     flow_sigma: Positive = 0.5  # Standard deviation of flow, px.
     flow_rate: NonNegative = 0.05  # Standard deviation of flow, as a share of its length.
     flow_share: Share = 0.2  # Share of the sampled pixels whose flow errors are independent.
-    patch_radius: Count = 3  # Radius of patches, px; larger patches cover more than one part.
-    patch_sigma: Positive = 0.1  # Error of a patch's model, px.
-    patch_rate: NonNegative = 0.02  # Error of a patch's model for each frame between, px.
     patch_weight: NonNegative = 3.0  # Weight of patches against the priors in bundle adjustment.
     patch_reach: Positive = 3.0  # Search radius around a patch's predicted place, px.
     patch_reach_new: Positive = 10.0  # The same in a frame that was just added, px.

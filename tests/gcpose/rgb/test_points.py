@@ -11,7 +11,7 @@ from gcbench.gcpose.chain.beam import Beam, StepGrid, beam_search, select_by_ste
 from gcbench.gcpose.chain.priors import JointPriors
 from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.chain.weak_prior import HingePrior
-from gcbench.gcpose.images.patches import PatchSearch, PredictedPatches, find_patches
+from gcbench.gcpose.images.patches import PredictedPatches, find_patches
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import appearance
 from gcbench.gcpose.rgb.bundle import BundleFit, BundleSetup, BundleWeights, adjust_points
@@ -182,9 +182,9 @@ def test_a_patch_is_found_where_it_was_moved_to() -> None:
     place = np.repeat(pixel[:, None], 2, axis=1)
     warp = np.broadcast_to(np.eye(2), (2, 2, 2, 2)).copy()
     wanted = np.array([[False, True]] * 2)
-    patches = PredictedPatches(pixel, np.zeros(2, np.int64), place, warp, wanted)
+    patches = PredictedPatches(pixel, np.zeros(2, np.int64), place, warp, wanted, 4.0)
     found, information = find_patches(
-        images, patches, PatchSearch(radius=6, reach=4.0, sigma=0.1, rate=0.0), ImageSettings())
+        images, patches, ImageSettings(patch_radius=6, patch_sigma=0.1, patch_rate=0.0))
     assert np.abs(found[:, 1] - pixel - shift).max() < 0.05
     assert (np.linalg.eigvalsh(information[:, 1]) > 10).all()
     assert not information[:, 0].any()
@@ -198,9 +198,9 @@ def test_an_outline_tells_only_what_happens_across_it() -> None:
     pixel = np.array([[49.0, 45.0]])
     patches = PredictedPatches(
         pixel, np.zeros(1, np.int64), np.repeat(pixel[:, None], 2, axis=1),
-        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]))
+        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]), 4.0)
     found, information = find_patches(
-        images, patches, PatchSearch(radius=6, reach=4.0, sigma=0.1, rate=0.0), ImageSettings())
+        images, patches, ImageSettings(patch_radius=6, patch_sigma=0.1, patch_rate=0.0))
     assert np.allclose(found[0, 1], [51, 45], atol=0.1)
     assert information[0, 1, 0, 0] > 10
     assert abs(information[0, 1, 1, 1]) < 1e-6
