@@ -57,7 +57,7 @@ def video_evidence(
     moving = moving_foreground(rgb, settings) if part is None else part > 0
     if not moving.any():
         return None
-    box = bounding_box(moving.any(axis=0), settings.crop_margin)
+    box = bounding_box(np.asarray(moving.any(axis=0)), settings.crop_margin)
     crop = np.ascontiguousarray(rgb[:, box[0], box[1]])
     inside = np.ascontiguousarray(moving[:, box[0], box[1]])
     k = intrinsics.astype(np.float64).copy()
