@@ -9,9 +9,11 @@ import signal
 import sys
 import webbrowser
 from collections.abc import Callable, Sequence
+from io import TextIOWrapper
 from pathlib import Path
 
 import gcbench as gb
+from gcbench.errors import printable, suggestion
 
 HELP = """\
 gcbench: synthetic videos of articulated objects with exact ground truth, and their benchmark.
@@ -22,7 +24,6 @@ usage: gcbench COMMAND [OPTIONS]
 
 examples:
   gcbench render --robot ur5 --n 20 --seed 7
-  gcbench verify data/ur5
   gcbench show data/ur5 --contact-sheet ur5.png
 
 `gcbench COMMAND --help` explains a command. `gcbench --version` prints the version.
@@ -32,11 +33,13 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code.
 
-    The exit code is 0 on success, 1 if `verify` found an error in the dataset or no estimate of
-    `eval` succeeded, 2 after an error message or if nothing can render (`doctor`), 130 after
-    Ctrl-C, and 141 if the reader of the output has closed it.
+    0: success. 1: `verify` found an error, or no estimate of `eval` succeeded. 2: an error message,
+    or nothing can render (`doctor`). 130: Ctrl-C. 141: the reader of the output has closed it.
     """
     args = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # what its encoding does not have
     if not args or args[0] in ("-h", "--help", "help"):
         lines = [f"  {k:15} {(run.__doc__ or k).splitlines()[0]}" for k, run in COMMANDS.items()]
         print(HELP.format(commands="\n".join(lines)), end="")
@@ -60,8 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 128 + signal.SIGPIPE
     except OSError as error:  # a name that is too long, a full disk, a folder without permission
         where = f"{error.filename}: " if error.filename else ""
-        told = gb.GcbenchError(where + (error.strerror or str(error)))
-        print(f"gcbench: {told}", file=sys.stderr)
+        print(printable(f"gcbench: {where}{error.strerror or error}"), file=sys.stderr)
         return 2
 
 
@@ -69,7 +71,8 @@ def _run(name: str, args: Sequence[str]) -> int:
     """Run a command; one that takes no `args` has its own arguments as options."""
     function = COMMANDS.get(name)
     if function is None:
-        raise gb.ConfigError(f"no command {name!r}; there are {', '.join(COMMANDS)}")
+        known = f"{suggestion(name, COMMANDS)}; there are {', '.join(COMMANDS)}"
+        raise gb.ConfigError(f"no command {name!r}{known}")
     if "args" in function.__annotations__:
         return function(args)
     from gcbench.renderer.runtime import command_line
@@ -77,25 +80,28 @@ def _run(name: str, args: Sequence[str]) -> int:
     return command_line.command(name, function)(args)
 
 
+def _say(*lines: object) -> int:
+    """Print lines, which may hold names of any kind, and return the exit code of success."""
+    print(*(printable(str(line)) for line in lines), sep="\n")
+    return 0
+
+
 def render(args: Sequence[str]) -> int:
     """Render a dataset: RGB, depth, part masks, optical flow, visibility and joint states.
 
-    To continue an interrupted run, run the same command again. A sequence depends only on the
-    options and its index, not on the number of workers, the order or restarts.
+    To continue an interrupted run, run the same command again.
 
     Examples:
       gcbench render --robot ur5 --n 1000
       gcbench render --robot model.urdf --package my_robot=~/ws/my_robot --n 10 --out out
-      gcbench render --robot model.glb --n 10
       gcbench render --robot iiwa14 --n 50 --vary lights --camera.fov 30 30 --background.room 1
-      gcbench render --robot ur5 --randomize none --n 3
       gcbench render --robot microwave --n 50
     """
     from gcbench.renderer.generate import command
 
     options = command.render_options(args, render.__doc__)
-    print(gb.render_dataset(options.config, options.n, options.out, options.workers).describe())
-    return 0
+    done = gb.render_dataset(options.config, options.n, options.out, options.workers)
+    return _say(done.describe())
 
 
 def verify(
@@ -104,8 +110,7 @@ def verify(
 ) -> int:
     """Check a dataset: recompute flow, visibility, poses and axes for every pixel and frame.
 
-    Prints the worst and the mean residual of each check. The exit code is 1 if a residual exceeds
-    its bound, and 2 if the dataset cannot be read.
+    Prints the worst and the mean residual of each check. The exit code is 1 if one is too large.
 
     Example:
       gcbench verify data/ur5
@@ -117,7 +122,7 @@ def verify(
         allow_model: Read the model from a path that the dataset names.
     """
     report = gb.verify_dataset(dataset, workers, True, allow_model, sequences)
-    print(report.table())
+    _say(report.table())
     return 0 if report.ok else 1
 
 
@@ -129,7 +134,6 @@ def show(
     """Show a sequence: a page with a frame slider, a contact sheet, a GIF or an MP4.
 
     Examples:
-      gcbench show data/ur5 --index 3
       gcbench show data/ur5/sequences/000003.zip --out look.html --open
       gcbench show data/ur5 --contact-sheet ur5.png --gif ur5.gif --mp4 ur5.mp4
 
@@ -160,7 +164,6 @@ def export(
 
     Examples:
       gcbench export data/ur5 --format kitti
-      gcbench export data/ur5 --format bop --out data/ur5-bop
       gcbench export data/ur5 --format rerun --sequences 0-9,15
 
     Args:
@@ -172,8 +175,7 @@ def export(
     """
     out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
     done = gb.export_dataset(dataset, format, out, sequences, allow_model=allow_model)
-    print(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
-    return 0
+    return _say(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
 
 
 def robots() -> int:
@@ -182,14 +184,12 @@ def robots() -> int:
     `gcbench robots fetch` downloads their meshes, which also happens on first use. Any
     .urdf, .glb or .gltf file is a robot, too: give its path wherever a command takes a name.
 
-    Examples:
+    Example:
       gcbench robots
-      gcbench robots fetch ur5
     """
     from gcbench.robots.catalog import robots_table
 
-    print(robots_table(gb.list_robots()))
-    return 0
+    return _say(robots_table(gb.list_robots()))
 
 
 def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> int:
@@ -198,9 +198,8 @@ def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> int:
     For a cluster without network, fetch where there is one and copy the cache (GCBENCH_CACHE,
     default: gcbench in XDG_CACHE_HOME or ~/.cache).
 
-    Examples:
+    Example:
       gcbench robots fetch ur5 iiwa14
-      gcbench robots fetch --all
 
     Args:
         names: Robots of `gcbench robots`. Objects are generated, or yours.
@@ -211,20 +210,40 @@ def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> int:
     if all:
         names = tuple(r.name for r in gb.list_robots() if r.source not in ("generated", "yours"))
     for name in names:
-        print(f"{name}: {gb.fetch_robot(name) or 'generated, nothing to fetch'}")
+        _say(f"{name}: {gb.fetch_robot(name) or 'generated, nothing to fetch'}")
     return 0
 
 
-def doctor() -> int:
-    """Check whether this machine can render, and how fast, and list missing packages.
+def methods() -> int:
+    """List the methods that `gcbench eval` knows by name.
 
-    The exit code is 2 if nothing can render.
+    Example:
+      gcbench methods
+    """
+    from gcbench.benchmark.methods import methods_table
+
+    return _say(methods_table())
+
+
+def suites() -> int:
+    """List the suites of datasets that `gcbench eval` knows by name.
+
+    Example:
+      gcbench suites
+    """
+    from gcbench.benchmark.run import suites_table
+
+    return _say(suites_table())
+
+
+def doctor() -> int:
+    """Check what renders on this machine, and how fast; the exit code is 2 if nothing does.
 
     Example:
       gcbench doctor
     """
     report = gb.doctor()
-    print(report.text)
+    _say(report.text)
     return 0 if report.ok else 2
 
 
@@ -238,7 +257,6 @@ def evaluate(args: Sequence[str]) -> int:
 
     Examples:
       gcbench eval --method gcpose
-      gcbench eval --method gcpose --knowledge all --limit 3
       gcbench eval --method icp icp@true-parts hold-still --data data/ur5 --inputs rgbd
       gcbench eval --method my_method.py:MyMethod --suite my_suite.toml --knowledge free
     """
@@ -247,36 +265,24 @@ def evaluate(args: Sequence[str]) -> int:
     options = command_line.parse_options(args, "eval", gb.EvalConfig, evaluate.__doc__)
     results = gb.evaluate(options)
     code = _print_results(results)
-    return code or _present(gb.report(results, options.results / "report", False, False)[:1], False)
+    return code or _say(gb.report(results, options.results / "report", False, False)[0])
 
 
 def score(args: Sequence[str]) -> int:
-    """Score the predictions of a method that ran elsewhere: a CSV or an NPZ file.
-
-    A CSV file begins with lines `# key: value` (method, inputs, knowledge, training), followed by
-    the header sequence,frame,joint,displacement and the rows. The error message for a wrong file
-    describes the whole format.
-
-    Examples:
-      gcbench score --predictions mine.csv
-      gcbench score --predictions mine.npz --data data/ur5 data/iiwa14
-      gcbench score --template --predictions new.csv --data data/ur5
-    """
+    """Score the predictions of a method that ran elsewhere: a CSV or an NPZ file."""
     from gcbench.benchmark.run import ScoreConfig, score_predictions
     from gcbench.renderer.runtime import command_line
 
-    options = command_line.parse_options(args, "score", ScoreConfig, score.__doc__)
+    options = command_line.parse_options(args, "score", ScoreConfig, ScoreConfig.__doc__)
     results = score_predictions(options)
-    return _present([options.predictions], False) if options.template else _print_results(results)
+    return _say(options.predictions) if options.template else _print_results(results)
 
 
 def _print_results(results: "gb.Results") -> int:
     from gcbench.benchmark.report import leaderboard_text
 
-    print(leaderboard_text(results.runs))
-    for line in results.failures:
-        print(f"failed: {line}")
-    print(*dict.fromkeys(folder.path for folder in results.runs), sep="\n")
+    _say(leaderboard_text(results.runs), *(f"failed: {line}" for line in results.failures),
+         *dict.fromkeys(folder.path for folder in results.runs))
     if not results.usable:
         print("gcbench: no sequence was estimated", file=sys.stderr)
     return 0 if results.usable else 1
@@ -287,14 +293,11 @@ def report(
     pictures: bool = True, label: tuple[str, ...] = (), allow_model: bool = False,
     open: bool = False,
 ) -> int:
-    """Report results: a leaderboard with intervals and shared ranks.
-
-    Writes one page, CSV, Markdown and LaTeX.
+    """Report results as a page, CSV, Markdown and LaTeX: a leaderboard with shared ranks.
 
     Examples:
       gcbench report
-      gcbench report results others/results --out report --open
-      gcbench report results --label others=others/results
+      gcbench report results others/results --label others=others/results --open
 
     Args:
         results: Folders that `gcbench eval` and `gcbench score` wrote.
@@ -304,13 +307,12 @@ def report(
         allow_model: Read models from paths that the datasets name, or download them.
         open: Open the page in the browser.
     """
-    written = gb.report(results, out, pictures, labels=label, allow_model=allow_model)
-    return _present(written, open)
+    return _present(gb.report(results, out, pictures, labels=label, allow_model=allow_model), open)
 
 
 def _present(written: Sequence[Path], open: bool) -> int:
     """Name the files; open the first, which is a page, in the browser."""
-    print(*written, sep="\n")
+    _say(*written)
     if open:
         webbrowser.open(written[0].resolve().as_uri())
     return 0
@@ -334,14 +336,14 @@ def _train(name: str, args: Sequence[str]) -> int:
     options = command_line.parse_options(args, f"train {name}", config, config.__doc__)
     from gcbench.gcpose.training.tasks import run_training
 
-    print(run_training(options))
-    return 0
+    return _say(run_training(options))
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
     "render": render, "verify": verify, "show": show, "robots": robots, "doctor": doctor,
     "eval": evaluate, "score": score, "report": report, "export": export,
-    "robots fetch": fetch, "train flow": train_flow, "train screwnet": train_screwnet,
+    "methods": methods, "suites": suites, "robots fetch": fetch, "train flow": train_flow,
+    "train screwnet": train_screwnet,
 }
 
 if __name__ == "__main__":

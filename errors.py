@@ -6,9 +6,34 @@ traceback and exits with code 2.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+
+def printable(text: str) -> str:
+    """Return text with escapes for the characters that a terminal obeys or cannot print.
+
+    These are control characters other than line ends and tabs, marks of the writing direction and
+    lone surrogates: names in files and of files may hold them.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode()
+                   for c in text)
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return " (perhaps you meant X)" for the known name that is nearest to `name`, else ""."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, list(known), 1)
+    return f" (perhaps you meant {near[0]})" if near else ""
+
 
 class GcbenchError(Exception):
     """Base of all errors that a user can cause and fix."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class ConfigError(GcbenchError):

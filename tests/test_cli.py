@@ -14,8 +14,10 @@ from typing import Any
 import gcbench
 import pytest
 from gcbench.__main__ import COMMANDS, main
+from gcbench.benchmark.methods.registry import METHODS
 from gcbench.renderer.doctor import EXTRAS, PACKAGES
 from gcbench.renderer.runtime import command_line
+from gcbench.renderer.verify.checks import CheckResult, VerifyReport
 from gcbench.robots.appliances.generator import GENERATED
 from gcbench.robots.catalog import CATALOG, GeneratedRobot
 
@@ -120,6 +122,11 @@ def one_line(capsys: Lines) -> str:
     ("args", "says"),
     [
         ("frobnicate", "render, verify, show, robots, doctor"),
+        ("verfy data", "no command 'verfy' (perhaps you meant verify); there are"),
+        ("render --robot iiwa7", "no robot 'iiwa7' (perhaps you meant iiwa14); there are"),
+        ("render --robot microwav", "(perhaps you meant microwave)"),
+        ("eval --method gcpos", "no method 'gcpos' (perhaps you meant gcpose); there are"),
+        ("eval --method gcpose --suite papr", "no suite 'papr' (perhaps you meant paper)"),
         ("--frobnicate", "render, verify, show, robots, doctor"),
         ("render --frame 3", "--frames"),
         ("render --n three", "'three'"),
@@ -207,6 +214,28 @@ def test_a_broken_model_is_one_line(urdf: str | None, says: str, tmp_path: Path)
     assert not list(tmp_path.rglob("*.zip"))
 
 
+def test_a_terminal_obeys_no_name(
+    tmp_path: Path, capsys: Lines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names of files and inside files may hold escapes, marks of direction and lone surrogates."""
+    name = tmp_path / "a\x1b[31m\u202eb\udcff"
+    assert main(["verify", str(name)]) == 2
+    assert r"a\x1b[31m\u202eb\udcff" in one_line(capsys)
+    error = gcbench.ModelError("part \x07\u20ac\n\tline")
+    assert str(error) == "part \\x07\u20ac\n\tline"
+    check = CheckResult("flow", 1.0, 1.0, 0.0, "px", 1, "part \x1b]0;x\x07")
+    monkeypatch.setattr(gcbench, "verify_dataset", lambda *_, **__: VerifyReport((check,)))
+    assert main(["verify", "data"]) == 1
+    assert r"part \x1b]0;x\x07" in capsys.readouterr().out
+
+
+def test_what_an_encoding_lacks_is_escaped() -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    command = [sys.executable, "-m", "gcbench", "verify", "\u20ac"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 2 and done.stderr.startswith("gcbench: \\u20ac")
+
+
 def test_ctrl_c_is_no_error(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(args: object) -> int:
         raise KeyboardInterrupt
@@ -277,3 +306,14 @@ def test_doctor_fails_where_nothing_renders(capsys: Lines, monkeypatch: pytest.M
     said = capsys.readouterr().out
     assert "FAIL  no device" in said
     assert "Traceback" not in said
+
+
+def test_methods_and_suites_are_listed(capsys: Lines) -> None:
+    assert main(["methods"]) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.split() == ["method", "inputs", "knowledge", "training"]
+    assert [row.split()[0] for row in rows][-len(METHODS):] == list(METHODS)
+    assert main(["suites"]) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.split() == ["suite", "datasets", "sequences", "about"]
+    assert [row.split()[0] for row in rows] == ["mini", "paper"]

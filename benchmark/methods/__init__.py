@@ -8,6 +8,7 @@ from .registry import (
     load_method,
     method_identity,
     method_source,
+    methods_table,
     plan_rows,
     split_oracles,
     with_options,
@@ -15,5 +16,5 @@ from .registry import (
 
 __all__ = [
     "Declaration", "declaration_of", "load_method", "method_identity", "method_source",
-    "plan_rows", "split_oracles", "with_options",
+    "methods_table", "plan_rows", "split_oracles", "with_options",
 ]

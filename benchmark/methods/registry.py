@@ -18,9 +18,10 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError, MethodError
+from ...errors import ConfigError, MethodError, suggestion
 from ...renderer.runtime import dump_json
 from ...renderer.types import Inputs, Knowledge, Method, Observation
+from ...robots.catalog import text_table
 from ..protocol import ORACLES, are_compatible
 from ..results import INPUTS, KNOWLEDGE, LABEL, Row, is_label
 
@@ -78,6 +79,22 @@ def registered_methods() -> dict[str, str]:
     return {**others, **METHODS}
 
 
+def methods_table() -> str:
+    """Return a line of text for each registered method; those of other packages are not loaded."""
+    rows = [("method", "inputs", "knowledge", "training")]
+    for name, source in registered_methods().items():
+        if name not in METHODS:
+            rows.append((name, "", "", f"of another package: {source}"))
+            continue
+        try:
+            method = declaration_of(load_method(name), name)
+        except ConfigError as error:  # it needs an option
+            rows.append((name, "", "", str(error)))
+            continue
+        rows.append((name, " ".join(method.inputs), " ".join(method.knowledge), method.training))
+    return text_table(rows)
+
+
 def split_oracles(name: str) -> tuple[str, tuple[str, ...]]:
     """Split METHOD@ORACLE+ORACLE into method and oracles. Raises MethodError if one is unknown."""
     method, at, flags = name.partition("@")
@@ -108,10 +125,8 @@ def method_source(name: str) -> str:
         return table[name]
     if _SOURCE.fullmatch(name):
         return name
-    raise MethodError(
-        f"no method {name!r}; there are {', '.join(table)}, and any module:attribute or "
-        "FILE.py:attribute"
-    )
+    raise MethodError(f"no method {name!r}{suggestion(name, table)}; there are {', '.join(table)}, "
+                      "and any module:attribute or FILE.py:attribute")
 
 
 def with_options(source: str, options: dict[str, str]) -> str:

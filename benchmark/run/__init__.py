@@ -4,5 +4,8 @@ from __future__ import annotations
 
 from .driver import EvalConfig, evaluate
 from .submissions import ScoreConfig, score, score_predictions
+from .suite import suites_table
 
-__all__ = ["EvalConfig", "ScoreConfig", "evaluate", "score", "score_predictions"]
+__all__ = [
+    "EvalConfig", "ScoreConfig", "evaluate", "score", "score_predictions", "suites_table",
+]

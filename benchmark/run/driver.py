@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ...errors import ConfigError, MethodError
+from ...errors import ConfigError, MethodError, printable
 from ...renderer.dataset import Dataset
-from ...renderer.runtime import Bar, cpu_count, uninterrupted
+from ...renderer.runtime import Bar, cpu_count, say, uninterrupted
 from ...renderer.scene import check_model_paths, model_of
 from ...renderer.types import Inputs, Knowledge, Observation
 from ...renderer.types import Sequence as Video
@@ -141,7 +141,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         for d in data
     ])  # fmt: skip
     if progress:
-        print(describe_plan(jobs, limits.workers), file=sys.stderr)
+        print(printable(describe_plan(jobs, limits.workers)), file=sys.stderr)
     refused |= _estimate(jobs, limits, progress)
     complete = [job for job in jobs if job.folder.run.source not in refused]
     failures = [line for job in complete for line in job.failures()]
@@ -183,7 +183,7 @@ def _plan(
     if not declared:
         raise MethodError("; ".join(refused.values()))
     for reason in refused.values():
-        print(f"gcbench: {reason}", file=sys.stderr)
+        say(reason)
     rows = [
         (source, row)
         for source, oracles in named if source in declared
@@ -216,7 +216,7 @@ def _estimate(jobs: Sequence[Job], limits: Limits, progress: bool) -> dict[str, 
                 _estimate_by(source, mine, limits, clock, bar)
             except MethodError as error:
                 refused[source] = f"{source}: {error}"
-                bar.write(f"gcbench: {refused[source]}", file=sys.stderr)
+                say(refused[source])
     if len(refused) == len({job.folder.run.source for job in jobs}):
         raise MethodError("; ".join(refused.values()))
     return refused
@@ -237,7 +237,7 @@ def _estimate_by(
             stored = job.write(name, estimate)
             if line := job.describe_failure(name, stored):
                 failed += 1
-                bar.write(f"gcbench: {line}", file=sys.stderr)
+                say(line)
             clock.count(job, stored, time.monotonic() - before)
             before = time.monotonic()
             left_time = clock.left()

@@ -78,7 +78,6 @@ class Target:
 
     @property
     def joints(self) -> int:
-        """Number of scored joints."""
         return len(self.names)
 
 
@@ -95,7 +94,12 @@ class Predictions:
 
 @dataclass(frozen=True)
 class ScoreConfig:
-    """Options of scoring: predictions, data and folders."""
+    """Score the predictions of a method that ran elsewhere: a CSV or an NPZ file.
+
+    Examples:
+      gcbench score --template --predictions new.csv --data data/ur5
+      gcbench score --predictions new.csv --data data/ur5
+    """
 
     predictions: Path
     """File of predictions, CSV or NPZ."""
@@ -114,10 +118,8 @@ class ScoreConfig:
 
 
 def score(
-    predictions: str | Path,
-    data: str | Path | Sequence[str | Path] = (),
-    results: str | Path = "results",
-    suite: str = "mini",
+    predictions: str | Path, data: str | Path | Sequence[str | Path] = (),
+    results: str | Path = "results", suite: str = "mini",
 ) -> Results:
     """Score the predictions of an external method.
 

@@ -21,9 +21,10 @@ from typing import Annotated, Any
 
 import msgspec
 
-from ...errors import ConfigError, GcbenchError
+from ...errors import ConfigError, GcbenchError, suggestion
 from ...renderer.runtime import parse_toml, to_record
 from ...renderer.scene import RenderConfig, parse_config, resolve
+from ...robots.catalog import text_table
 from ...robots.files import read_bounded
 
 _FOLDER = Path(__file__).parents[1] / "suites"
@@ -69,6 +70,15 @@ def builtin_suites() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 
 
+def suites_table() -> str:
+    """Return a line of text for each built-in suite."""
+    rows = [("suite", "datasets", "sequences", "about")]
+    for suite in map(read_suite, builtin_suites()):
+        n = sum(dataset.n for dataset in suite.datasets)
+        rows.append((suite.name, str(len(suite.datasets)), str(n), suite.about))
+    return text_table(rows)
+
+
 def read_suite(name_or_file: str | Path) -> Suite:
     """Read a built-in suite or a TOML file. Raises ConfigError with the invalid field."""
     text = str(name_or_file)
@@ -76,10 +86,9 @@ def read_suite(name_or_file: str | Path) -> Suite:
         return parse_suite((_FOLDER / f"{text}.toml").read_bytes(), text)
     path = Path(text).expanduser()
     if path.suffix != ".toml":
-        raise ConfigError(
-            f"no suite {text!r}; there are {', '.join(builtin_suites())}, "
-            "and any path to a .toml file"
-        )
+        known = builtin_suites()
+        raise ConfigError(f"no suite {text!r}{suggestion(text, known)}; there are "
+                          f"{', '.join(known)}, and any path to a .toml file")
     return parse_suite(read_bounded(path, _MAX_TOML, ConfigError), text)
 
 

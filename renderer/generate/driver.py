@@ -7,7 +7,6 @@ touched again. So a run may end at any moment and in any way, and the same comma
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Collection, Generator, Mapping
 from contextlib import closing, contextmanager, suppress
@@ -29,7 +28,7 @@ from ..dataset import (
     sequence_paths,
     write_provenance,
 )
-from ..runtime import Bar, cpu_count, dump_json, frame_bar
+from ..runtime import Bar, cpu_count, dump_json, frame_bar, say
 from ..scene import RenderConfig, config_tree, differences, parse_config, resolve
 from ..types import Sequence
 from .worker_pool import WorkerDied, render_in_workers
@@ -188,7 +187,7 @@ def _render(
                 bar.update()
             elif isinstance(event, WorkerDied):
                 bar.update(-event.frames)
-                bar.write(f"gcbench: {event.notice}", file=sys.stderr)
+                say(event.notice)
     return provenance
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from tqdm import tqdm
 
+from ...errors import printable
 from .interrupt import uninterrupted
 
 _Tqdm = tqdm[NoReturn] if TYPE_CHECKING else tqdm
@@ -20,6 +21,11 @@ class Bar(_Tqdm):
 
 
 Bar.set_lock(threading.RLock())
+
+
+def say(text: str) -> None:
+    """Print a message of gcbench to stderr, above the bars; names in it are made printable."""
+    Bar.write(printable(f"gcbench: {text}"), file=sys.stderr)
 
 
 def frame_bar(total: int, done: int, visible: bool, what: str = "render") -> Bar:

@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ...errors import ModelError
+from ...errors import ModelError, suggestion
+from ..appliances import GENERATED
 from ..files import WheelFiles, download
 from .names import OBJECT_FORMS
 
@@ -128,7 +129,8 @@ def find_robot(name: str) -> CatalogEntry:
         return GeneratedRobot(
             name=name, maker="gcbench", title="random object", joints=0, scored=(), licence="MIT",
             builder="generated.random_chains:random_object", number=int(match[1]))
-    raise ModelError(f"no robot {name!r}; there are {', '.join(e.name for e in CATALOG)}, "
+    meant = suggestion(name, [*(e.name for e in CATALOG), *GENERATED])
+    raise ModelError(f"no robot {name!r}{meant}; there are {', '.join(e.name for e in CATALOG)}, "
                      f"{OBJECT_FORMS}, random:NUMBER, and any path to a .urdf, .glb or .gltf file")
 
 

@@ -78,7 +78,11 @@ def fetch_robot(name: str) -> Path | None:
 
 def robots_table(robots: Sequence[RobotInfo]) -> str:
     """Return a line of text for each robot, below a header."""
-    rows = [tuple(f.name for f in fields(RobotInfo)), *(astuple(robot) for robot in robots)]
+    return text_table([[f.name for f in fields(RobotInfo)], *(astuple(r) for r in robots)])
+
+
+def text_table(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()

@@ -109,7 +109,7 @@ def test_what_is_no_method_is_told(data: Path, tmp_path: Path, name: str, messag
 
 
 def test_unknown_names_list_what_exists() -> None:
-    with pytest.raises(GcbenchError, match=r"no method 'gcpos'; there are .*gcpose, .*icp"):
+    with pytest.raises(GcbenchError, match=r"no method 'gcpos' .*; there are .*gcpose, .*icp"):
         methods.method_source("gcpos")
     with pytest.raises(GcbenchError, match="no oracle 'true-depth'; there are true-parts"):
         methods.split_oracles("icp@true-depth")
