@@ -351,6 +351,17 @@ def test_some_sequences_of_a_dataset(dataset, right):
             verify_dataset(where, progress=False, sequences=absent)
 
 
+def test_chosen_sequences_are_a_dataset(dataset, right):
+    """As `render --sequences` writes it: with gaps, and with its number of sequences."""
+    write(dataset, right, 3)
+    file = dataset / "dataset.json"
+    tree = json.loads(file.read_text())
+    for said, ok in ((3, True), (4, False)):
+        file.write_text(json.dumps(tree | {"counts": {"sequences": said}}))
+        report = verify_dataset(dataset, progress=False)
+        assert report.ok == ok == ("no sequence missing" not in report.failures)
+
+
 def test_leftovers_only_warn(dataset):
     (dataset / "sequences" / ".000002.17.tmp").write_bytes(b"half")
     report = verify_dataset(dataset, progress=False)
