@@ -35,7 +35,7 @@ from .errors import (
 if TYPE_CHECKING:
     from .benchmark.report import report
     from .benchmark.results import Results
-    from .benchmark.run import EvalConfig, evaluate, score
+    from .benchmark.run import EvalConfig, evaluate, export_observations, score
     from .gcpose.method import GCPose
     from .renderer.dataset import Dataset, open_dataset
     from .renderer.doctor import doctor
@@ -55,8 +55,8 @@ __all__ = [
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
     "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
     "Results", "Sequence", "VerifyReport", "doctor", "evaluate", "export_dataset",
-    "fetch_robot", "list_robots", "load_robot", "open_dataset", "render_dataset",
-    "render_sequence", "report", "score", "show", "verify_dataset",
+    "export_observations", "fetch_robot", "list_robots", "load_robot", "open_dataset",
+    "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
 ]
 
 _HOMES = {
@@ -73,7 +73,7 @@ _HOMES = {
     "renderer.doctor": "doctor",
     "gcpose.method": "GCPose",
     "benchmark.results": "Results",
-    "benchmark.run": "EvalConfig evaluate score",
+    "benchmark.run": "EvalConfig evaluate export_observations score",
     "benchmark.report": "report",
 }
 """Where each lazy public name is defined."""

@@ -154,28 +154,38 @@ def show(
 
 def export(
     dataset: Path, /, format: str, out: Path | None = None, sequences: str = "",
-    allow_model: bool = False,
+    allow_model: bool = False, track: str = "", knowledge: str = "",
 ) -> int:
     """Write a dataset in the format of another benchmark or tool.
 
     kitti: optical flow (KITTI 2015) and depth. bop: poses of parts, their meshes and masks. coco:
     instance masks of parts. webdataset, hf: shards for training. tapvid: point tracks. rerun:
-    recordings for the Rerun viewer. To continue an interrupted export, run the same command again.
+    recordings for the Rerun viewer. observation: what a method may see, for other languages. To
+    continue an interrupted export, run the same command again.
 
     Examples:
       gcbench export data/ur5 --format kitti
       gcbench export data/ur5 --format rerun --sequences 0-9,15
+      gcbench export data/ur5 --format observation --track rgbd-noise --knowledge axes
 
     Args:
         dataset: Folder of a dataset.
-        format: kitti, bop, coco, webdataset, hf, tapvid or rerun.
+        format: kitti, bop, coco, webdataset, hf, tapvid, rerun or observation.
         out: Folder of the export, which must not exist. Default: DATASET-FORMAT.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
         allow_model: Read the model from a path that the dataset names, or download it.
+        track: With the format observation: rgb, rgbd (default) or rgbd-noise.
+        knowledge: With the format observation: free, axes (default) or kinematics.
     """
     out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
-    done = gb.export_dataset(dataset, format, out, sequences, allow_model=allow_model)
-    return _say(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
+    if format == "observation":
+        done = gb.export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences)
+    elif track or knowledge:
+        raise gb.ConfigError("--track and --knowledge need --format observation")
+    else:
+        done = gb.export_dataset(dataset, format, out, sequences, allow_model=allow_model)
+    print(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
+    return 0
 
 
 def robots() -> int:

@@ -82,7 +82,7 @@ BETWEEN_ROOMS = {
     },
     "benchmark": {
         "robots": LAYERS["robots"],
-        "renderer": ("types runtime dataset scene generate show",),
+        "renderer": ("types runtime dataset scene generate show export",),
     },
 }
 """What a room, or one of its sub-packages, imports from other rooms; `errors` is for everyone."""

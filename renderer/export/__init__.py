@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from .driver import export_dataset
+from .driver import Exported, export_dataset, write_export
+from .writer import SequenceRecord, Writer
 
-__all__ = ["export_dataset"]
+__all__ = ["Exported", "SequenceRecord", "Writer", "export_dataset", "write_export"]

@@ -8,14 +8,15 @@ result records its origin.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from ... import __version__
-from ...errors import ConfigError, GcbenchError
+from ...errors import ConfigError, GcbenchError, RenderError
 from ...robots.files import LOCK, lock_folder
 from ..dataset import Dataset, open_dataset, select_sequences, sequence_paths
 from ..runtime import dump_json, frame_bar, open_archive
@@ -76,41 +77,50 @@ def export_dataset(
         raise ConfigError(f"--format {format}: choose one of {', '.join(WRITERS)}")
     data = open_dataset(dataset, allow_model)
     names = select_sequences(data, sequences)
-    if out.exists() or out.is_symlink():
-        raise ConfigError(f"{out} is there already; choose another --out, or delete it")
     module, _, name = WRITERS[format].partition(":")
     try:
         kind = getattr(import_module(f".{module}", __package__), name)
     except ModuleNotFoundError as error:
         raise ConfigError(
             f"--format {format} needs {error.name}: pip install 'gcbench[export]'") from error
+    origin = {"dataset": {"config": data.info.config, "generator": data.info.generator}}
+    return write_export(kind, data, names, out, {"format": format, **origin}, progress)
+
+
+def write_export(
+    kind: Callable[[Path, Dataset], Writer], dataset: Dataset, names: list[str], out: Path,
+    origin: Mapping[str, Any], progress: bool,
+) -> Exported:
+    """Write sequences of a dataset with a `Writer`; for formats outside of this package.
+
+    `origin` is the content of `export.json`, beside the generator, the models and the names. It
+    tells this export from others of the dataset. Raises ConfigError if `out` exists, and
+    GcbenchError if it cannot be written.
+    """
+    if out.exists() or out.is_symlink():
+        raise ConfigError(f"{out} is there already; choose another --out, or delete it")
     part = out.with_name(f".{out.name}.part")
+    account = {"generator": {"name": "gcbench", "version": __version__},
+               "assets": dataset.info.assets, **origin}
     try:
         part.mkdir(parents=True, exist_ok=True)
         with lock_folder(part):
-            frames = _write_all(kind, part, data, names, format, progress)
+            frames = _write_all(kind, part, dataset, names, account, progress)
             (part / LOCK).unlink()
             part.rename(out)
     except OSError as error:
         waits = f"; what is done waits in {part}, the same command continues" * part.exists()
-        raise GcbenchError(f"cannot write to {out}: {error.strerror or error}{waits}") from error
+        raise RenderError(f"cannot write to {out}: {error.strerror or error}{waits}") from error
     return Exported(out, len(names), frames)
 
 
 def _write_all(
     kind: Callable[[Path, Dataset], Writer], part: Path, data: Dataset, names: list[str],
-    format: str, progress: bool,
+    account: Mapping[str, Any], progress: bool,
 ) -> int:
     """Fill `part` and return the number of frames in it. It is removed if that fails for good, or
     if nothing is done when the run is stopped."""
-    origin = {
-        "format": format,
-        "generator": {"name": "gcbench", "version": __version__},
-        "dataset": {"config": data.info.config, "generator": data.info.generator},
-        "assets": data.info.assets,
-        "sequences": names,
-    }
-    plan = {**origin, "sequences": "", "name": data.path.absolute().name}
+    plan = {**account, "name": data.path.absolute().name, "config": data.info.config}
     with closing(Journal(part, plan, names)) as journal:
         try:
             with closing(kind(part, data)) as writer:
@@ -119,7 +129,7 @@ def _write_all(
             if isinstance(error, GcbenchError) or not journal.entries:
                 shutil.rmtree(part, ignore_errors=True)
             raise
-    (part / _FILE).write_bytes(dump_json(origin))
+    (part / _FILE).write_bytes(dump_json({**account, "sequences": names}))
     journal.path.unlink()
     return sum(entry["frames"] for entry in journal.entries)
 

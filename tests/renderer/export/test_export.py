@@ -93,7 +93,7 @@ def test_what_fails_leaves_nothing_behind(
     other.mkdir(parents=True)
     with pytest.raises(GcbenchError, match="of one frame"):
         monkeypatch.setattr(
-            "gcbench.renderer.export.driver.open_dataset", lambda _: dataclasses.replace(
+            "gcbench.renderer.export.driver.open_dataset", lambda *_: dataclasses.replace(
                 dataset, config=dataclasses.replace(dataset.config, frames=1)))
         export_dataset(dataset.path, "kitti", out, progress=False)
     assert [p.name for p in out.parent.iterdir()] == [other.name]
