@@ -22,8 +22,8 @@ from ...renderer.types import Inputs, Knowledge, Observation, Sequence
 from ..protocol import observe
 
 _IMAGES = ("rgb", "depth", "part", "flow")
-_TRACKS: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
-_LEVELS: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
+_TRACKS: dict[str, Inputs] = {"rgb": "rgb", "rgbd": "rgbd", "rgbd-noise": "rgbd-noise"}
+_LEVELS: dict[str, Knowledge] = {"free": "free", "axes": "axes", "kinematics": "kinematics"}
 
 
 class _ObservationWriter(Writer):
@@ -31,7 +31,8 @@ class _ObservationWriter(Writer):
         self, folder: Path, dataset: Dataset, track: Inputs, knowledge: Knowledge
     ) -> None:
         super().__init__(folder, dataset)
-        self._track, self._knowledge = track, knowledge
+        self._track: Inputs = track
+        self._knowledge: Knowledge = knowledge
 
     def add(self, sequence: Sequence, archive: Archive) -> SequenceRecord:
         observation = observe(sequence, self._track, self._knowledge)
@@ -80,8 +81,7 @@ def export_observations(
         >>> gb.export_observations("data/ur5", out, "rgbd-noise", progress=False).folder
         PosixPath('ur5-observation')
     """
-    inputs = next((x for x in _TRACKS if x == track), None)
-    level = next((x for x in _LEVELS if x == knowledge), None)
+    inputs, level = _TRACKS.get(track), _LEVELS.get(knowledge)
     if inputs is None or level is None:
         raise ConfigError(f"no observation of track {track!r} and knowledge {knowledge!r}; tracks: "
                           f"{', '.join(_TRACKS)}; knowledge: {', '.join(_LEVELS)}")
