@@ -24,7 +24,6 @@ usage: gcbench COMMAND [OPTIONS]
 
 examples:
   gcbench render --robot ur5 --n 20 --seed 7
-  gcbench show data/ur5 --contact-sheet ur5.png
 
 `gcbench COMMAND --help` explains a command. `gcbench --version` prints the version.
 """
@@ -52,9 +51,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(" ".join(args[:words]), args[words:])
         sys.stdout.flush()  # raises BrokenPipeError here, if at all
         return code
-    except gb.GcbenchError as error:
-        print(f"gcbench: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt:
         print("gcbench: stopped; run the same command again to continue", file=sys.stderr)
         return 130
@@ -63,8 +59,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 128 + signal.SIGPIPE
     except OSError as error:  # a name that is too long, a full disk, a folder without permission
         where = f"{error.filename}: " if error.filename else ""
-        print(printable(f"gcbench: {where}{error.strerror or error}"), file=sys.stderr)
-        return 2
+        problem = printable(f"{where}{error.strerror or error}")
+    except gb.GcbenchError as error:
+        problem = str(error)
+    print(f"gcbench: {problem}", file=sys.stderr)
+    return 2
 
 
 def _run(name: str, args: Sequence[str]) -> int:
@@ -95,7 +94,6 @@ def render(args: Sequence[str]) -> int:
       gcbench render --robot ur5 --n 1000
       gcbench render --robot model.urdf --package my_robot=~/ws/my_robot --n 10 --out out
       gcbench render --robot iiwa14 --n 50 --vary lights --camera.fov 30 30 --background.room 1
-      gcbench render --robot microwave --n 50
     """
     from gcbench.renderer.generate import command
 
@@ -134,7 +132,6 @@ def show(
     """Show a sequence: a page with a frame slider, a contact sheet, a GIF or an MP4.
 
     Examples:
-      gcbench show data/ur5/sequences/000003.zip --out look.html --open
       gcbench show data/ur5 --contact-sheet ur5.png --gif ur5.gif --mp4 ur5.mp4
 
     Args:
@@ -158,14 +155,11 @@ def export(
 ) -> int:
     """Write a dataset in the format of another benchmark or tool.
 
-    kitti: optical flow (KITTI 2015) and depth. bop: poses of parts, their meshes and masks. coco:
-    instance masks of parts. webdataset, hf: shards for training. tapvid: point tracks. rerun:
-    recordings for the Rerun viewer. observation: what a method may see, for other languages. To
-    continue an interrupted export, run the same command again.
+    kitti: optical flow (KITTI 2015) and depth. bop: poses, meshes and masks of parts. coco: masks.
+    webdataset, hf: shards for training. tapvid: point tracks. rerun: recordings for the Rerun
+    viewer. observation: what a method may see. The same command continues an interrupted export.
 
     Examples:
-      gcbench export data/ur5 --format kitti
-      gcbench export data/ur5 --format rerun --sequences 0-9,15
       gcbench export data/ur5 --format observation --track rgbd-noise --knowledge axes
 
     Args:
@@ -178,14 +172,12 @@ def export(
         knowledge: With the format observation: free, axes (default) or kinematics.
     """
     out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
-    if format == "observation":
-        done = gb.export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences)
-    elif track or knowledge:
+    if (track or knowledge) and format != "observation":
         raise gb.ConfigError("--track and --knowledge need --format observation")
-    else:
-        done = gb.export_dataset(dataset, format, out, sequences, allow_model=allow_model)
-    print(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
-    return 0
+    done = (gb.export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences)
+            if format == "observation" else
+            gb.export_dataset(dataset, format, out, sequences, allow_model=allow_model))
+    return _say(f"{done.folder}: {done.sequences} sequences, {done.frames} frames")
 
 
 def robots() -> int:
@@ -306,7 +298,6 @@ def report(
     """Report results as a page, CSV, Markdown and LaTeX: a leaderboard with shared ranks.
 
     Examples:
-      gcbench report
       gcbench report results others/results --label others=others/results --open
 
     Args:
@@ -322,10 +313,9 @@ def report(
 
 def _present(written: Sequence[Path], open: bool) -> int:
     """Name the files; open the first, which is a page, in the browser."""
-    _say(*written)
     if open:
         webbrowser.open(written[0].resolve().as_uri())
-    return 0
+    return _say(*written)
 
 
 def train_flow(args: Sequence[str]) -> int:
