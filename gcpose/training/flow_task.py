@@ -32,7 +32,6 @@ class FlowTask:
     _checks: dict[Path, HeldOutPairs] = field(default_factory=dict)
 
     def check_options(self) -> None:
-        """Raise ConfigError if an option is out of range."""
         crop = self.config.crop
         if crop[0] % 16 or crop[1] % 16 or min(crop) < 48:
             raise ConfigError(f"--crop {crop[0]} {crop[1]}: give multiples of 16 from 48")
@@ -40,38 +39,30 @@ class FlowTask:
             raise ConfigError("--steps must be 0 or more")
 
     def notes(self) -> Mapping[str, str]:
-        """Return nothing: the network has one size."""
         return {}
 
     def make_network(self) -> nn.Module:
-        """Return the untrained network."""
         return Raft()
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
-        """Return AdamW."""
         return torch.optim.AdamW(network.parameters(), self.config.rate, (0.9, 0.99),
                                  weight_decay=self.config.weight_decay)
 
     def plan_data(self) -> Iterator[PlannedDataset]:
-        """Yield the datasets of the recipe."""
         c = self.config
         return plan_datasets(c.models, c.seed, c.robots, c.recipe)
 
     def open_samples(self, folders: list[Path]) -> Samples:
-        """Return the pairs of frames of datasets."""
         return Pairs(folders, self.config)
 
     def count_steps(self, samples: Samples) -> int:
-        """Return the number of steps."""
         return self.config.steps
 
     def rate(self, progress: float) -> float:
-        """Return the learning rate after a share of the steps."""
         c = self.config
         return c.rate * one_cycle(progress, c.warm_up, c.first_rate)
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
-        """Return the loss of a batch."""
         a, b, flow, part, weight = batch
         kind = torch.bfloat16 if self.config.precision == "bfloat16" else torch.float32
         with torch.autocast(a.device.type, kind, enabled=kind != torch.float32):

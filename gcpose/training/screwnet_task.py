@@ -32,7 +32,6 @@ class ScrewNetTask:
     unit: str = "deg, m"
 
     def check_options(self) -> None:
-        """Raise ConfigError if an option is out of range."""
         c = self.config
         if not 8 <= c.width <= 64 or c.width % 8:
             raise ConfigError(f"--width {c.width}: give a multiple of 8 from 8 to 64")
@@ -50,11 +49,9 @@ class ScrewNetTask:
         return {"objects": ", ".join(sorted({Path(n.partition(":")[0]).stem for n in names}))}
 
     def make_network(self) -> nn.Module:
-        """Return the untrained network."""
         return ScrewNet(self.config.width)
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
-        """Return Adam."""
         return torch.optim.Adam(network.parameters(), self.config.rate,
                                 weight_decay=self.config.weight_decay)
 
@@ -71,11 +68,9 @@ class ScrewNetTask:
                 yield PlannedDataset(name, render, max(1, own), held_out)
 
     def open_samples(self, folders: list[Path]) -> Samples:
-        """Return the depth videos of datasets."""
         return DepthVideos(folders, self.config.frames, self.config.seed, self.config.dropped)
 
     def count_steps(self, samples: Samples) -> int:
-        """Return the number of steps."""
         c = self.config
         return c.steps if c.steps >= 0 else -(-c.epochs * len(samples) // c.batch)
 
@@ -84,7 +79,6 @@ class ScrewNetTask:
         return self.config.rate * 0.1 ** int(progress / 0.3)
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
-        """Return the loss of a batch."""
         depth, screw = batch
         return screw_loss(network(depth), screw)
 
