@@ -1,19 +1,14 @@
 """Geometry and materials of the links of a URDF."""
 
-# yourdfpy has no types
-# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
-# pyright: reportUnknownArgumentType=false, reportMissingTypeStubs=false
-
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import ModelError
 from ..files import MissingAssetError, show_progress
-from ..geometry import Array
 from ..meshes import box, capsule, cylinder, sphere
 from ..model import (
     ArticulatedModel,
@@ -25,11 +20,8 @@ from ..model import (
     move_surface,
     visuals_of_part,
 )
-from .document import UrdfDocument
+from .document import UrdfDocument, UrdfMaterial, UrdfVisual
 from .library import MeshLibrary
-
-if TYPE_CHECKING:
-    from yourdfpy.urdf import Link
 
 _THIN = 1e-4
 """Thickness, m, of a box or cylinder of thickness zero."""
@@ -39,26 +31,23 @@ def visuals_of_document(
     document: UrdfDocument, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
 ) -> tuple[list[Visual], list[str]]:
     """Return the visuals of all parts of a model, and notes; raise ModelError."""
-    robot, notes = document.robot, list[str]()
-    materials = _named_materials(robot.materials, robot.links)
-    links: dict[str, Link] = {link.name: link for link in robot.links}
+    notes = list[str]()
+    materials = _named_materials(document)
     visuals: list[Visual] = []
     digests: dict[int, bytes] = {}
     triangles = 0
     for part, name in enumerate(show_progress(model.part_names, "reading links")):
         surfaces: list[TriangleSurface] = []
-        for visual in links[name].visuals:
-            mesh = visual.geometry and visual.geometry.mesh
-            reference = mesh.filename if mesh else ""
+        for visual in document.visuals[name]:
             try:
                 found = _surfaces(visual, library, notes, name)
             except MissingAssetError as error:
                 if not allow_missing:
                     package = "name its package by --package NAME=DIR, or " if (
-                        reference.startswith(("package:", "model:"))) else ""
+                        visual.filename.startswith(("package:", "model:"))) else ""
                     raise MissingAssetError(f"link {name!r}: mesh {error}; {package}add "
                                             "--allow-missing to leave it out") from error
-                notes.append(f"link {name!r}: mesh {reference!r} is missing and left out")
+                notes.append(f"link {name!r}: mesh {visual.filename!r} is missing and left out")
                 continue
             except ModelError as error:
                 raise ModelError(f"link {name!r}: {error}") from error
@@ -66,8 +55,8 @@ def visuals_of_document(
             if triangles > library.limits.triangles:
                 raise ModelError(f"has more than {library.limits.triangles} triangles")
             own = _material(visual.material, materials, library, notes, name)
-            pose = pose_or_identity(visual.origin)
-            surfaces.extend(move_surface(_dressed(s, own), pose) for s in found)
+            surfaces.extend(move_surface(_dressed(s, own), visual.link_from_visual)
+                            for s in found)
         visuals.extend(visuals_of_part(part, surfaces, digests))
     if not visuals:
         notes.append("the model has no visuals: there is nothing to see")
@@ -75,70 +64,68 @@ def visuals_of_document(
 
 
 def _surfaces(
-    visual: Any, library: MeshLibrary, notes: list[str], link: str
+    visual: UrdfVisual, library: MeshLibrary, notes: list[str], link: str
 ) -> list[TriangleSurface]:
     """Return the surfaces of one <visual> in its own frame."""
-    shape = visual.geometry
-    if shape.mesh is None:
-        solid = _solid(shape, visual.name)
+    if visual.kind != "mesh":
+        solid = _solid(visual.kind, visual.sizes)
         if solid is None:
-            notes.append(f"link {link!r}: a {visual.name} without size is left out")
+            notes.append(f"link {link!r}: a {visual.kind} without size is left out")
         return [] if solid is None else [solid]
-    scale = np.broadcast_to(1.0 if shape.mesh.scale is None else shape.mesh.scale, 3)
+    scale = np.broadcast_to(visual.sizes, 3)
     if (np.abs(scale) < 1e-12).any():
-        raise ModelError(f"mesh {shape.mesh.filename!r} has a scale of zero")
-    return [move_surface(s, np.eye(4), scale) for s in library.surfaces(shape.mesh.filename)]
+        raise ModelError(f"mesh {visual.filename!r} has a scale of zero")
+    return [move_surface(s, np.eye(4), scale) for s in library.surfaces(visual.filename)]
 
 
-def _solid(shape: Any, kind: str) -> TriangleSurface | None:
+def _solid(kind: str, sizes: Sequence[float]) -> TriangleSurface | None:
     """Return a primitive, with a thickness of at least _THIN; None without an area."""
-    if shape.box is not None:
-        sizes = shape.box.size.tolist()
+    if kind == "box":
         return box([size or _THIN for size in sizes]) if np.count_nonzero(sizes) > 1 else None
-    if shape.sphere is not None:
-        return sphere(shape.sphere.radius) if shape.sphere.radius else None
-    radius, length = shape.cylinder.radius, shape.cylinder.length
+    radius, length = sizes[0], sizes[-1]
     if not radius:
         return None
+    if kind == "sphere":
+        return sphere(radius)
     return capsule(radius, length) if kind == "capsule" else cylinder(radius, length or _THIN)
 
 
-def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:
+def _named_materials(document: UrdfDocument) -> dict[str, UrdfMaterial]:
     """Return materials by name; those of the robot precede definitions inside links."""
-    inline = [v.material for link in links for v in link.visuals if v.material is not None]
-    named: dict[str, Any] = {}
-    for m in [*top, *inline]:
-        if m.name and (m.color is not None or m.texture is not None):
+    inline = [v.material for visuals in document.visuals.values() for v in visuals if v.material]
+    named: dict[str, UrdfMaterial] = {}
+    for m in [*document.materials, *inline]:
+        if m.name and m.defines:
             named.setdefault(m.name, m)
     return named
 
 
 def _material(
-    given: Any, named: dict[str, Any], library: MeshLibrary, notes: list[str], link: str
+    given: UrdfMaterial | None, named: dict[str, UrdfMaterial], library: MeshLibrary,
+    notes: list[str], link: str,
 ) -> Material | None:
     """Return the material that the URDF gives a visual, or None."""
     if given is None:
         return None
-    if given.color is None and given.texture is None:
+    if not given.defines:
         if given.name not in named:
             if given.name:
                 notes.append(f"link {link!r}: material {given.name!r} is not defined")
             return None
         given = named[given.name]
     color, texture = (1.0, 1.0, 1.0, 1.0), None
-    if given.color is not None:
-        rgba = np.asarray(given.color.rgba, np.float64)
-        if rgba.min() < 0.0 or rgba.max() > 1.0:
+    if given.rgba is not None:
+        if min(given.rgba) < 0.0 or max(given.rgba) > 1.0:
             notes.append(f"material {given.name!r}: colour outside 0..1 is clipped")
-        color = base_color(rgba)
+        color = base_color(given.rgba)
     if given.texture is not None:
         try:
-            texture = library.texture(given.texture.filename)
+            texture = library.texture(given.texture)
         except MissingAssetError:
-            notes.append(f"material {given.name!r}: texture {given.texture.filename!r} is missing")
-            if given.color is None:
+            notes.append(f"material {given.name!r}: texture {given.texture!r} is missing")
+            if given.rgba is None:
                 return None
-    return Material(str(given.name or ""), color, texture=texture)
+    return Material(given.name, color, texture=texture)
 
 
 def _dressed(s: TriangleSurface, own: Material | None) -> TriangleSurface:
@@ -153,8 +140,3 @@ def _dressed(s: TriangleSurface, own: Material | None) -> TriangleSurface:
         mean = np.multiply(mean_color(material.texture), material.base_color).tolist()
         material = replace(material, texture=None, base_color=(mean[0], mean[1], mean[2], mean[3]))
     return replace(s, material=material)
-
-
-def pose_or_identity(matrix: Array | None) -> Array:
-    """Return the pose [4 4] of an <origin>; identity for None."""
-    return np.eye(4) if matrix is None else np.asarray(matrix, np.float64)

@@ -118,7 +118,6 @@ _LAZY = (
     "trimesh.visual.material",
     "tyro",
     "xml.dom.minidom",
-    "yourdfpy",
 )
 """What commands import when they need it."""
 
