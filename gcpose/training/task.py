@@ -20,9 +20,11 @@ class Samples(Protocol):
 
     def __len__(self) -> int:
         """Return the number of different samples."""
+        ...
 
     def sample(self, number: int) -> Any:
         """Return sample `number` of any size, always the same: a dataclass of arrays."""
+        ...
 
 
 class TrainingTask(Protocol):
@@ -31,41 +33,54 @@ class TrainingTask(Protocol):
     @property
     def name(self) -> str:
         """The name of the network, and of its file of weights."""
+        ...
 
     @property
     def config(self) -> TrainConfig:
         """The options."""
+        ...
 
     @property
     def unit(self) -> str:
         """The unit of the errors on held-out data."""
+        ...
 
     def check_options(self) -> None:
         """Raise ConfigError if an option is out of range."""
+        ...
 
     def notes(self) -> Mapping[str, str]:
         """Return what the file of weights says about itself."""
+        ...
 
     def make_network(self) -> nn.Module:
         """Return the untrained network."""
+        ...
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
         """Return Adam or AdamW."""
+        ...
 
     def plan_data(self) -> Iterator[PlannedDataset]:
         """Yield the datasets to render if none are given."""
+        ...
 
     def open_samples(self, folders: list[Path]) -> Samples:
         """Return the samples of datasets."""
+        ...
 
     def count_steps(self, samples: Samples) -> int:
         """Return the number of steps."""
+        ...
 
     def rate(self, progress: float) -> float:
         """Return the learning rate after a share of the steps."""
+        ...
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         """Return the loss of a batch, in training."""
+        ...
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the errors on a held-out dataset."""
+        ...
