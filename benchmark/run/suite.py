@@ -62,6 +62,7 @@ class Suite:
     """A named list of datasets."""
 
     name: str
+    about: str
     datasets: tuple[SuiteDataset, ...]
 
 
@@ -100,7 +101,7 @@ def parse_suite(data: bytes, where: str) -> Suite:
     names = [dataset.name for dataset in datasets]
     if twice := {n for n in names if names.count(n) > 1}:
         raise ConfigError(f"{where}: two datasets have the name {min(twice)!r}")
-    return Suite(file.name, datasets)
+    return Suite(file.name, file.about, datasets)
 
 
 def _dataset(fields: dict[str, Any], base: RenderConfig, where: str) -> SuiteDataset:
