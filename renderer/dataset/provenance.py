@@ -22,7 +22,7 @@ from ..types import FORMAT, Meta
 DATASET_FILE = "dataset.json"
 _PACKAGES = (
     "numpy", "scipy", "opencv-python-headless", "opencv-python", "scikit-robot-pyrender",
-    "PyOpenGL", "trimesh", "pycollada", "python-fcl",
+    "PyOpenGL", "trimesh", "pycollada", "python-fcl", "yourdfpy",
 )
 """Distributions that influence the images."""
 

@@ -1,8 +1,8 @@
 """The verifier's own reading of a URDF: links, joints, origins, axes and mimics.
 
-This reader shares only the hardened XML parser with `robots.urdf`, so that a mistake of either
-shows as a difference of poses. Everything else of a URDF (visuals, collisions, inertias, limits,
-transmissions, the robot's name) is skipped and cannot matter here.
+The loader reads a URDF through yourdfpy. This reader shares only the hardened XML parser with it,
+so that a mistake of either shows as a difference of poses. Everything else of a URDF (visuals,
+collisions, inertias, limits, transmissions, the robot's name) is skipped and cannot matter here.
 """
 
 from __future__ import annotations

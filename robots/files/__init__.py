@@ -21,11 +21,12 @@ from .paths import (
     asset_finder,
 )
 from .progress import show_progress
-from .xml import Element, parse_xml, refuse_doctype
+from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
     "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
     "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_folder_atomically",
-    "hash_files", "lock_folder", "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers",
-    "replace_atomically", "show_progress", "temporary_name", "write_atomically",
+    "hash_files", "lock_folder", "new_element", "parse_xml", "read_bounded", "refuse_doctype",
+    "remove_leftovers", "replace_atomically", "show_progress", "temporary_name", "write_atomically",
+    "xml_bytes",
 ]

@@ -70,6 +70,16 @@ def parse_xml(data: bytes) -> Element:
         raise ModelError(f"is not well-formed XML ({error})") from error
 
 
+def xml_bytes(element: Element) -> bytes:
+    """Return the document of an element, UTF-8."""
+    return ElementTree.tostring(element, encoding="utf-8")
+
+
+def new_element(tag: str, attributes: dict[str, str]) -> Element:
+    """Return an element without children."""
+    return ElementTree.Element(tag, attributes)
+
+
 def _parser() -> expat.XMLParserType:
     parser = expat.ParserCreate()
 

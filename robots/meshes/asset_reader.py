@@ -96,7 +96,7 @@ class AssetReader:
 @contextmanager
 def quiet() -> Generator[None]:
     """Suppress the warnings and log lines of mesh libraries; errors and notes report problems."""
-    loggers = [logging.getLogger(name) for name in ("trimesh", "collada")]
+    loggers = [logging.getLogger(name) for name in ("trimesh", "yourdfpy.urdf", "collada")]
     before = [logger.disabled for logger in loggers]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

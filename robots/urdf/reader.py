@@ -1,11 +1,16 @@
 """Reads a URDF into an articulated model. Models are untrusted: see `files.paths`."""
 
+# yourdfpy has no types
+# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,16 +20,25 @@ from ..geometry import apply
 from ..meshes import explain, quiet
 from ..model import (
     ArticulatedModel,
+    Joint,
+    JointType,
     Link,
+    Mimic,
     forward_kinematics,
     list_names,
     scale_model,
 )
 from .document import UrdfDocument, read_urdf_document
 from .library import MeshLibrary
-from .visuals import visuals_of_document
+from .visuals import pose_or_identity, visuals_of_document
+
+if TYPE_CHECKING:
+    from yourdfpy.urdf import Joint as UrdfJoint
 
 _MAX_URDF_BYTES = 32 * 2**20
+_LARGEST_LIMIT = 1000.0
+"""rad or m; files that mean "no limit" write larger numbers."""
+_UNLIMITED = (-np.inf, np.inf)
 _SMALLEST, _LARGEST = 1e-4, 1e3
 """m: a model whose bounding box is outside was written in another unit."""
 
@@ -51,7 +65,8 @@ def load_urdf(
     try:
         with quiet():
             document = read_urdf_document(data, path.stem, allow_missing)
-            model = ArticulatedModel.from_links(document.name, _links(document))
+            name = str(document.robot.name or path.stem)
+            model = ArticulatedModel.from_links(name, _links(document))
         library = MeshLibrary(finder)
         visuals, notes = visuals_of_document(document, model, library, allow_missing)
     except ModelError as error:
@@ -69,17 +84,63 @@ def load_urdf(
 
 def _links(document: UrdfDocument) -> list[Link]:
     """The links of the document without their surfaces; the joints give the order."""
-    by_child: dict[str, str] = {}
-    for link in document.joints:
-        joint = link.joint.name
-        if link.name not in document.visuals:
-            raise ModelError(f"joint {joint!r}: there is no link {link.name!r}; "
-                             f"there are {list_names(document.visuals)}")
-        if link.name in by_child:
-            raise ModelError(f"link {link.name!r} is the child of two joints, "
-                             f"{by_child[link.name]!r} and {joint!r}; a link has one parent")
-        by_child[link.name] = joint
-    return [*(Link(name) for name in document.visuals if name not in by_child), *document.joints]
+    joints: list[UrdfJoint] = document.robot.joints
+    names = {link.name: None for link in document.robot.links}
+    by_child: dict[str, UrdfJoint] = {}
+    for j in joints:
+        if j.child not in names:
+            raise ModelError(f"joint {j.name!r}: there is no link {j.child!r}; "
+                             f"there are {list_names(names)}")
+        if j.child in by_child:
+            raise ModelError(f"link {j.child!r} is the child of two joints, "
+                             f"{by_child[j.child].name!r} and {j.name!r}; a link has one parent")
+        by_child[j.child] = j
+    return [*(Link(name) for name in names if name not in by_child),
+            *(Link(j.child, j.parent, pose_or_identity(j.origin), _joint(j, document.notes))
+              for j in joints)]
+
+
+def _joint(joint: UrdfJoint, notes: list[str]) -> Joint:
+    name = joint.name
+    if joint.type in ("floating", "planar", "spherical"):
+        notes.append(f"joint {name!r} is {joint.type}: frozen at zero")
+    if joint.type not in ("revolute", "continuous", "prismatic"):
+        return Joint(name)
+    axis = np.asarray(joint.axis, np.float64)
+    length = float(np.linalg.norm(axis))
+    if length < 1e-9:
+        raise ModelError(f"joint {name!r}: its axis is zero")
+    limits = _limits(joint, notes)
+    joint_type = JointType(joint.type)
+    if joint_type is not JointType.PRISMATIC:
+        joint_type = JointType.CONTINUOUS if limits == _UNLIMITED else JointType.REVOLUTE
+    return Joint(name, joint_type, axis / length, limits=limits, mimic=_mimic(joint))
+
+
+def _limits(joint: UrdfJoint, notes: list[str]) -> tuple[float, float]:
+    limit = joint.limit
+    if joint.type == "continuous":
+        return _UNLIMITED
+    if limit is None or (limit.lower is None and limit.upper is None):
+        notes.append(f"joint {joint.name!r} is {joint.type} without limits: taken as unlimited")
+        return _UNLIMITED
+    lower, upper = float(limit.lower or 0.0), float(limit.upper or 0.0)
+    if lower > upper:
+        notes.append(f"joint {joint.name!r}: lower limit {lower:g} > upper {upper:g}: swapped")
+        lower, upper = upper, lower
+    if max(-lower, upper) > _LARGEST_LIMIT:
+        notes.append(f"joint {joint.name!r}: limits {lower:g} {upper:g} taken as none")
+        lower = lower if lower >= -_LARGEST_LIMIT else -np.inf
+        upper = upper if upper <= _LARGEST_LIMIT else np.inf
+    return lower, upper
+
+
+def _mimic(joint: UrdfJoint) -> Mimic | None:
+    mimic: Any = joint.mimic
+    if mimic is None:
+        return None
+    return Mimic(mimic.joint, 1.0 if mimic.multiplier is None else float(mimic.multiplier),
+                 0.0 if mimic.offset is None else float(mimic.offset))
 
 
 def _check_size(path: Path, model: ArticulatedModel) -> None:

@@ -1,14 +1,19 @@
 """Geometry and materials of the links of a URDF."""
 
+# yourdfpy has no types
+# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false, reportMissingTypeStubs=false
+
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import ModelError
 from ..files import MissingAssetError, show_progress
+from ..geometry import Array
 from ..meshes import box, capsule, cylinder, sphere
 from ..model import (
     ArticulatedModel,
@@ -20,8 +25,11 @@ from ..model import (
     move_surface,
     visuals_of_part,
 )
-from .document import UrdfDocument, UrdfMaterial, UrdfVisual
+from .document import UrdfDocument
 from .library import MeshLibrary
+
+if TYPE_CHECKING:
+    from yourdfpy.urdf import Link
 
 _THIN = 1e-4
 """Thickness, m, of a box or cylinder of thickness zero."""
@@ -31,23 +39,26 @@ def visuals_of_document(
     document: UrdfDocument, model: ArticulatedModel, library: MeshLibrary, allow_missing: bool
 ) -> tuple[list[Visual], list[str]]:
     """Return the visuals of all parts of a model, and notes; raise ModelError."""
-    notes = list[str]()
-    materials = _named_materials(document)
+    robot, notes = document.robot, list[str]()
+    materials = _named_materials(robot.materials, robot.links)
+    links: dict[str, Link] = {link.name: link for link in robot.links}
     visuals: list[Visual] = []
     digests: dict[int, bytes] = {}
     triangles = 0
     for part, name in enumerate(show_progress(model.part_names, "reading links")):
         surfaces: list[TriangleSurface] = []
-        for visual in document.visuals[name]:
+        for visual in links[name].visuals:
+            mesh = visual.geometry and visual.geometry.mesh
+            reference = mesh.filename if mesh else ""
             try:
                 found = _surfaces(visual, library, notes, name)
             except MissingAssetError as error:
                 if not allow_missing:
                     package = "name its package by --package NAME=DIR, or " if (
-                        visual.filename.startswith(("package:", "model:"))) else ""
+                        reference.startswith(("package:", "model:"))) else ""
                     raise MissingAssetError(f"link {name!r}: mesh {error}; {package}add "
                                             "--allow-missing to leave it out") from error
-                notes.append(f"link {name!r}: mesh {visual.filename!r} is missing and left out")
+                notes.append(f"link {name!r}: mesh {reference!r} is missing and left out")
                 continue
             except ModelError as error:
                 raise ModelError(f"link {name!r}: {error}") from error
@@ -55,8 +66,8 @@ def visuals_of_document(
             if triangles > library.limits.triangles:
                 raise ModelError(f"has more than {library.limits.triangles} triangles")
             own = _material(visual.material, materials, library, notes, name)
-            surfaces.extend(move_surface(_dressed(s, own), visual.link_from_visual)
-                            for s in found)
+            pose = pose_or_identity(visual.origin)
+            surfaces.extend(move_surface(_dressed(s, own), pose) for s in found)
         visuals.extend(visuals_of_part(part, surfaces, digests))
     if not visuals:
         notes.append("the model has no visuals: there is nothing to see")
@@ -64,68 +75,70 @@ def visuals_of_document(
 
 
 def _surfaces(
-    visual: UrdfVisual, library: MeshLibrary, notes: list[str], link: str
+    visual: Any, library: MeshLibrary, notes: list[str], link: str
 ) -> list[TriangleSurface]:
     """Return the surfaces of one <visual> in its own frame."""
-    if visual.kind != "mesh":
-        solid = _solid(visual.kind, visual.sizes)
+    shape = visual.geometry
+    if shape.mesh is None:
+        solid = _solid(shape, visual.name)
         if solid is None:
-            notes.append(f"link {link!r}: a {visual.kind} without size is left out")
+            notes.append(f"link {link!r}: a {visual.name} without size is left out")
         return [] if solid is None else [solid]
-    scale = np.broadcast_to(visual.sizes, 3)
+    scale = np.broadcast_to(1.0 if shape.mesh.scale is None else shape.mesh.scale, 3)
     if (np.abs(scale) < 1e-12).any():
-        raise ModelError(f"mesh {visual.filename!r} has a scale of zero")
-    return [move_surface(s, np.eye(4), scale) for s in library.surfaces(visual.filename)]
+        raise ModelError(f"mesh {shape.mesh.filename!r} has a scale of zero")
+    return [move_surface(s, np.eye(4), scale) for s in library.surfaces(shape.mesh.filename)]
 
 
-def _solid(kind: str, sizes: Sequence[float]) -> TriangleSurface | None:
+def _solid(shape: Any, kind: str) -> TriangleSurface | None:
     """Return a primitive, with a thickness of at least _THIN; None without an area."""
-    if kind == "box":
+    if shape.box is not None:
+        sizes = shape.box.size.tolist()
         return box([size or _THIN for size in sizes]) if np.count_nonzero(sizes) > 1 else None
-    radius, length = sizes[0], sizes[-1]
+    if shape.sphere is not None:
+        return sphere(shape.sphere.radius) if shape.sphere.radius else None
+    radius, length = shape.cylinder.radius, shape.cylinder.length
     if not radius:
         return None
-    if kind == "sphere":
-        return sphere(radius)
     return capsule(radius, length) if kind == "capsule" else cylinder(radius, length or _THIN)
 
 
-def _named_materials(document: UrdfDocument) -> dict[str, UrdfMaterial]:
+def _named_materials(top: list[Any], links: list[Any]) -> dict[str, Any]:
     """Return materials by name; those of the robot precede definitions inside links."""
-    inline = [v.material for visuals in document.visuals.values() for v in visuals if v.material]
-    named: dict[str, UrdfMaterial] = {}
-    for m in [*document.materials, *inline]:
-        if m.name and m.defines:
+    inline = [v.material for link in links for v in link.visuals if v.material is not None]
+    named: dict[str, Any] = {}
+    for m in [*top, *inline]:
+        if m.name and (m.color is not None or m.texture is not None):
             named.setdefault(m.name, m)
     return named
 
 
 def _material(
-    given: UrdfMaterial | None, named: dict[str, UrdfMaterial], library: MeshLibrary,
-    notes: list[str], link: str,
+    given: Any, named: dict[str, Any], library: MeshLibrary, notes: list[str], link: str
 ) -> Material | None:
     """Return the material that the URDF gives a visual, or None."""
     if given is None:
         return None
-    if not given.defines:
+    if given.color is None and given.texture is None:
         if given.name not in named:
             if given.name:
                 notes.append(f"link {link!r}: material {given.name!r} is not defined")
             return None
         given = named[given.name]
     color, texture = (1.0, 1.0, 1.0, 1.0), None
-    if given.rgba is not None:
-        if min(given.rgba) < 0.0 or max(given.rgba) > 1.0:
+    if given.color is not None:
+        rgba = np.asarray(given.color.rgba, np.float64)
+        if rgba.min() < 0.0 or rgba.max() > 1.0:
             notes.append(f"material {given.name!r}: colour outside 0..1 is clipped")
-        color = base_color(given.rgba)
+        color = base_color(rgba)
     if given.texture is not None:
         try:
-            texture = library.texture(given.texture)
+            texture = library.texture(given.texture.filename)
         except MissingAssetError:
-            notes.append(f"material {given.name!r}: texture {given.texture!r} is missing")
-            if given.rgba is None:
+            notes.append(f"material {given.name!r}: texture {given.texture.filename!r} is missing")
+            if given.color is None:
                 return None
-    return Material(given.name, color, texture=texture)
+    return Material(str(given.name or ""), color, texture=texture)
 
 
 def _dressed(s: TriangleSurface, own: Material | None) -> TriangleSurface:
@@ -140,3 +153,8 @@ def _dressed(s: TriangleSurface, own: Material | None) -> TriangleSurface:
         mean = np.multiply(mean_color(material.texture), material.base_color).tolist()
         material = replace(material, texture=None, base_color=(mean[0], mean[1], mean[2], mean[3]))
     return replace(s, material=material)
+
+
+def pose_or_identity(matrix: Array | None) -> Array:
+    """Return the pose [4 4] of an <origin>; identity for None."""
+    return np.eye(4) if matrix is None else np.asarray(matrix, np.float64)

@@ -118,6 +118,7 @@ _LAZY = (
     "trimesh.visual.material",
     "tyro",
     "xml.dom.minidom",
+    "yourdfpy",
 )
 """What commands import when they need it."""
 
