@@ -103,5 +103,5 @@ def render(robot: str, *more: str) -> Command:
     )
 
 
-VERIFY = Command(("verify", "out", "--workers", "1"), (0,))
+VERIFY = Command(("verify", "out", "--workers", "1", "--allow-model"), (0,))
 """What gcbench rendered is right."""

@@ -17,8 +17,16 @@ import numpy as np
 
 from ..support.gltf_maker import Maker
 from .cases import VERIFY, Case, Special, render
-from .data import EVALUATE, bomb, dataset_files, members_of, results_files
-from .models import BOX, POINTER
+from .data import (
+    EVALUATE,
+    READERS,
+    bomb,
+    dataset_files,
+    members_of,
+    read_dataset,
+    results_files,
+)
+from .models import BOX, GLTF, MESHES, POINTER, files_of_meshes
 from .mutations import make_zip, npy
 from .sandbox import Command
 
@@ -624,6 +632,24 @@ def a_method_with_a_child_in_its_own_session() -> Case:
 @named("no sequence was estimated")
 def a_method_that_kills_itself() -> Case:
     return _method("os.kill(os.getpid(), signal.SIGKILL)")
+
+
+# -- what fuzzing starts from is right ------------------------------------------------------------
+
+
+def _right(name: str, case: Callable[[], Case]) -> None:
+    CORPUS[f"right: {name}"] = Named(case, "", True)
+
+
+for _name in MESHES:
+    _right(_name, lambda name=_name: _urdf(_pointer(_MESH.format(name)), files_of_meshes()))
+for _name, _make in GLTF.items():
+    _right(
+        f"a {_name} GLB",
+        lambda make=_make: Case({"m/m.glb": make().glb()}, [render("../input/m/m.glb"), VERIFY]),
+    )
+for _argv in READERS:
+    _right(" ".join(_argv[:4]), lambda argv=_argv: read_dataset(dict(dataset_files()), argv, []))
 
 
 # -- harm that the fuzzers must see ---------------------------------------------------------------

@@ -49,6 +49,11 @@ EVALUATE = (
     "results",
 )
 
+_RENDER = (
+    *("render", "--robot", "../input/arm.urdf", "--n", "2", "--frames", "3", "--width", "48"),
+    *("--height", "36", "--samples", "1", "--workers", "1", "--keep-unobservable", *_LAYERS),
+)
+
 
 @cache
 def dataset_files() -> Content:
@@ -68,31 +73,7 @@ def _made() -> tuple[Content, Content]:
         box = Sandbox(Path(folder).resolve() / "box")
         box.reset()
         write({"arm.urdf": _ARM.encode()}, box)
-        commands = (
-            (
-                "render",
-                "--robot",
-                "../input/arm.urdf",
-                "--n",
-                "2",
-                "--frames",
-                "3",
-                "--width",
-                "48",
-                "--height",
-                "36",
-                "--samples",
-                "1",
-                "--workers",
-                "1",
-                "--keep-unobservable",
-                *_LAYERS,
-                "--out",
-                "../input/d",
-            ),
-            EVALUATE,
-        )
-        for argv in commands:
+        for argv in ((*_RENDER, "--out", "../input/d"), EVALUATE):
             done = run(Command(argv), box)
             if done.code:
                 raise RuntimeError(f"{argv}: {done.stderr}")
@@ -145,38 +126,34 @@ def dataset(dice: Dice) -> Case:
             data = files[name]
             assert isinstance(data, bytes)
             files[name] = change_bytes(dice, data, name)
-    return Case(files, [_reader(dice)], dice.steps)
+    return read_dataset(files, dice.choice(READERS), dice.steps)
 
 
-def _reader(dice: Dice) -> Command:
-    """A command that reads a dataset."""
-    form = dice.choice(["kitti", "bop", "coco", "webdataset", "tapvid"])
-    argv = dice.choice(
-        [
-            ("verify", "../input/d", "--workers", "1"),
-            ("verify", "../input/d", "--workers", "1"),
-            ("verify", "../input/d/sequences/000001.zip"),
-            ("show", "../input/d", "--index", "1", "--out", "page.html"),
-            ("show", "../input/d", "--contact-sheet", "sheet.png"),
-            ("show", "../input/d/sequences/000001.zip", "--gif", "film.gif"),
-            ("export", "../input/d", "--format", form, "--out", "export"),
-            EVALUATE,
-            (*EVALUATE[:-2], "--inputs", "none", "--results", "results"),
-            (
-                "render",
-                "--config",
-                "../input/d/dataset.json",
-                "--n",
-                "1",
-                "--workers",
-                "1",
-                "--out",
-                "out",
-            ),
-        ]
-    )
+_FORMATS = ("kitti", "bop", "coco", "webdataset", "tapvid")
+_CONTINUED = (*_RENDER, "--out", "d")
+READERS: tuple[tuple[str, ...], ...] = (
+    ("verify", "../input/d", "--workers", "1", "--allow-model"),
+    ("verify", "../input/d/sequences/000001.zip"),
+    ("show", "../input/d", "--index", "1", "--out", "page.html"),
+    ("show", "../input/d", "--contact-sheet", "sheet.png"),
+    ("show", "../input/d/sequences/000001.zip", "--gif", "film.gif"),
+    *(
+        ("export", "../input/d", "--format", name, "--out", "export", "--allow-model")
+        for name in _FORMATS
+    ),
+    EVALUATE,
+    ("render", "--config", "../input/d/dataset.json", "--n", "1", "--workers", "1", "--out", "out"),
+    _CONTINUED,
+)
+"""Commands that read a dataset."""
+
+
+def read_dataset(files: Content, argv: tuple[str, ...], steps: list[str]) -> Case:
+    """A command on a dataset; one that continues it has it in its current folder."""
+    if argv is _CONTINUED:
+        files = {f"work/{k}" if k.startswith("d/") else k: v for k, v in files.items()}
     codes = (0, 1, 2) if argv[0] in ("verify", "eval") else (0, 2)
-    return Command(argv, codes, quiet=argv[0] != "eval")
+    return Case(files, [Command(argv, codes, quiet=argv[0] != "eval")], steps)
 
 
 def _changed_json(dice: Dice, data: bytes | Special, name: str) -> bytes:

@@ -46,7 +46,7 @@ def urdf(dice: Dice) -> Case:
     root = _robot(dice)
     for _ in dice.few(4):
         change_xml(dice, root, "m.urdf", lambda: _extra(dice))
-    files: Content = {"m/m.urdf": dump_xml(dice, root, "m.urdf"), **_meshes()}
+    files: Content = {"m/m.urdf": dump_xml(dice, root, "m.urdf"), **files_of_meshes()}
     if dice.chance(0.1):
         name = dice.choice([*files])
         files[name] = (
@@ -57,8 +57,8 @@ def urdf(dice: Dice) -> Case:
 
 def mesh(dice: Dice) -> Case:
     """A robot of one mesh, whose file, materials or textures are changed."""
-    name, change = dice.choice([*_MESHES.items()])
-    files: Content = dict(_meshes())
+    name, change = dice.choice([*MESHES.items()])
+    files: Content = dict(files_of_meshes())
     for path in change(dice, files):
         dice.note(f"changes {path}")
     scale = dice.choice(["1 1 1", "1 1 1", "0.001 0.001 0.001", "-1 1 1", "2 1 0.5"])
@@ -69,7 +69,7 @@ def mesh(dice: Dice) -> Case:
 
 def gltf(dice: Dice) -> Case:
     """A glTF or GLB file with skins, morph targets, animations and textures, changed."""
-    maker = dice.choice([_walker, _textured, _plain])()
+    maker = dice.choice([*GLTF.values()])()
     text = dice.chance(0.4)
     tree = maker.tree
     for _ in dice.few(4):
@@ -313,7 +313,7 @@ target="#m"/></technique_common></bind_material></instance_geometry></node></vis
 
 
 @cache
-def _meshes() -> Content:
+def files_of_meshes() -> Content:
     maker = _textured()
     return {
         "m/cube.obj": _OBJ.encode(),
@@ -420,7 +420,7 @@ def _gltf_mesh(text: bool) -> Callable[[Dice, Content], list[str]]:
     return change
 
 
-_MESHES: dict[str, Callable[[Dice, Content], list[str]]] = {
+MESHES: dict[str, Callable[[Dice, Content], list[str]]] = {
     "cube.obj": _text("cube.obj", "cube.obj", "cube.mtl", "image.png"),
     "ascii.stl": _text("ascii.stl"),
     "cube.stl": _binary_stl,
@@ -486,6 +486,13 @@ def _textured() -> Maker:
     )
     maker.scene(maker.node(name="top", mesh=made, children=[maker.node(name="arm", mesh=made)]))
     return maker
+
+
+GLTF: dict[str, Callable[[], Maker]] = {
+    "skinned": _walker,
+    "textured": _textured,
+    "plain": _plain,
+}
 
 
 def _dump_gltf(dice: Dice, maker: Maker, text: bool) -> bytes:
