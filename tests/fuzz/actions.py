@@ -6,13 +6,21 @@ import csv
 import hashlib
 import io
 import json
+import os
 import re
 import shutil
+import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 from typing import get_args
 
+from gcbench.robots.catalog import entries
+from gcbench.robots.files import WheelFiles
+
+from ..robots.files.test_download import make_wheel
 from .cases import Files, read_tree, write
 from .data import EVALUATE, dataset_files, results_files
 from .faults import Fault, Schedule
@@ -20,61 +28,25 @@ from .sandbox import Command, Outcome, Sandbox, run
 
 FAULTS: tuple[Fault, ...] = get_args(Fault)
 Digest = dict[str, object]
-_RENDER = (
-    "render",
-    "--robot",
-    "../input/arm.urdf",
-    "--n",
-    "2",
-    "--frames",
-    "2",
-    "--width",
-    "32",
-    "--height",
-    "24",
-    "--samples",
-    "1",
-    "--workers",
-    "1",
-    "--out",
-    "out",
-)
-_TRAIN = (
-    "train",
-    "flow",
-    "--data",
-    "../input/d",
-    "--out",
-    "out",
-    "--steps",
-    "2",
-    "--batch",
-    "1",
-    "--crop",
-    "48",
-    "48",
-    "--device",
-    "cpu",
-    "--threads",
-    "1",
-    "--minutes",
-    "0",
-    "--precision",
-    "float32",
-    "--iterations",
-    "1",
-)
+_RENDER = """render --robot ../input/arm.urdf --n 2 --frames 2 --width 32 --height 24 --samples 1
+    --workers 1 --out out"""
+_TRAIN = """train flow --data ../input/d --out out --steps 2 --batch 1 --crop 48 48 --device cpu
+    --threads 1 --minutes 0 --precision float32 --iterations 1"""
+_SCORE = """score --predictions ../input/p.csv --data ../input/d --keep-unobservable
+    --results results"""
 
 
 @dataclass(frozen=True)
 class Action:
     """A command, what it reads, and what in the end must be the same in all ways to get there."""
 
-    argv: tuple[str, ...]
+    argv: str
     files: Callable[[], Files]
     digest: Callable[[Sandbox], Digest]
     step: int = 1
     """Faults happen at each change, or at one in so many."""
+    prepare: Callable[[], None] = lambda: None
+    """Called in the process before the command."""
 
 
 def _bytes_below(box: Sandbox) -> Digest:
@@ -134,47 +106,56 @@ def _predictions() -> Files:
     return {**dataset_files(), "p.csv": "\n".join([*head, *rows]).encode()}
 
 
+@cache
+def _wheel() -> tuple[bytes, WheelFiles]:
+    """A wheel with a robot, and its pin."""
+    with tempfile.TemporaryDirectory() as folder:
+        files = make_wheel(Path(folder))
+        return next(Path(folder).glob("*.whl")).read_bytes(), files
+
+
+def _in_the_catalogue() -> None:
+    """Let the catalogue hold nothing but the robot of the wheel, and pip find it."""
+    entry = entries.find_robot("ur5")
+    assert isinstance(entry, entries.FetchedRobot)
+    entries.CATALOG = (replace(entry, name="toy", files=_wheel()[1]),)
+    os.environ["PIP_FIND_LINKS"] = str(Path("../input").resolve())
+
+
 ACTIONS = {
     "render": Action(_RENDER, _dataset, _bytes_below),
-    "eval": Action(EVALUATE, _dataset, _without_times),
-    "score": Action(
-        (
-            "score",
-            "--predictions",
-            "../input/p.csv",
-            "--data",
-            "../input/d",
-            "--keep-unobservable",
-            "--results",
-            "results",
-        ),
-        _predictions,
-        _without_times,
-    ),
+    "eval": Action(" ".join(EVALUATE), _dataset, _without_times),
+    "score": Action(_SCORE, _predictions, _without_times),
     "report": Action(
-        ("report", "results", "--no-pictures", "--out", "report"),
+        "report results --no-pictures --out report",
         lambda: {**dataset_files(), **results_files()},
         _bytes_below,
     ),
     "show": Action(
-        ("show", "../input/d", "--out", "a.html", "--contact-sheet", "b.png", "--gif", "c.gif"),
-        _dataset,
-        _bytes_below,
+        "show ../input/d --out a.html --contact-sheet b.png --gif c.gif", _dataset, _bytes_below
     ),
     "train": Action(_TRAIN, _train_data, _weights),
+    "fetch": Action(
+        "robots fetch toy",
+        lambda: {"gcbench_toy-1.0-py3-none-any.whl": _wheel()[0]},
+        _bytes_below,
+        prepare=_in_the_catalogue,
+    ),
 } | {
     f"export {name}": Action(
-        ("export", "../input/d", "--format", name, "--out", "out"), _dataset, _bytes_below, step
+        f"export ../input/d --format {name} --out out --allow-model", _dataset, _bytes_below, step
     )
     for name, step in (("kitti", 3), ("bop", 3), ("coco", 3), ("webdataset", 1), ("tapvid", 1))
 }
-"""What changes files, but for `fetch`, which runs pip."""
+"""The commands that change files."""
 
 
 def check_action(name: str, box: Sandbox, faults: tuple[Fault, ...], at: int = 0) -> Iterator[str]:
     """Yield what goes wrong when faults happen at each change, or only at change `at`."""
     action = ACTIONS[name]
-    command = Command(action.argv, (0,), quiet=False)
+    command = Command(
+        tuple(action.argv.split()), (0,), quiet=False, fetches=True, prepare=action.prepare
+    )
     first = _prepared(action, box, command)
     if first.problems or first.code:
         yield f"{name}: {'; '.join(first.problems)}: {first.stderr[-300:]}"
@@ -205,8 +186,13 @@ def _with_fault(
     """What goes wrong with a fault and in the run after it, and the number of changes."""
     folders = tuple((box.root / name).resolve() for name in ("work", "cache"))
     schedule = Schedule(fault, at, folders)
+
+    def prepare() -> None:
+        action.prepare()
+        schedule.install()
+
     codes = (0, 2) if fault != "kill" else (0, -9)
-    broken = _prepared(action, box, replace(command, codes=codes, prepare=schedule.install))
+    broken = _prepared(action, box, replace(command, codes=codes, prepare=prepare))
     expectable = ("was killed by SIGKILL",) if fault == "kill" else ()
     left = {"kill": "left ", "full": r"left .*\.part", "read-only": "left "}[fault]
     wrong = [
