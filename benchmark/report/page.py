@@ -11,7 +11,7 @@ from typing import Any
 from ... import __version__
 from ...errors import DatasetError, GcbenchError
 from ...renderer.show import render_page
-from ...robots.files import write_atomically
+from ...robots.files import remove_leftovers, write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
 from ..results import EstimateShape, Results, RunFolder, read_stored
 from .formats import leaderboard_csv, one_line, to_latex, to_markdown
@@ -96,6 +96,7 @@ def report(
     )
     try:
         out.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(out)
         for name, text in zip(FILES, contents, strict=True):
             write_atomically(out / name, text.encode())
     except OSError as error:

@@ -130,6 +130,7 @@ def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = (
         folder = RunFolder(path, new)
         write_run(path, new)
         estimates.mkdir(exist_ok=True)
+        remove_leftovers(path)
         remove_leftovers(estimates)
         job = Job(folder, data, ())
         todo = tuple(name for name in new.sequences if not _is_done(job, name, retry))

@@ -20,7 +20,7 @@ import numpy as np
 
 from ...errors import ConfigError, DatasetError, MethodError
 from ...renderer.runtime import uninterrupted
-from ...robots.files import lock_folder, write_atomically
+from ...robots.files import lock_folder, remove_leftovers, write_atomically
 from ..networks.torch_runtime import device_named, nn, torch
 from ..networks.weights import (
     Checkpoint,
@@ -99,6 +99,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     refuse_test_streams(given)
     config.out.mkdir(parents=True, exist_ok=True)
     with lock_folder(config.out):
+        remove_leftovers(config.out)
         at = read_checkpoint(config.out, network, run.optimizer)
         _cut_log(run.log, at.step)
         if config.steps:

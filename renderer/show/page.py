@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ... import __version__
 from ...errors import RenderError
-from ...robots.files import write_atomically
+from ...robots.files import remove_leftovers, write_atomically
 from ..types import Frame, Sequence
 from .annotations import draw_points, has_points, joint_axes
 from .colors import (
@@ -233,6 +233,7 @@ def data_uri(picture: RgbImage, quality: int | None = None) -> str:
 def write_file(out: Path, content: bytes) -> Path:
     """Write a file whole or not at all, and return its path; RenderError if that fails."""
     try:
+        remove_leftovers(out.parent, out.name)
         write_atomically(out, content)
     except OSError as error:
         raise RenderError(f"cannot write {out}: {error.strerror or error}") from error

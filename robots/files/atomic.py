@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
 
 from ...errors import ModelError
@@ -86,9 +87,12 @@ def _remove_old_scratch(folder: Path) -> None:
                 shutil.rmtree(part, ignore_errors=True)
 
 
-def remove_leftovers(folder: Path) -> None:
-    """Delete the temporary files in `folder` of processes that no longer run."""
-    for path in folder.glob(".*.tmp"):
+def remove_leftovers(folder: Path, name: str = "") -> None:
+    """Delete the temporary files in `folder` of processes that no longer run.
+
+    With a `name`, only those of the file of that name.
+    """
+    for path in folder.glob(f".{escape(name)}.*.tmp" if name else ".*.tmp"):
         match = _TEMPORARY.fullmatch(path.name)
         if match and not is_alive(int(match["pid"])):
             path.unlink(missing_ok=True)

@@ -57,7 +57,7 @@ def _bytes_below(box: Sandbox) -> Digest:
             **read_tree(box.work, "work"),
             **read_tree(box.root / "cache", "cache"),
         }.items()
-        if isinstance(data, bytes) and not name.endswith(".lock")
+        if isinstance(data, bytes) and not re.search(r"\.lock$|^cache/.*\.part/", name)
     }
 
 
