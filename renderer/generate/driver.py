@@ -245,17 +245,26 @@ def _open_folder(out: Path) -> Generator[None]:
     """Create and lock the folder of a dataset; leave none behind if it gets no sequence."""
     created = [folder for folder in (out, *out.parents) if not folder.exists()]
     out.mkdir(parents=True, exist_ok=True)
-    with lock_folder(out):
-        _tidy(out)
-        try:
-            yield
-        finally:
-            if created and not sequence_paths(out):
-                for file in (out / DATASET_FILE, out / LOCK):
-                    file.unlink(missing_ok=True)
-                for folder in (out / SEQUENCES_FOLDER, *created):
-                    with suppress(OSError):  # something else is in it
-                        folder.rmdir()
+    try:
+        with lock_folder(out):
+            _tidy(out)
+            try:
+                yield
+            finally:
+                _remove_without_sequences(out, created)
+    except OSError:  # also when the lock cannot be written
+        _remove_without_sequences(out, created)
+        raise
+
+
+def _remove_without_sequences(out: Path, created: list[Path]) -> None:
+    """Remove a dataset's folder, and its parents, that were created and have no sequence."""
+    if created and not sequence_paths(out):
+        for file in (out / DATASET_FILE, out / LOCK):
+            file.unlink(missing_ok=True)
+        for folder in (out / SEQUENCES_FOLDER, *created):
+            with suppress(OSError):  # something else is in it
+                folder.rmdir()
 
 
 def _tidy(out: Path) -> None:
