@@ -25,19 +25,19 @@ from .writer import SequenceRecord
 
 _TEXTS = ("name", "source", "licence", "sha256", "instance")
 """What the samples tell of a model; all samples have these."""
+_URL = "https://github.com/gcbench/gcbench"
 _CONTEXT = {
     "@language": "en", "@vocab": "https://schema.org/", "sc": "https://schema.org/",
-    "cr": "http://mlcommons.org/croissant/", "dct": "http://purl.org/dc/terms/",
-    "citeAs": "cr:citeAs", "column": "cr:column", "conformsTo": "dct:conformsTo",
+    "cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/",
+    "dct": "http://purl.org/dc/terms/", "conformsTo": "dct:conformsTo",
     "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"}, "extract": "cr:extract",
-    "field": "cr:field", "fileObject": "cr:fileObject", "fileProperty": "cr:fileProperty",
-    "fileSet": "cr:fileSet", "format": "cr:format", "includes": "cr:includes",
-    "isLiveDataset": "cr:isLiveDataset", "jsonPath": "cr:jsonPath", "key": "cr:key",
-    "md5": "cr:md5", "parentField": "cr:parentField", "path": "cr:path",
-    "recordSet": "cr:recordSet", "references": "cr:references", "regex": "cr:regex",
-    "repeated": "cr:repeated", "replace": "cr:replace", "separator": "cr:separator",
-    "source": "cr:source", "subField": "cr:subField", "transform": "cr:transform",
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    **{name: f"cr:{name}" for name in (
+        "citeAs", "column", "equivalentProperty", "extract", "field", "fileObject", "fileProperty",
+        "fileSet", "format", "includes", "isLiveDataset", "jsonPath", "key", "md5", "parentField",
+        "path", "recordSet", "references", "regex", "repeated", "replace", "samplingRate",
+        "separator", "source", "subField", "transform")},
 }
 """The context that Croissant 1.0 prescribes."""
 
@@ -144,7 +144,8 @@ Made by gcbench. Licences of the models:
         return {
             "@context": _CONTEXT, "@type": "sc:Dataset", "name": self._name,
             "description": self._summary, "conformsTo": "http://mlcommons.org/croissant/1.0",
-            "license": list(self._licences), "url": "https://github.com/gcbench/gcbench",
+            "license": list(self._licences), "url": _URL,
+            "citeAs": f"@software{{gcbench, title = {{gcbench}}, url = {{{_URL}}}}}",
             "version": "1.0.0", "distribution": files,
         }
 
