@@ -20,7 +20,7 @@ from ..robots.catalog import CATALOG, is_local
 from ..robots.files import cache_folder
 
 PACKAGES = ("numpy", "opencv-python-headless", "scikit-robot-pyrender", "PyOpenGL", "trimesh",
-            "yourdfpy", "python-fcl")
+            "yourdfpy", "python-fcl", "pygltflib")
 EXTRAS = {"torch": "learn", "safetensors": "learn", "sapien": "sapien", "pycocotools": "export",
           "rerun-sdk": "export", "playwright": "test"}
 

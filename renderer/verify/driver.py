@@ -40,16 +40,16 @@ class Reference:
     """What poses are compared with, besides the sequence itself. Either may be missing."""
 
     model: ArticulatedModel | None = None
-    urdf: Path | None = None
-    """read a second time, by the verifier's own reader"""
+    file: Path | None = None
+    """URDF or glTF, which the verifier's own readers read a second time"""
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """the sequence's names of links of the URDF, where they differ"""
     scale: float = 1.0
-    """factor of the lengths of the URDF"""
+    """factor of the lengths of the file"""
 
 
 def verify_sequence(
-    sequence: Sequence, model: ArticulatedModel | None = None, urdf: Path | None = None,
+    sequence: Sequence, model: ArticulatedModel | None = None, file: Path | None = None,
     names: Mapping[str, str] | None = None, scale: float = 1.0,
 ) -> VerifyReport:
     """Run all checks of one sequence, in memory or on disk.
@@ -57,15 +57,15 @@ def verify_sequence(
     Args:
         sequence: The sequence.
         model: The model that it shows. Without one, joints are tested against their own screws.
-        urdf: The model's URDF, which is read a second time.
+        file: The model's URDF or glTF file, which is read a second time.
         names: The sequence's names of links of the URDF, where they differ.
-        scale: Factor of the lengths of the URDF.
+        scale: Factor of the lengths of the file.
 
     Raises:
         DatasetError: an image cannot be decoded.
     """
     with np.errstate(all="ignore"):  # a broken value becomes an infinite residual, not a warning
-        checks = verify_state(sequence, model, urdf, names, scale)
+        checks = verify_state(sequence, model, file, names, scale)
         if all(c.ok for c in checks[:2]):  # shapes and finite: without them nothing can be computed
             checks += verify_images(sequence)
             checks += verify_layers(sequence)
@@ -148,11 +148,11 @@ def _shared_reference(
 def reference_of(
     config: RenderConfig, robot: str | None = None, allow_model: bool = False
 ) -> tuple[Reference, list[str]]:
-    """Load the model of a config (or `robot`) without its rigid surfaces, and its URDF.
+    """Load the model of a config (or `robot`) without its rigid surfaces, and name its file.
 
     Also return notes on why these are not on this machine. Nothing is downloaded.
     """
-    from ...robots.catalog import is_object, load_robot, robot_urdf
+    from ...robots.catalog import is_file, is_object, load_robot, robot_urdf
     from ...robots.urdf import partnet
 
     robot = robot or config.robot
@@ -162,11 +162,11 @@ def reference_of(
         packages = packages_of(config)
         model = load_robot(robot, packages, config.allow_missing, False, config.root,
                            config.scale)
-        urdf = robot_urdf(robot, packages, download=False)
-        names = partnet.part_names(urdf.parent) if urdf and is_object(robot) else {}
+        file = Path(robot) if is_file(robot) else robot_urdf(robot, packages, download=False)
+        names = partnet.part_names(file.parent) if file and is_object(robot) else {}
     except (GcbenchError, OSError) as error:
         return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
-    return Reference(surfaces_to_check(model), urdf, names, config.scale), []
+    return Reference(surfaces_to_check(model), file, names, config.scale), []
 
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
@@ -233,7 +233,7 @@ def _verify_file(job: _Job) -> list[CheckResult]:
                        and (meta.seed, f"{meta.index:06d}") != (seed, file.stem), 0,
                        "sequences", f"says seed {meta.seed}, index {meta.index}")]
         found += verify_sequence(
-            sequence, reference.model, reference.urdf, reference.names,
+            sequence, reference.model, reference.file, reference.names,
             reference.scale).checks
     except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]

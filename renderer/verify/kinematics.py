@@ -2,7 +2,7 @@
 
 Except for the times of an animation, nothing here calls the code that made the truth: motions are
 matrix exponentials, and the forward kinematics is written a second time, once from the model's
-arrays and once from the URDF (urdf_reader.py).
+arrays and once from the model's file (urdf_reader.py, gltf_reader.py).
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ from ..scene import animation_times
 from ..types import Sequence, State
 from .checks import CheckResult, check
 from .frames import METRES
+from .gltf_reader import GltfFrame, read_gltf_frames
 from .urdf_reader import UrdfJoint, read_urdf_tree
 
 _RADIANS = 1e-6  # rad, bound of angles that only rounding may change
 
 
 def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
-                 urdf: Path | None = None, link_names: Mapping[str, str] | None = None,
+                 file: Path | None = None, link_names: Mapping[str, str] | None = None,
                  scale: float = 1.0) -> list[CheckResult]:
-    """Run all checks that need no image. Poses are compared with the model and the URDF, if given.
+    """Run all checks that need no image. Poses are compared with the model and its file, if given.
 
-    `link_names` are the sequence's names of links of the URDF, where they differ; a joint has the
-    name of the link that it moves. The lengths of the URDF are multiplied by `scale`.
+    `link_names` are the sequence's names of links of a URDF, where they differ; a joint has the
+    name of the link that it moves. The lengths of the file are multiplied by `scale`.
     """
     checks = [_shapes(sequence)]
     if not checks[0].ok:
@@ -50,8 +51,10 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
         return checks + (_animated_poses(sequence, model) if model is not None else [])
     if model is not None:
         checks += _poses(sequence, poses_from_model(model, names, positions), "model")
-    if urdf is not None:
-        found = poses_from_urdf(urdf, names, positions, link_names, scale)
+    if file is not None and file.suffix.lower() in (".glb", ".gltf"):
+        checks += _poses_at_rest(sequence, file, scale)
+    elif file is not None:
+        found = poses_from_urdf(file, names, positions, link_names, scale)
         checks += _poses(sequence, found, "URDF")
     return checks
 
@@ -174,6 +177,51 @@ def _animated_poses(sequence: Sequence, model: ArticulatedModel) -> list[CheckRe
     poses = found[0].at(times).world_from_part
     expected = {name: poses[:, p] for p, name in enumerate(model.part_names)}
     return checks + _poses(sequence, expected, "animation")
+
+
+def _poses_at_rest(sequence: Sequence, gltf: Path, scale: float) -> list[CheckResult]:
+    """Stored poses, with the joints turned back to zero, against the nodes of a glTF file.
+
+    The file has no joints, so that the motion itself is taken from the stored screws.
+    """
+    frames, s = read_gltf_frames(gltf), sequence.state
+    names = sequence.meta.part_names
+    number = {name: p for p, name in enumerate(names)}
+    pairs = [(p, number.get(frames[name].parent, 0)) for p, name in enumerate(names)
+             if p and name in frames and (frames[name].parent in frames or not frames[name].parent)]
+    if not pairs:
+        return []
+    child, parent = np.array(pairs).T
+    parent_from_child = np.linalg.inv(s.world_from_part[:, parent]) @ s.world_from_part[:, child]
+    row = {int(p) - 1: i for i, p in enumerate(s.joint_child_part)}
+    moved = [(k, row[int(p)]) for k, p in enumerate(child) if int(p) in row]
+    for k, j in moved:
+        cam_from_parent = s.cam_from_world @ s.world_from_part[:, parent[k]]
+        twist = _twist(s.joint_screw[:, j], sequence.meta.joint_types[j] == "prismatic")
+        twist = np.linalg.inv(cam_from_parent) @ twist @ cam_from_parent
+        back = _exp(-twist * s.joint_positions[:, j, None, None])
+        parent_from_child[:, k] = back @ parent_from_child[:, k]
+    root = GltfFrame("", np.zeros(3), np.eye(3))
+    first = [frames[names[p]] for p in child]
+    above = [frames.get(frame.parent, root) for frame in first]
+    expected = np.tile(np.eye(4), (len(pairs), 1, 1))
+    back_turn = np.stack([f.rotation.T for f in above])
+    expected[:, :3, :3] = back_turn @ np.stack([f.rotation for f in first])
+    apart = np.stack([f.position for f in first]) - np.stack([f.position for f in above])
+    expected[:, :3, 3] = (back_turn @ apart[..., None])[..., 0]
+    expected[:, :3, 3] *= _unit(expected[:, :3, 3], parent_from_child[0, :, :3, 3], scale)
+    return _pose_checks("rest poses from the glTF file",
+                        np.broadcast_to(expected, parent_from_child.shape), parent_from_child,
+                        lambda i: f"frame {i // len(pairs)} part {child[i % len(pairs)] + 1}")
+
+
+def _unit(file: Array, actual: Array, scale: float) -> float:
+    """The factor of lengths [N 3]: `scale`, and the power of ten by which a tiny or huge model is
+    brought to a usual size."""
+    length = float(np.linalg.norm(file) * scale)
+    if length < 1e-30:
+        return scale
+    return scale * 10.0 ** round(np.log10(max(float(np.linalg.norm(actual)), 1e-30) / length))
 
 
 def poses_from_model(model: ArticulatedModel, joint_names: ArrayLike, positions: Array

@@ -287,7 +287,7 @@ def test_poses_of_another_urdf_or_model_are_not_these(right, tmp_path):
     def found(model):
         urdf = tmp_path / "arm.urdf"
         urdf.write_text(urdf_of(model))
-        return verify_sequence(right, urdf=urdf).failures
+        return verify_sequence(right, file=urdf).failures
 
     def changed(change):
         return replace(MODEL, parent_from_part_at_zero=change(
