@@ -18,7 +18,7 @@ from gcbench.errors import printable, suggestion
 HELP = """\
 gcbench: synthetic videos of articulated objects with exact ground truth, and their benchmark.
 
-usage: gcbench COMMAND [OPTIONS]
+usage: gcbench COMMAND [OPTIONS]     (completion: source <(gcbench --completion bash), or zsh, tcsh)
 
 {commands}
 
@@ -44,8 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(HELP.format(commands="\n".join(lines)), end="")
         return 0
     if args[0] == "--version":
-        print(f"gcbench {gb.__version__}")
-        return 0
+        return _say(f"gcbench {gb.__version__}")
     try:
         words = 2 if " ".join(args[:2]) in COMMANDS else 1
         code = _run(" ".join(args[:words]), args[words:])
@@ -68,15 +67,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(name: str, args: Sequence[str]) -> int:
     """Run a command; one that takes no `args` has its own arguments as options."""
+    from gcbench.renderer.runtime import command_line
+
+    if name == "--completion":
+        return _say(command_line.completion_script(COMMANDS, " ".join(args)))
     function = COMMANDS.get(name)
     if function is None:
         known = f"{suggestion(name, COMMANDS)}; there are {', '.join(COMMANDS)}"
         raise gb.ConfigError(f"no command {name!r}{known}")
-    if "args" in function.__annotations__:
-        return function(args)
-    from gcbench.renderer.runtime import command_line
-
-    return command_line.command(name, function)(args)
+    run = function if "args" in function.__annotations__ else command_line.command(name, function)
+    return run(args)
 
 
 def _say(*lines: object) -> int:

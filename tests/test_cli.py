@@ -122,6 +122,7 @@ def one_line(capsys: Lines) -> str:
     ("args", "says"),
     [
         ("frobnicate", "render, verify, show, robots, doctor"),
+        ("--completion fish", "bash, zsh, tcsh"),
         ("verfy data", "no command 'verfy' (perhaps you meant verify); there are"),
         ("render --robot iiwa7", "no robot 'iiwa7' (perhaps you meant iiwa14); there are"),
         ("render --robot microwav", "(perhaps you meant microwave)"),
@@ -317,3 +318,27 @@ def test_methods_and_suites_are_listed(capsys: Lines) -> None:
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split() == ["suite", "datasets", "sequences", "about"]
     assert [row.split()[0] for row in rows] == ["mini", "paper"]
+
+
+@pytest.fixture(scope="module")
+def completion() -> str:
+    return gcbench_command("--completion", "bash").stdout
+
+
+@pytest.mark.parametrize(
+    ("line", "completed"),
+    [
+        ("ver", {"verify"}),
+        ("render --camera.f", {"--camera.fov", "--camera.fill"}),
+        ("verify --allow", {"--allow-model"}),
+        ("train f", {"flow"}),
+        ("train flow --step", {"--steps"}),
+        ("eval --knowledge ki", {"kinematics"}),
+    ],
+)
+def test_bash_completes(line: str, completed: set[str], completion: str) -> None:
+    words = ["gcbench", *line.split()]
+    script = (f"{completion}\nCOMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}\n"
+              "_tyro_gcbench; printf '%s\\n' \"${COMPREPLY[@]}\"")
+    done = subprocess.run(["bash"], input=script, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == completed

@@ -6,11 +6,18 @@ import functools
 import inspect
 import io
 import re
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from typing import Annotated, Any, Union
 
 from ...errors import ConfigError
+
+_SHOW_TARGET = ["--show-target"]
+"""The list with which `parse_options` raises `_TargetShown`; compared by identity."""
+
+
+class _TargetShown(Exception):  # noqa: N818 - a signal
+    pass
 
 
 def parse_options(
@@ -22,6 +29,8 @@ def parse_options(
     """
     import tyro
 
+    if args is _SHOW_TARGET:
+        raise _TargetShown(target)
     if "-h" in args or "--help" in args:
         print(inspect.cleandoc(doc or "").partition("\n\nArgs:")[0], end="\n\n")
     complaint = io.StringIO()
@@ -89,6 +98,44 @@ def parse_ranges(text: str) -> list[range]:
             raise ConfigError(f"--sequences {text[:60]}: give the smaller number first")
         ranges.append(range(first, last + 1))
     return ranges
+
+
+def completion_script(commands: Mapping[str, Callable[..., int]], shell: str) -> str:
+    """Return a script with which a shell completes the commands and their options."""
+    import tyro
+
+    shells = ("bash", "zsh", "tcsh")
+    if shell not in shells:
+        raise ConfigError(f"--completion {shell}: give one of {', '.join(shells)}")
+    targets = {name: _target_of(f) for name, f in commands.items() if " " not in name}
+    groups: dict[str, list[Any]] = {}
+    for name, function in commands.items():
+        first, _, second = name.partition(" ")
+        if second:
+            kind = tyro.conf.subcommand(second)
+            groups.setdefault(first, []).append(Annotated[_target_of(function), kind])
+    for first, kinds in groups.items():
+        if len(kinds) > 1:
+            targets[first] = Union[tuple(kinds)]  # noqa: UP007 - as many as there are
+    out = io.StringIO()
+    with redirect_stdout(out), suppress(SystemExit):
+        tyro.extras.subcommand_cli_from_dict(
+            targets, prog="gcbench", args=["--tyro-print-completion", shell],
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone))
+    # a line end in a description would be taken for one more option
+    return "\n".join(line.replace("\\n", " ") if line.startswith("COMPLETION_SPEC") else line
+                     for line in out.getvalue().splitlines())
+
+
+def _target_of(function: Callable[..., int]) -> Any:
+    """Return what holds the options of a command: its function, or a dataclass."""
+    if "args" not in function.__annotations__:
+        return function
+    try:
+        function(_SHOW_TARGET)
+    except _TargetShown as found:
+        return found.args[0]
+    raise AssertionError("the command has parsed no options")
 
 
 def option_value(args: Sequence[str], option: str) -> str | None:
