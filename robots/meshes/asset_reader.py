@@ -96,18 +96,18 @@ class AssetReader:
 @contextmanager
 def quiet() -> Generator[None]:
     """Suppress the warnings and log lines of mesh libraries; errors and notes report problems."""
-    loggers = [logging.getLogger(name) for name in ("trimesh", "yourdfpy.urdf", "collada")]
-    before = [logger.disabled for logger in loggers]
+    loggers = [logging.getLogger(name) for name in ("trimesh", "yourdfpy", "collada")]
+    before = [logger.level for logger in loggers]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             for logger in loggers:
-                logger.disabled = True
+                logger.setLevel(logging.CRITICAL + 1)  # holds for those below it, too
             with np.errstate(all="ignore"):
                 yield
         finally:
-            for logger, disabled in zip(loggers, before, strict=True):
-                logger.disabled = disabled
+            for logger, level in zip(loggers, before, strict=True):
+                logger.setLevel(level)
 
 
 def explain(error: BaseException) -> str:

@@ -354,12 +354,12 @@ class _Auditor:
             writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
             yield from self._path("writes" if writes else "reads", path)
         elif event in ("os.rename", "os.link"):
-            yield from self._path("writes", args[0], args[2])
-            yield from self._path("writes", args[1], args[3])
+            yield from self._path("changes", args[0], args[2])
+            yield from self._path("changes", args[1], args[3])
         elif event == "os.symlink":
-            yield from self._path("writes", args[1], args[2])
+            yield from self._path("changes", args[1], args[2])
         elif event in _CHANGES:
-            yield from self._path("writes", args[0], args[-1])
+            yield from self._path("changes", args[0], args[-1])
         elif event.startswith("socket"):
             yield f"uses the network: {event} {args[1:]}"
         else:
@@ -373,10 +373,14 @@ class _Auditor:
         name = os.fsdecode(path)
         if isinstance(folder, int) and folder >= 0:
             name = f"/proc/self/fd/{folder}/{name}"
-        real = os.path.realpath(name) + "/"
+        if what == "changes":  # the name itself, not what a link leads to
+            above, _, last = name.rstrip("/").rpartition("/")
+            real = os.path.realpath(above or ".") + f"/{last}/"
+        else:
+            real = os.path.realpath(name) + "/"
         if real == f"/proc/{os.getpid()}/clear_refs/":  # forgets the peak of the memory
             return
-        if not real.startswith(self.writes if what == "writes" else self.reads):
+        if not real.startswith(self.reads if what == "reads" else self.writes):
             yield f"{what} {name}"
 
 
