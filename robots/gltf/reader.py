@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ...errors import ModelError
 from ..files import Asset, AssetFinder, read_bounded
 from ..geometry import Array, inverse
-from ..meshes import AssetReader, explain, quiet
-from ..model import ArticulatedModel, Link, Visual, deform_visual, forward_kinematics
+from ..meshes import AssetReader, file_errors
+from ..model import ArticulatedModel, Link, Visual, rest_size
 from .accessors import Accessors
 from .animation import KeyedAnimation, read_animations
 from .document import GltfDocument, read_gltf_document
@@ -57,24 +57,17 @@ def load_gltf(
     data = read_bounded(path)
     real = path.resolve()
     files = AssetReader(AssetFinder(real.parent, real.parent))
-    try:
-        with quiet():
-            reader = _Reader(read_gltf_document(data), Asset(real, real.parent), files,
-                             allow_missing)
-            model = reader.model(path.stem, scale)
-            size = _size(model)
-            if not _SMALLEST <= size <= _LARGEST:
-                if size < 1e-30:
-                    raise ModelError("is a single point")
-                unit = 10.0 ** -round(np.log10(size))
-                model = reader.model(path.stem, scale * unit)
-                note = f"is {size:g} m large: its lengths are multiplied by {unit:g}"
-                model = replace(model, notes=(*model.notes, note))
-    except ModelError as error:
-        text = str(error)
-        raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
-    except (Exception, RecursionError) as error:
-        raise ModelError(f"{path}: cannot be read as glTF ({explain(error)})") from error
+    with file_errors(path, "glTF"):
+        reader = _Reader(read_gltf_document(data), Asset(real, real.parent), files, allow_missing)
+        model = reader.model(path.stem, scale)
+        size = rest_size(model)
+        if not _SMALLEST <= size <= _LARGEST:
+            if size < 1e-30:
+                raise ModelError("is a single point")
+            unit = 10.0 ** -round(np.log10(size))
+            model = reader.model(path.stem, scale * unit)
+            note = f"is {size:g} m large: its lengths are multiplied by {unit:g}"
+            model = replace(model, notes=(*model.notes, note))
     return replace(model, source=path.name, sha256=hashlib.sha256(data).hexdigest(),
                    licence=_licence(reader.document))
 
@@ -220,15 +213,6 @@ def _own_motion(animation: KeyedAnimation, part_of_node: dict[int, int]) -> set[
     return {part_of_node[track.node] for track in animation.tracks
             if track.path in ("rotation", "translation")
             and float(np.ptp(track.values, axis=0).max()) > 1e-6}
-
-
-def _size(model: ArticulatedModel) -> float:
-    """Return the diagonal, m, of the bounding box of the model at rest."""
-    poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
-    points = [deform_visual(v, poses, None, model.morph_weights)[0] for v in model.visuals]
-    low = np.min([p.min(0) for p in points], axis=0)
-    high = np.max([p.max(0) for p in points], axis=0)
-    return float(np.linalg.norm(high - low))
 
 
 def _licence(document: GltfDocument) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .asset_reader import AssetReader, MeshLimits, explain, quiet
+from .asset_reader import AssetReader, MeshLimits, file_errors
 from .collada import read_collada
 from .solids import (
     bar,
@@ -22,7 +22,7 @@ from .solids import (
 from .trimesh_reader import read_with_trimesh
 
 __all__ = [
-    "AssetReader", "MeshLimits", "bar", "block", "box", "capsule", "circle", "cylinder", "explain",
-    "hull", "join_surfaces", "plate", "quiet", "read_collada", "read_with_trimesh", "revolve",
+    "AssetReader", "MeshLimits", "bar", "block", "box", "capsule", "circle", "cylinder",
+    "file_errors", "hull", "join_surfaces", "plate", "read_collada", "read_with_trimesh", "revolve",
     "rod", "round_corners", "sphere",
 ]

@@ -94,23 +94,30 @@ class AssetReader:
 
 
 @contextmanager
-def quiet() -> Generator[None]:
-    """Suppress the warnings and log lines of mesh libraries; errors and notes report problems."""
+def file_errors(path: Path, kind: str) -> Generator[None]:
+    """Raise a ModelError that names the file for every error, and silence the mesh libraries.
+
+    Errors and notes report what their warnings and log lines would.
+    """
     loggers = [logging.getLogger(name) for name in ("trimesh", "yourdfpy", "collada")]
     before = [logger.level for logger in loggers]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
             for logger in loggers:
                 logger.setLevel(logging.CRITICAL + 1)  # holds for those below it, too
-            with np.errstate(all="ignore"):
-                yield
-        finally:
-            for logger, level in zip(loggers, before, strict=True):
-                logger.setLevel(level)
+            yield
+    except ModelError as error:
+        text = str(error)
+        raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
+    except (Exception, RecursionError) as error:
+        raise ModelError(f"{path}: cannot be read as {kind} ({_explain(error)})") from error
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
-def explain(error: BaseException) -> str:
+def _explain(error: BaseException) -> str:
     """Return what a library's error tells a user about a file, in one line."""
     if isinstance(error, MemoryError | RecursionError):
         return "it is too large or nested too deeply"

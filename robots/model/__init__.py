@@ -8,6 +8,7 @@ from .articulated_model import (
     ModelState,
     forward_kinematics,
     joint_screws,
+    rest_size,
     scale_model,
 )
 from .links import Joint, JointType, Link, Mimic, list_names
@@ -20,5 +21,6 @@ __all__ = [
     "Animation", "ArticulatedModel", "Joint", "JointType", "Link", "Maps", "Material", "Mimic",
     "ModelState", "Morph", "Skin", "TextureDecoder", "Tiling", "TriangleSurface", "Visual",
     "base_color", "clean_surface", "clean_triangles", "deform_visual", "forward_kinematics",
-    "joint_screws", "list_names", "mean_color", "move_surface", "scale_model", "visuals_of_part",
+    "joint_screws", "list_names", "mean_color", "move_surface", "rest_size", "scale_model",
+    "visuals_of_part",
 ]

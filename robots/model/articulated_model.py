@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Array, move_screw
 from .links import JointType, Link, Mimic, resolve_mimics, sort_links
+from .skinning import deform_visual
 from .surface import visuals_of_part
 from .visuals import Visual
 
@@ -184,6 +185,15 @@ def forward_kinematics(model: ArticulatedModel, positions: ArrayLike) -> Array:
         if parent >= 0:  # which stands before, as a pose in the world
             local[..., p, :, :] = local[..., parent, :, :] @ local[..., p, :, :]
     return local
+
+
+def rest_size(model: ArticulatedModel) -> float:
+    """Return the diagonal, m, of the bounding box of a model with all joints at zero."""
+    poses = forward_kinematics(model, np.zeros(len(model.joint_names)))
+    points = [deform_visual(v, poses, None, model.morph_weights)[0] for v in model.visuals]
+    low = np.min([p.min(0) for p in points], axis=0)
+    high = np.max([p.max(0) for p in points], axis=0)
+    return float(np.linalg.norm(high - low))
 
 
 def scale_model(model: ArticulatedModel, factor: float) -> ArticulatedModel:

@@ -7,7 +7,7 @@ from pathlib import Path
 from ...errors import ModelError
 from ..files import Asset, AssetFinder
 from ..gltf import read_gltf_surfaces
-from ..meshes import AssetReader, MeshLimits, explain, quiet, read_collada, read_with_trimesh
+from ..meshes import AssetReader, MeshLimits, file_errors, read_collada, read_with_trimesh
 from ..model import TriangleSurface
 
 
@@ -36,20 +36,13 @@ class MeshLibrary(AssetReader):
             raise ModelError(f"{asset.path}: is empty")
         if data.startswith(b"version https://git-lfs"):
             raise ModelError(f"{asset.path}: is a Git LFS pointer; run `git lfs pull` there first")
-        try:
-            with quiet():
-                if suffix == ".dae":
-                    found = read_collada(data, asset, self)
-                elif suffix in (".glb", ".gltf"):
-                    found = read_gltf_surfaces(data, asset, self)
-                else:
-                    found = read_with_trimesh(data, suffix[1:], asset, self)
-        except ModelError as error:
-            text, path = str(error), str(asset.path)
-            raise ModelError(text if text.startswith(path) else f"{path}: {text}") from error
-        except (Exception, RecursionError) as error:
-            raise ModelError(f"{asset.path}: cannot be read as {suffix[1:].upper()} "
-                             f"({explain(error)})") from error
+        with file_errors(asset.path, suffix[1:].upper()):
+            if suffix == ".dae":
+                found = read_collada(data, asset, self)
+            elif suffix in (".glb", ".gltf"):
+                found = read_gltf_surfaces(data, asset, self)
+            else:
+                found = read_with_trimesh(data, suffix[1:], asset, self)
         if not found:
             raise ModelError(f"{asset.path}: holds no triangles")
         return tuple(found)

@@ -16,16 +16,15 @@ import numpy as np
 
 from ...errors import ModelError
 from ..files import asset_finder, read_bounded
-from ..geometry import apply
-from ..meshes import explain, quiet
+from ..meshes import file_errors
 from ..model import (
     ArticulatedModel,
     Joint,
     JointType,
     Link,
     Mimic,
-    forward_kinematics,
     list_names,
+    rest_size,
     scale_model,
 )
 from .document import UrdfDocument, read_urdf_document
@@ -62,18 +61,12 @@ def load_urdf(
         raise ModelError(f"{path}: no such file")
     data = read_bounded(path, _MAX_URDF_BYTES)
     finder = asset_finder(path, packages, asset_root)
-    try:
-        with quiet():
-            document = read_urdf_document(data, path.stem, allow_missing)
-            name = str(document.robot.name or path.stem)
-            model = ArticulatedModel.from_links(name, _links(document))
+    with file_errors(path, "a URDF"):
+        document = read_urdf_document(data, path.stem, allow_missing)
+        name = str(document.robot.name or path.stem)
+        model = ArticulatedModel.from_links(name, _links(document))
         library = MeshLibrary(finder)
         visuals, notes = visuals_of_document(document, model, library, allow_missing)
-    except ModelError as error:
-        text = str(error)
-        raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
-    except (Exception, RecursionError) as error:
-        raise ModelError(f"{path}: cannot be read as a URDF ({explain(error)})") from error
     model = replace(
         model, visuals=tuple(visuals), source=path.name, sha256=hashlib.sha256(data).hexdigest(),
         notes=tuple(dict.fromkeys([*document.notes, *model.notes, *notes, *library.notes])))
@@ -147,11 +140,7 @@ def _check_size(path: Path, model: ArticulatedModel) -> None:
     """Refuse a model whose bounding box at joint value zero tells of a wrong unit."""
     if not model.visuals:
         return
-    world_from_part = forward_kinematics(model, np.zeros(len(model.joint_names)))
-    points = [apply(world_from_part[v.part], v.vertices) for v in model.visuals]
-    low = np.min([p.min(axis=0) for p in points], axis=0)
-    high = np.max([p.max(axis=0) for p in points], axis=0)
-    size = float(np.linalg.norm(high - low))
+    size = rest_size(model)
     if not _SMALLEST <= size <= _LARGEST:
         raise ModelError(f"{path}: is {size:g} m large, outside {_SMALLEST:g} to {_LARGEST:g} m; "
                          "add --scale FACTOR, or set the `scale` of its meshes")
