@@ -24,9 +24,8 @@ def test_what_is_public() -> None:
         "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
         "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
         "Results", "Sequence", "VerifyReport", "doctor", "evaluate", "export_dataset",
-        "fetch_robot", "list_robots", "load_robot", "open_dataset", "render_dataset",
-        "render_sequence", "report", "score",
-        "show", "verify_dataset",
+        "export_observations", "fetch_robot", "list_robots", "load_robot", "open_dataset",
+        "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
     }
     assert set(gb.__all__) <= set(dir(gb))
 
