@@ -10,7 +10,8 @@ MINUTES ?= 60
 export PYTHON
 VENV := .venv
 PY := $(CURDIR)/$(VENV)/bin/python
-PYTEST := GCBENCH_TEST_INSTALLED=1 $(PY) -m pytest -rfEs
+# The tests of one file share a process; ARGS="-n 0" runs all in one, as a debugger needs.
+PYTEST := GCBENCH_TEST_INSTALLED=1 $(PY) -m pytest -rfEs -n auto --maxprocesses 8 --dist loadfile
 
 # A stamp carries the hash of what it stands for, so that edits, deletions and checkouts count.
 hash = $(shell sha256sum $(1) | sha256sum | cut -c -12)

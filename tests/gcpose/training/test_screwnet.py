@@ -224,11 +224,11 @@ class DoorTask(ScrewNetTask):
 
 def test_a_short_training_learns_and_a_shuffled_video_is_worse(tmp_path: Path) -> None:
     config = ScrewNetTraining(
-        out=tmp_path / "out", steps=80, batch=8, width=8, frames=5, rate=3e-3, weight_decay=0.0,
+        out=tmp_path / "out", steps=160, batch=8, width=8, frames=5, rate=1e-2, weight_decay=0.0,
         device="cpu", threads=1)
     loop.train(DoorTask(config))
     log = [json.loads(line) for line in (tmp_path / "out/log.jsonl").read_text().splitlines()]
-    assert [line["step"] for line in log] == [20, 40, 60, 80]
+    assert [line["step"] for line in log] == list(range(20, 161, 20))
     network = ScrewNet(8).eval()
     network.load_state_dict(read_tensors(tmp_path / "out/screwnet.safetensors"))
     some = [Doors().sample(10_000 + i) for i in range(24)]
@@ -239,8 +239,8 @@ def test_a_short_training_learns_and_a_shuffled_video_is_worse(tmp_path: Path) -
         with torch.no_grad():
             return float(np.abs(network(depth[:, order])[..., 6].numpy() - angle).mean())
 
-    assert error([0, 1, 2, 3, 4]) < 0.6 * np.abs(angle).mean()
-    assert error([4, 2, 3, 1, 0]) > 1.3 * error([0, 1, 2, 3, 4])
+    assert error([0, 1, 2, 3, 4]) < 0.3 * np.abs(angle).mean()
+    assert error([4, 2, 3, 1, 0]) > 2 * error([0, 1, 2, 3, 4])
 
 
 # -- runs -------------------------------------------------------------------------------------
