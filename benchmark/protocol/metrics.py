@@ -14,6 +14,7 @@ Values of `Result.metric` with one line per joint (errors and sigma in deg or m)
     sigma                estimated standard deviation at the last frame, if the method returns one
     within_sigma         1 if the error at the last frame is at most sigma, else 0
     within_sigma_frames  share of frames 1 .. T-1 whose error is at most sigma
+    reliable             1 if the method says that the last frame can be believed, else 0
     axis_direction       angle between the estimated and the true axis, deg, if an axis is returned
     axis_distance        distance of the estimated axis from the joint, m (revolute joints)
 

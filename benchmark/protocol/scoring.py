@@ -111,6 +111,8 @@ def _joint_metrics(
             "within_sigma": (inside[-1], ""),
             "within_sigma_frames": (metrics.over_frames(inside), ""),
         }
+    if estimate is not None and estimate.reliable is not None:
+        out["reliable"] = ((covered & estimate.reliable).astype(np.float64), "")
     if estimate is not None and estimate.screw is not None:
         direction = metrics.axis_direction_error(estimate.screw, truth.screw)
         distance = metrics.axis_distance(estimate.screw, truth.screw, truth.origin)

@@ -30,7 +30,8 @@ Status = Literal["ok", "raised", "timeout", "crashed", "invalid"]
 STATUSES: tuple[Status, ...] = get_args(Status)
 MAX_REASON = 4000
 """Characters of a reason; the end of a longer one is kept."""
-_JSON, _ARRAYS, _FORMAT = "estimate.json", "estimate.npz", "gcbench-estimate/1"
+_JSON, _ARRAYS, _FORMAT = "estimate.json", "estimate.npz", "gcbench-estimate/2"
+_FORMER = ("gcbench-estimate/1",)  # the same without `reliable`
 _MAX_BYTES = 2**28
 
 
@@ -93,7 +94,20 @@ def validate_estimate(value: Any, shape: EstimateShape) -> Estimate:
         screw=_numbers(value, "screw", (j, 6), f"[J 6] = [{j} 6]"),
         part=part,
         sigma=_numbers(value, "sigma", (t, j), f"[T J] = [{t} {j}]"),
+        reliable=_flags(value, "reliable", j),
     )
+
+
+def _flags(value: Any, name: str, joints: int) -> NDArray[np.bool_] | None:
+    given = getattr(value, name, None)
+    if given is None:
+        return None
+    array = _array(given, name)
+    if array.shape != (joints,) or array.dtype.kind != "b":
+        raise InvalidEstimateError(
+            f"{name} is {array.dtype} {list(array.shape)}, expected bool [J] = [{joints}]"
+        )
+    return array.astype(np.bool_)
 
 
 def _numbers(value: Any, name: str, shape: tuple[int, ...], expected: str) -> Any:
@@ -128,7 +142,7 @@ def dump_stored(stored: Stored) -> bytes:
     }
     archive.add(_JSON, dump_json(tree))
     if stored.estimate is not None:
-        fields = ("displacement", "screw", "part", "sigma")
+        fields = ("displacement", "screw", "part", "sigma", "reliable")
         arrays = {name: getattr(stored.estimate, name) for name in fields}
         data = io.BytesIO()
         np.savez_compressed(data, **{k: v for k, v in arrays.items() if v is not None})
@@ -141,7 +155,7 @@ def read_stored(path: Path, shape: EstimateShape) -> Stored:
     """Read the estimate in a file. Raises DatasetError with what is wrong with it."""
     archive = open_archive(path)
     where = archive.where(_JSON)
-    tree = parse_json(archive.read(_JSON, 2**20), where, _FORMAT)
+    tree = parse_json(archive.read(_JSON, 2**20), where, _FORMAT, former=_FORMER)
     tree.pop("estimate", None)
     stored = to_record(tree, Stored, where)
     estimate = None
@@ -158,6 +172,7 @@ def _parse_arrays(data: bytes, shape: EstimateShape, where: str) -> Estimate:
         "screw": ArraySpec((j, 6)),
         "part": ArraySpec((t, shape.height, shape.width), "biu"),
         "sigma": ArraySpec((t, j)),
+        "reliable": ArraySpec((j,), "b"),
     }
     arrays = parse_npz(data, specs, where, only_known=True)
     if "displacement" not in arrays:

@@ -58,9 +58,11 @@ def dump_json(tree: Any) -> bytes:
 
 
 def parse_json(
-    data: bytes, where: str, file_format: str = "", error: type[GcbenchError] = DatasetError
+    data: bytes, where: str, file_format: str = "", error: type[GcbenchError] = DatasetError,
+    former: tuple[str, ...] = (),
 ) -> dict[str, Any]:
-    """Return the JSON object in `data`, whose field `format` is `file_format` (empty: any).
+    """Return the JSON object in `data`, whose field `format` is `file_format` (empty: any) or one
+    of the `former` formats.
 
     Anything else is an `error`, whose message begins with `where`: the file, and its member.
     """
@@ -72,7 +74,7 @@ def parse_json(
     if not isinstance(tree, dict):
         raise error(f"{where}: not a JSON object")
     found = cast("dict[str, Any]", tree)
-    if file_format and found.get("format") != file_format:
+    if file_format and found.get("format") not in (file_format, *former):
         raise error(
             f"{where}: format is {_short(found.get('format'))}; "
             f"this version reads {file_format!r}"

@@ -163,6 +163,14 @@ def test_sigma_is_calibrated_if_two_thirds_are_within(truth: Truth) -> None:
     assert got["within_sigma"] == [1]  # only infinity is a standard deviation
 
 
+def test_a_joint_is_reliable_if_the_method_says_so_and_estimates_it(truth: Truth) -> None:
+    moved, reliable = truth.displacement.copy(), np.array([True, False, True])
+    assert values(truth, Estimate(moved, reliable=reliable))["reliable"] == [1, 0, 1]
+    moved[1, 2] = np.nan
+    assert values(truth, Estimate(moved, reliable=reliable))["reliable"] == [1, 0, 0]
+    assert "reliable" not in values(truth, Estimate(moved))
+
+
 def test_iou_counts_pixels() -> None:
     truth = np.array([[0, 1, 1, 2]], np.uint8)
     found = np.array([[1, 1, 0, 2]], np.uint8)

@@ -43,7 +43,8 @@ def estimate() -> Estimate:
     part = rng.integers(0, 3, (3, 4, 5)).astype(np.uint8)
     displacement = rng.normal(size=(3, 2))
     displacement[1, 1] = np.nan
-    return Estimate(displacement, rng.normal(size=(2, 6)), part, np.full((3, 2), np.inf))
+    sigma, reliable = np.full((3, 2), np.inf), np.array([True, False])
+    return Estimate(displacement, rng.normal(size=(2, 6)), part, sigma, reliable)
 
 
 def test_scores_come_back(tmp_path: Path) -> None:
@@ -159,6 +160,8 @@ def test_estimates_come_back(tmp_path: Path) -> None:
     ({"displacement": None}, "displacement is None"),
     ({"screw": np.zeros((6, 2))}, r"screw .*\[J 6\] = \[2 6\]"),
     ({"sigma": np.zeros(3)}, r"sigma .*\[T J\]"),
+    ({"reliable": np.ones((3, 2), bool)}, r"reliable is bool \[3, 2\], expected bool \[J\]"),
+    ({"reliable": np.ones(2)}, r"reliable is float64 \[2\], expected bool \[J\] = \[2\]"),
     ({"part": np.zeros((3, 4, 5))}, "part is float64"),
     ({"part": np.full((3, 4, 5), 3)}, r"labels outside 0\.\.2"),
     ({"part": np.full((3, 4, 5), -1)}, r"labels outside 0\.\.2"),
@@ -169,7 +172,7 @@ def test_what_is_no_estimate_is_told(change: dict[str, object], message: str) ->
 
 
 def archive(path: Path, arrays: bytes, **changes: object) -> Path:
-    tree = {"format": "gcbench-estimate/1", "status": "ok", "reason": "", "seconds": 1.0,
+    tree = {"format": "gcbench-estimate/2", "status": "ok", "reason": "", "seconds": 1.0,
             "peak_memory": None} | changes  # fmt: skip
     with path.open("wb") as file:
         writer = ArchiveWriter(file)
@@ -177,6 +180,16 @@ def archive(path: Path, arrays: bytes, **changes: object) -> Path:
         writer.add("estimate.npz", arrays)
         writer.close()
     return path
+
+
+def test_estimates_of_the_former_format_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.zip"
+    arrays = npz(displacement=npy(np.ones((3, 2))), sigma=npy(np.ones((3, 2))))
+    got = read_stored(archive(path, arrays, format="gcbench-estimate/1"), SHAPE).estimate
+    assert got is not None
+    assert (got.displacement == 1).all() and got.reliable is None
+    with pytest.raises(DatasetError, match=r"format is 'gcbench-estimate/3'; .*gcbench-estimate/2"):
+        read_stored(archive(path, arrays, format="gcbench-estimate/3"), SHAPE)
 
 
 def npz(**members: bytes) -> bytes:
