@@ -78,7 +78,7 @@ def opened(browser: Any, file: Path, width: int, scheme: str = "light") -> Itera
     until(tab, "document.querySelectorAll('#board tbody tr').length > 0")
     yield tab
     assert not said
-    assert [url for url in asked if not url.startswith("data:")] == [file.as_uri()]
+    assert {url.split("#")[0] for url in asked if not url.startswith("data:")} == {file.as_uri()}
     assert tab.evaluate("window.hacked") is None
     assert tab.locator("img[onerror], main b b, main i, script").count() == 2, "our scripts only"
     context.close()
@@ -152,6 +152,26 @@ def test_filter(page: Any) -> None:
     page.get_by_role("button", name="Show all rows").click()
     assert len(methods(page)) == everything
     assert not page.locator("#filters input:checked").count()
+
+
+def test_the_address_keeps_the_view(page: Any, file: Path) -> None:
+    choose(page, "inputs", "rgbd")
+    choose(page, "dataset", "mini/iiwa14")
+    page.get_by_role("button", name="mean error", exact=True).click(click_count=2)
+    assert page.url == file.as_uri() + "#dataset=mini%2Fiiwa14&track=rgbd&sort=-mean&below=mini%2Fiiwa14"
+    shown = methods(page)
+    assert set(column(page, "inputs")) == {"rgbd"} and len(shown) == 3
+    page.locator("nav a", has_text="Curves").click()
+    assert page.evaluate("scrollY") > 500, "a link to a section keeps the filters"
+    page.reload()
+    until(page, "document.querySelectorAll('#board tbody tr').length > 0")
+    assert methods(page) == shown
+    assert page.locator("#filters input:checked").count() == 2
+    assert page.locator("#dataset option:checked").text_content() == "mini/iiwa14"
+    assert page.locator("#legend button").count() == 3, "the charts have the same rows"
+    page.evaluate("location.hash = '#track=rgbd-noise&dataset=nowhere&sort=nothing&below=nothing'")
+    until(page, "document.querySelectorAll('#filters input:checked').length === 1")
+    assert set(column(page, "inputs")) == {"rgbd-noise"}
 
 
 def test_ranks_are_among_the_rows_shown(page: Any) -> None:
