@@ -158,7 +158,8 @@ def test_the_address_keeps_the_view(page: Any, file: Path) -> None:
     choose(page, "inputs", "rgbd")
     choose(page, "dataset", "mini/iiwa14")
     page.get_by_role("button", name="mean error", exact=True).click(click_count=2)
-    assert page.url == file.as_uri() + "#dataset=mini%2Fiiwa14&track=rgbd&sort=-mean&below=mini%2Fiiwa14"
+    view = "#dataset=mini%2Fiiwa14&track=rgbd&sort=-mean&below=mini%2Fiiwa14"
+    assert page.url == file.as_uri() + view
     shown = methods(page)
     assert set(column(page, "inputs")) == {"rgbd"} and len(shown) == 3
     page.locator("nav a", has_text="Curves").click()
@@ -276,6 +277,27 @@ def test_hover_reads_the_runtime_plot(page: Any) -> None:
     assert tip.is_visible()
     assert "seconds a frame0.100" in tip.text_content()
     assert svg.locator("circle").count() == 6, "hold-still's time is unknown"
+
+
+def test_labels_of_the_runtime_plot_hide_nothing(browser: Any, tmp_path: Path) -> None:
+    """Twenty rows of like times and errors: labels have room, or are named below the plot."""
+    for k in range(20):
+        write_results(tmp_path, dataclasses.replace(GCPOSE, method=f"method-{k}"), 0.01, seed=k)
+    write_results(tmp_path, STILL, None)
+    path = tmp_path / "index.html"
+    path.write_text(report_page(read_leaderboard([tmp_path]), []))
+    for tab in opened(browser, path, 800):
+        tab.locator("#speed").scroll_into_view_if_needed()
+        texts = [text.bounding_box() for text in tab.locator("#runtime text.label").all()]
+        dots = [dot.bounding_box() for dot in tab.locator("#runtime circle").all()]
+        assert len(dots) == 20 and len(texts) >= 8
+        for k, a in enumerate(texts):
+            for b in (*texts[:k], *dots):
+                assert (a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
+                        or a["y"] + a["height"] <= b["y"] + 3 or b["y"] + b["height"] <= a["y"] + 3)
+        below = tab.locator("#untimed").text_content()
+        assert below.startswith("Untimed: hold-still. No room for the label of: method-")
+        assert len(texts) + below.count("method-") == 20
 
 
 def test_another_dataset(page: Any) -> None:
