@@ -121,14 +121,14 @@ def one_line(capsys: Lines) -> str:
 @pytest.mark.parametrize(
     ("args", "says"),
     [
-        ("frobnicate", "render, verify, show, robots, doctor"),
+        ("frobnicate", "render, export, robots, robots fetch, show, verify"),
         ("--completion fish", "bash, zsh, tcsh"),
         ("verfy data", "no command 'verfy' (perhaps you meant verify); there are"),
         ("render --robot iiwa7", "no robot 'iiwa7' (perhaps you meant iiwa14); there are"),
         ("render --robot microwav", "(perhaps you meant microwave)"),
         ("eval --method gcpos", "no method 'gcpos' (perhaps you meant gcpose); there are"),
         ("eval --method gcpose --suite papr", "no suite 'papr' (perhaps you meant paper)"),
-        ("--frobnicate", "render, verify, show, robots, doctor"),
+        ("--frobnicate", "render, export, robots, robots fetch, show, verify"),
         ("render --frame 3", "--frames"),
         ("render --n three", "'three'"),
         ("render --n", "--n"),
@@ -238,7 +238,7 @@ def test_what_an_encoding_lacks_is_escaped() -> None:
 
 
 def test_ctrl_c_is_no_error(capsys: Lines, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(args: object) -> int:
+    def stopped(args: object) -> tuple[object, int]:
         raise KeyboardInterrupt
 
     monkeypatch.setitem(COMMANDS, "doctor", stopped)

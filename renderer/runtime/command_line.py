@@ -63,27 +63,30 @@ def _one_line(box: str) -> str:
     return text[:1].lower() + text[1:] + hint
 
 
-def command(name: str, function: Callable[..., int]) -> Callable[[Sequence[str]], int]:
-    """Return the command whose options are the arguments of `function`."""
-    def run(args: Sequence[str]) -> int:
-        import tyro
+def run_command(
+    name: str, function: Callable[..., tuple[object, int]], args: Sequence[str]
+) -> tuple[object, int]:
+    """Run a command and return what it prints and its exit code.
 
-        quiet = tyro.conf.arg(help_behavior_hint="")
+    One that takes `args` parses them; the arguments of another are its options.
+    """
+    if "args" in function.__annotations__:
+        return function(args)
+    import tyro
 
-        def bind(*positional: Any, **options: Any) -> Callable[[], int]:
-            return functools.partial(function, *positional, **options)
+    quiet = tyro.conf.arg(help_behavior_hint="")
 
-        parameters = [
-            p if p.default is not None else p.replace(annotation=Annotated[p.annotation, quiet])
-            for p in inspect.signature(function).parameters.values()
-        ]
-        bind.__doc__ = function.__doc__
-        bind.__annotations__ = {p.name: p.annotation for p in parameters}
-        vars(bind)["__signature__"] = inspect.Signature(parameters)
-        call: Callable[[], int] = parse_options(args, name, bind, function.__doc__)
-        return call()
+    def bind(*positional: Any, **options: Any) -> Callable[[], tuple[object, int]]:
+        return functools.partial(function, *positional, **options)
 
-    return run
+    parameters = [
+        p if p.default is not None else p.replace(annotation=Annotated[p.annotation, quiet])
+        for p in inspect.signature(function).parameters.values()
+    ]
+    bind.__doc__ = function.__doc__
+    bind.__annotations__ = {p.name: p.annotation for p in parameters}
+    vars(bind)["__signature__"] = inspect.Signature(parameters)
+    return parse_options(args, name, bind, function.__doc__)()
 
 
 def parse_ranges(text: str) -> list[range]:
@@ -100,7 +103,7 @@ def parse_ranges(text: str) -> list[range]:
     return ranges
 
 
-def completion_script(commands: Mapping[str, Callable[..., int]], shell: str) -> str:
+def completion_script(commands: Mapping[str, Callable[..., object]], shell: str) -> str:
     """Return a script with which a shell completes the commands and their options."""
     import tyro
 
@@ -127,7 +130,7 @@ def completion_script(commands: Mapping[str, Callable[..., int]], shell: str) ->
                      for line in out.getvalue().splitlines())
 
 
-def _target_of(function: Callable[..., int]) -> Any:
+def _target_of(function: Callable[..., object]) -> Any:
     """Return what holds the options of a command: its function, or a dataclass."""
     if "args" not in function.__annotations__:
         return function

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .command import show
+from .driver import show
 from .html import render_page
 from .overlay import Painter
 

@@ -24,8 +24,8 @@ from gcbench.renderer.show import colors as pictures
 from gcbench.renderer.show import page, render_page
 from gcbench.renderer.show import video as film
 from gcbench.renderer.show.annotations import draw_axes, joint_axes
-from gcbench.renderer.show.command import show
 from gcbench.renderer.show.descriptions import joint_table, sections
+from gcbench.renderer.show.driver import show
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.geometry.pinhole import project
 

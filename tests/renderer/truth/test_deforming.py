@@ -20,7 +20,7 @@ from gcbench.renderer.scene import models
 from gcbench.renderer.scene.config import MotionConfig, RandomizationConfig, RenderConfig
 from gcbench.renderer.scene.motion import animation_times, find_animation
 from gcbench.renderer.scene.posed_model import pose_parts, rest_in_part
-from gcbench.renderer.show.command import show
+from gcbench.renderer.show.driver import show
 from gcbench.renderer.truth.deforming import weights
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.renderer.verify.driver import verify_dataset, verify_sequence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from gcbench.errors import ConfigError
-from gcbench.renderer.generate.command import render_options
+from gcbench.renderer.generate.options import render_options
 
 
 def test_sequences_are_chosen_by_number_and_range() -> None:

@@ -1,0 +1,134 @@
+"""The commands `gcbench render`, `verify`, `show`, `export` and `doctor`."""
+
+import os
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def render(args: Sequence[str]) -> tuple[object, int]:
+    """Render a dataset: images, exact ground truth and joint states.
+
+    Each frame has RGB, depth, part masks, optical flow and visibility. To continue an interrupted
+    run, run the same command again.
+
+    Examples:
+      gcbench render --robot ur5 --n 1000
+      gcbench render --robot model.urdf --package my_robot=~/ws/my_robot --n 10 --out out
+      gcbench render --robot iiwa14 --n 50 --vary lights --camera.fov 30 30 --background.room 1
+      gcbench render --robot microwave --randomize none --layers normal tracks
+    """
+    from .. import render_dataset
+    from .generate import options
+
+    given = options.render_options(args, render.__doc__)
+    done = render_dataset(given.config, given.n, given.out, given.workers)
+    return done.describe(), 0
+
+
+def verify(
+    dataset: Path, /, workers: int = os.cpu_count() or 1, sequences: str = "",
+    allow_model: bool = False,
+) -> tuple[object, int]:
+    """Check a dataset: compute its ground truth in a second way.
+
+    Recomputes flow, visibility, poses and axes for every pixel and frame. Prints the
+    worst and the mean residual of each check. The exit code is 1 if one is too large.
+
+    Examples:
+      gcbench verify data/ur5
+      gcbench verify data/ur5 --sequences 0-9,15 --workers 4
+      gcbench verify data/ur5/sequences/000000.zip
+
+    Args:
+        dataset: Folder of a dataset, or one sequence (ZIP or folder).
+        workers: Processes that check sequences side by side.
+        sequences: Numbers of sequences, such as 0-9,15. Default: all.
+        allow_model: Read the model from a path that the dataset names.
+    """
+    from .. import verify_dataset
+
+    report = verify_dataset(dataset, workers, True, allow_model, sequences)
+    return report.table(), 0 if report.ok else 1
+
+
+def show(
+    path: Path, /, index: int = 0, sequences: str = "", out: Path | None = None,
+    contact_sheet: Path | None = None, gif: Path | None = None, mp4: Path | None = None,
+    open: bool = False,
+) -> tuple[object, int]:
+    """Show a sequence: a page, a contact sheet, a GIF or an MP4.
+
+    Examples:
+      gcbench show data/ur5 --open
+      gcbench show data/ur5 --index 3 --out ur5.html
+      gcbench show data/ur5 --contact-sheet ur5.png --gif ur5.gif --mp4 ur5.mp4
+
+    Args:
+        path: A dataset, or one sequence (ZIP or folder).
+        index: Number of the sequence in the dataset.
+        sequences: Instead of --index: sequences of the contact sheet, such as 0-9,15.
+        out: HTML page. Default: SEQUENCE.html in the current folder, if no other file is named.
+        contact_sheet: PNG, JPEG or WebP of the first frames of a dataset, or of a sequence.
+        gif: GIF of the images beside their ground truth.
+        mp4: MP4 of the same.
+        open: Open the page in the browser.
+    """
+    from .. import ConfigError
+    from .. import show as write_pictures
+
+    if open and not out and (contact_sheet or gif or mp4):
+        raise ConfigError("--open needs a page: add --out PAGE.html")
+    written = write_pictures(path, out, contact_sheet, gif, mp4, sequences or index)
+    if open:
+        webbrowser.open(written[0].resolve().as_uri())
+    return "\n".join(map(str, written)), 0
+
+
+def export(
+    dataset: Path, /, format: str, out: Path | None = None, sequences: str = "",
+    allow_model: bool = False, track: str = "", knowledge: str = "",
+) -> tuple[object, int]:
+    """Write a dataset in the format of another benchmark or tool.
+
+    kitti: optical flow (KITTI 2015) and depth. bop: poses, meshes and masks of parts. coco: masks.
+    webdataset, hf: shards for training. tapvid: point tracks. rerun: recordings for the Rerun
+    viewer. observation: what a method may see. The same command continues an interrupted export.
+
+    Examples:
+      gcbench export data/ur5 --format kitti
+      gcbench export data/ur5 --format hf --out ur5-hf --sequences 0-99
+      gcbench export data/ur5 --format observation --track rgbd-noise --knowledge axes
+
+    Args:
+        dataset: Folder of a dataset.
+        format: kitti, bop, coco, webdataset, hf, tapvid, rerun or observation.
+        out: Folder of the export, which must not exist. Default: DATASET-FORMAT.
+        sequences: Numbers of sequences, such as 0-9,15. Default: all.
+        allow_model: Read the model from a path that the dataset names, or download it.
+        track: With the format observation: rgb, rgbd (default) or rgbd-noise.
+        knowledge: With the format observation: free, axes (default) or kinematics.
+    """
+    from .. import ConfigError, export_dataset, export_observations
+
+    out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
+    if (track or knowledge) and format != "observation":
+        raise ConfigError("--track and --knowledge need --format observation")
+    done = (export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences)
+            if format == "observation" else
+            export_dataset(dataset, format, out, sequences, allow_model=allow_model))
+    return f"{done.folder}: {done.sequences} sequences, {done.frames} frames", 0
+
+
+def doctor() -> tuple[object, int]:
+    """Check what renders on this machine, and how fast.
+
+    The exit code is 2 if nothing renders.
+
+    Example:
+      gcbench doctor
+    """
+    from .. import doctor as examine
+
+    report = examine()
+    return report.text, 0 if report.ok else 2

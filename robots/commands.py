@@ -1,0 +1,40 @@
+"""The commands `gcbench robots` and `gcbench robots fetch`."""
+
+
+def robots() -> tuple[object, int]:
+    """List the robots that gcbench knows.
+
+    `gcbench robots fetch` downloads their meshes, which also happens on first use. Any
+    .urdf, .glb or .gltf file is a robot, too: give its path wherever a command takes a name.
+
+    Example:
+      gcbench robots
+    """
+    from .. import list_robots
+    from .catalog import robots_table
+
+    return robots_table(list_robots()), 0
+
+
+def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> tuple[object, int]:
+    """Download the meshes of robots, once, with a pinned hash.
+
+    They come from the package index. For a cluster without network, fetch where there
+    is one and copy the cache (GCBENCH_CACHE, default: gcbench in XDG_CACHE_HOME or ~/.cache).
+
+    Examples:
+      gcbench robots fetch ur5 iiwa14
+      gcbench robots fetch --all
+
+    Args:
+        names: Robots of `gcbench robots`. Objects are generated, or yours.
+        all: Fetch all robots.
+    """
+    from .. import ConfigError, fetch_robot, list_robots
+
+    if not names and not all:
+        raise ConfigError("name the robots to fetch, or give --all")
+    if all:
+        names = tuple(r.name for r in list_robots() if r.source not in ("generated", "yours"))
+    found = [f"{name}: {fetch_robot(name) or 'generated, nothing to fetch'}" for name in names]
+    return "\n".join(found), 0
