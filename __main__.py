@@ -2,8 +2,8 @@
 
 The commands of each room are in its `commands.py`: the arguments of a function are the options of
 its command, and its docstring is their help. It calls the public API, and returns what it prints
-and its exit code. Parts of the package are imported when a command runs, so that `gcbench --help`
-answers at once.
+(text, or a record that is printed as JSON) and its exit code. Parts of the package are imported
+when a command runs, so that `gcbench --help` answers at once.
 """
 
 import os
@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
+from pathlib import Path
 
 import gcbench as gb
 from gcbench.benchmark import commands as benchmark
@@ -102,7 +103,8 @@ def _run(name: str, args: Sequence[str]) -> int:
         known = f"{suggestion(name, COMMANDS)}; there are {', '.join(COMMANDS)}"
         raise gb.ConfigError(f"no command {name!r}{known}")
     output, code = command_line.run_command(name, function, args)
-    _say(output)
+    is_text = isinstance(output, str | Path)
+    _say(output if is_text else command_line.to_json(output))
     return code
 
 

@@ -3,11 +3,21 @@
 import sys
 import webbrowser
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .results import Results
+
+_GROUPS = {
+    "options": "--help --method --suite --data --inputs --knowledge --limit --workers --results "
+               "--quiet --json",
+    "method": "--set --flow --depth --weights",
+    "limits": "--timeout --memory --retry",
+    "data": "--suites --keep-unobservable --allow-model",
+}
+"""Options of `gcbench eval` by group."""
 
 
 def evaluate(args: Sequence[str]) -> tuple[object, int]:
@@ -28,12 +38,16 @@ def evaluate(args: Sequence[str]) -> tuple[object, int]:
     from .. import evaluate as run_evaluation
     from ..renderer.runtime import command_line
 
-    options = command_line.parse_options(args, "eval", EvalConfig, evaluate.__doc__)
-    results = run_evaluation(options)
-    text, code = _describe(results)
+    @dataclass(frozen=True)
+    class Options(command_line.OutputOptions, EvalConfig):
+        pass
+
+    options = command_line.parse_options(args, "eval", Options, evaluate.__doc__, None, _GROUPS)
+    results = run_evaluation(options, not options.quiet)
+    pages: list[Path] = []
     if results.usable:
-        text += f"\n{report(results, options.results / 'report', False, False)[0]}"
-    return text, code
+        pages = report(results, options.results / "report", False, False)[:1]
+    return _describe(results, pages, options.json)
 
 
 def score(args: Sequence[str]) -> tuple[object, int]:
@@ -41,26 +55,40 @@ def score(args: Sequence[str]) -> tuple[object, int]:
     from ..renderer.runtime import command_line
     from .run import ScoreConfig, score_predictions
 
-    options = command_line.parse_options(args, "score", ScoreConfig, ScoreConfig.__doc__)
-    results = score_predictions(options)
-    return (str(options.predictions), 0) if options.template else _describe(results)
+    @dataclass(frozen=True)
+    class Options(command_line.OutputOptions, ScoreConfig):
+        pass
+
+    options = command_line.parse_options(args, "score", Options, ScoreConfig.__doc__)
+    results = score_predictions(options, not options.quiet)
+    if options.template:
+        return {"template": options.predictions} if options.json else options.predictions, 0
+    return _describe(results, [], options.json)
 
 
-def _describe(results: "Results") -> tuple[str, int]:
-    """Return the leaderboard, the failures and the folders as text, and the exit code."""
-    from .report import leaderboard_text
+def _describe(results: "Results", pages: Sequence[Path], json: bool) -> tuple[object, int]:
+    """Return the leaderboard, the failures, the folders and the pages, and the exit code."""
+    from .report import build_leaderboard, leaderboard_records, leaderboard_text
 
-    lines = [leaderboard_text(results.runs), *(f"failed: {line}" for line in results.failures),
-             *dict.fromkeys(str(folder.path) for folder in results.runs)]
+    board = build_leaderboard(results.runs)
+    folders = [*dict.fromkeys(folder.path for folder in results.runs)]
     if not results.usable:
         print("gcbench: no sequence was estimated", file=sys.stderr)
-    return "\n".join(lines), 0 if results.usable else 1
+    code = 0 if results.usable else 1
+    if json:
+        return {
+            "leaderboard": leaderboard_records(board), "estimated": results.estimated,
+            "usable": results.usable, "failures": results.failures, "folders": folders,
+            "pages": pages,
+        }, code  # fmt: skip
+    failures = [f"failed: {line}" for line in results.failures]
+    return "\n".join(map(str, [leaderboard_text(board), *failures, *folders, *pages])), code
 
 
 def report(
     results: tuple[Path, ...] = (Path("results"),), /, out: Path = Path("report"),
     pictures: bool = True, label: tuple[str, ...] = (), allow_model: bool = False,
-    open: bool = False,
+    open: bool = False, quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Write a leaderboard: a page, CSV, Markdown and LaTeX.
 
@@ -78,32 +106,47 @@ def report(
         label: NAME=FOLDER adds NAME to the methods of a results folder.
         allow_model: Read models from paths that the datasets name, or download them.
         open: Open the page in the browser.
+        quiet: Show no progress: print the result and errors only.
+        json: Print the names of the files as one JSON document.
     """
     from .. import report as write_report
 
-    written = write_report(results, out, pictures, labels=label, allow_model=allow_model)
+    written = write_report(results, out, pictures, not quiet, label, allow_model)
     if open:
         webbrowser.open(written[0].resolve().as_uri())
-    return "\n".join(map(str, written)), 0
+    named = dict(zip(("page", "markdown", "csv", "latex"), written, strict=True))
+    return named if json else "\n".join(map(str, written)), 0
 
 
-def methods() -> tuple[object, int]:
+def methods(json: bool = False) -> tuple[object, int]:
     """List the methods that `gcbench eval` knows by name.
 
-    Example:
+    Examples:
       gcbench methods
+      gcbench methods --json
+
+    Args:
+        json: Print the list as one JSON document.
     """
-    from .methods import methods_table
+    from ..robots.catalog import records_table
+    from .methods import list_methods
 
-    return methods_table(), 0
+    records = list_methods()
+    return records if json else records_table(records), 0
 
 
-def suites() -> tuple[object, int]:
+def suites(json: bool = False) -> tuple[object, int]:
     """List the suites of datasets that `gcbench eval` knows by name.
 
-    Example:
+    Examples:
       gcbench suites
-    """
-    from .run import suites_table
+      gcbench suites --json
 
-    return suites_table(), 0
+    Args:
+        json: Print the list as one JSON document.
+    """
+    from ..robots.catalog import records_table
+    from .run import list_suites
+
+    records = list_suites()
+    return records if json else records_table(records), 0

@@ -6,15 +6,12 @@ import ast
 import dataclasses
 import html
 import inspect
-import os
 import re
 import textwrap
 from contextlib import redirect_stdout
 from importlib import import_module
-from io import BytesIO, TextIOWrapper
+from io import StringIO
 from typing import Any
-
-_WIDTH = "100"  # columns of the help text: wider, and its boxes stand side by side
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -45,24 +42,17 @@ def on_page_content(page_html: str = "", **values: Any) -> str:
 
 
 def help_of(command: str) -> str:
-    """The text that `gcbench COMMAND --help` prints."""
+    """The text that `gcbench COMMAND --help all` prints."""
     from gcbench.__main__ import main
 
-    out = TextIOWrapper(BytesIO(), encoding="utf-8")  # of another encoding, boxes are ASCII
-    columns = os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = _WIDTH
+    out = StringIO()
     try:
         with redirect_stdout(out):
-            main([*command.split(), "--help"])
+            main([*command.split(), "--help", "all"])
     except SystemExit as stop:
         if stop.code:
             raise
-    finally:
-        os.environ.pop("COLUMNS")
-        if columns is not None:
-            os.environ["COLUMNS"] = columns
-    out.seek(0)
-    return re.sub(r"\x1b\[[\d;]*m", "", out.read())
+    return out.getvalue()
 
 
 def command_reference() -> str:
@@ -78,17 +68,17 @@ def command_section(name: str, text: str) -> str:
     about, _, examples = re.split(r"\n(Examples?:)\n", about)[:3] if "xample" in about \
         else (about, "", "")
     lines = [f"## gcbench {name}", "", _prose(about), ""]
-    if usage:
-        lines += ["```text", " ".join(usage.partition("╭")[0].split()), "```", ""]
+    usage, *sections = usage.strip().split("\n\n")
+    lines += ["```text", usage, "```", ""]
     if examples.strip():
         shown = "\n".join(line for line in textwrap.dedent(examples).strip().splitlines() if line)
         lines += ["```bash", shown, "```", ""]
-    for title, body in re.findall(r"╭─ (.*?) ─*╮\n(.*?)╰", text, flags=re.DOTALL):
-        parts = re.split(r"(?m)^│ ─+ │\n", body)
-        note = _prose(" ".join(line.strip("│ ") for line in parts[0].splitlines()))
-        lines += [f"**{title}**" + f": {note}" * (len(parts) > 1), ""]
+    for section in sections:
+        head, _, body = section.partition("\n")
+        title, _, note = head.partition(":")
+        lines += [f"**{title}**" + f": {_prose(note)}" * bool(note), ""]
         lines += ["| option | meaning | default |", "|---|---|---|"]
-        lines += [f"| {' | '.join(row)} |" for row in _options(parts[-1])] + [""]
+        lines += [f"| {' | '.join(row)} |" for row in _options(body)] + [""]
     return "\n".join(lines)
 
 
@@ -97,22 +87,19 @@ def _prose(text: str) -> str:
 
 
 def _options(body: str) -> list[tuple[str, str, str]]:
-    """(option, meaning, default) of the lines in a box of tyro's help."""
+    """(option, meaning, default) of the lines below the title of a group."""
     entries: list[list[str]] = []
     for line in body.splitlines():
-        text = line.strip().removeprefix("│").removesuffix("│").rstrip()[1:]
-        if text.strip() and not set(text.strip()) <= {"─"}:
-            if text.startswith(" "):
-                entries[-1].append(text.strip())
-            else:
-                option, _, rest = text.partition("  ")
-                entries.append([option, *filter(None, [rest.strip()])])
+        if line.startswith("   "):
+            entries[-1].append(line.strip())
+        else:
+            option, _, rest = line.strip().partition("  ")
+            entries.append([option, *filter(None, [rest.strip()])])
     out: list[tuple[str, str, str]] = []
     for option, *words in entries:
         text = " ".join(words)
         match = re.fullmatch(r"(.*?) *\((?:default: ?(.*)|required)\)", text) or [text, text, ""]
         value = (match[2] or "").strip("'")
-        option = re.sub(r" \[(\S+) \[.*\.\.\.\]\]$", r" \1 ...", option)
         cells = f"`{option}`", _prose(match[1]), f"`{value}`" if value else ""
         out.append(tuple(cell.replace("|", "\\|") for cell in cells))  # type: ignore[arg-type]
     return out

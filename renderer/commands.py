@@ -22,13 +22,13 @@ def render(args: Sequence[str]) -> tuple[object, int]:
     from .generate import options
 
     given = options.render_options(args, render.__doc__)
-    done = render_dataset(given.config, given.n, given.out, given.workers)
-    return done.describe(), 0
+    done = render_dataset(given.config, given.n, given.out, given.workers, not given.quiet)
+    return done if given.json else done.describe(), 0
 
 
 def verify(
     dataset: Path, /, workers: int = os.cpu_count() or 1, sequences: str = "",
-    allow_model: bool = False,
+    allow_model: bool = False, quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Check a dataset: compute its ground truth in a second way.
 
@@ -45,11 +45,14 @@ def verify(
         workers: Processes that check sequences side by side.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
         allow_model: Read the model from a path that the dataset names.
+        quiet: Show no progress: print the result and errors only.
+        json: Print the result as one JSON document.
     """
     from .. import verify_dataset
 
-    report = verify_dataset(dataset, workers, True, allow_model, sequences)
-    return report.table(), 0 if report.ok else 1
+    report = verify_dataset(dataset, workers, not quiet, allow_model, sequences)
+    record = {"ok": report.ok, "checks": report.checks, "warnings": report.warnings}
+    return record if json else report.table(), 0 if report.ok else 1
 
 
 def show(
@@ -87,7 +90,7 @@ def show(
 
 def export(
     dataset: Path, /, format: str, out: Path | None = None, sequences: str = "",
-    allow_model: bool = False, track: str = "", knowledge: str = "",
+    allow_model: bool = False, track: str = "", knowledge: str = "", quiet: bool = False,
 ) -> tuple[object, int]:
     """Write a dataset in the format of another benchmark or tool.
 
@@ -108,27 +111,34 @@ def export(
         allow_model: Read the model from a path that the dataset names, or download it.
         track: With the format observation: rgb, rgbd (default) or rgbd-noise.
         knowledge: With the format observation: free, axes (default) or kinematics.
+        quiet: Show no progress: print the result and errors only.
     """
     from .. import ConfigError, export_dataset, export_observations
 
     out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
     if (track or knowledge) and format != "observation":
         raise ConfigError("--track and --knowledge need --format observation")
-    done = (export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences)
+    done = (export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences,
+                                not quiet)
             if format == "observation" else
-            export_dataset(dataset, format, out, sequences, allow_model=allow_model))
+            export_dataset(dataset, format, out, sequences, not quiet, allow_model))
     return f"{done.folder}: {done.sequences} sequences, {done.frames} frames", 0
 
 
-def doctor() -> tuple[object, int]:
+def doctor(json: bool = False) -> tuple[object, int]:
     """Check what renders on this machine, and how fast.
 
     The exit code is 2 if nothing renders.
 
-    Example:
+    Examples:
       gcbench doctor
+      gcbench doctor --json
+
+    Args:
+        json: Print the result as one JSON document.
     """
     from .. import doctor as examine
 
     report = examine()
-    return report.text, 0 if report.ok else 2
+    record = {"ok": report.ok, **report.sections}
+    return record if json else report.text, 0 if report.ok else 2

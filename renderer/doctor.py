@@ -6,7 +6,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -29,9 +29,17 @@ EXTRAS = {"torch": "learn", "safetensors": "learn", "sapien": "sapien", "pycocot
 class Diagnosis:
     """The result of an examination."""
 
-    text: str
+    sections: Mapping[str, tuple[str, ...]]
+    """Lines of text by title."""
     ok: bool
     """Whether something renders."""
+
+    @property
+    def text(self) -> str:
+        """The report for people."""
+        head, *others = self.sections.items()
+        return "\n".join([*head[1], *(line for title, lines in others for line in (
+            "", title, *(f"  {line}" for line in lines)))])
 
 
 def doctor() -> Diagnosis:
@@ -46,28 +54,29 @@ def doctor() -> Diagnosis:
         >>> gb.doctor().ok
         True
     """
-    lines = [f"gcbench {__version__}, Python {platform.python_version()}, "
-             f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"]
-    lines += ["", "rendering"]
-    lines += [f"  {line}" for line in _devices()]
+    machine = (f"gcbench {__version__}, Python {platform.python_version()}, "
+               f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
+    drawing = [*_devices()]
     try:
-        lines.append(f"  ok    {_draw()}")
+        drawing.append(f"ok    {_draw()}")
         ok = True
     except GcbenchError as error:
-        lines.append(f"  FAIL  {error}")
+        drawing.append(f"FAIL  {error}")
         ok = False
-    lines += ["", "packages"]
-    lines += [f"  {line}" for line in _packages()]
-    lines += ["", f"robots (meshes in {cache_folder()})"]
-    lines += [
-        f"  ok    {e.name}" if is_local(e)
-        else f"  later {e.name}: fetched on first use, or gcbench robots fetch {e.name}"
+    robots = [
+        f"ok    {e.name}" if is_local(e)
+        else f"later {e.name}: fetched on first use, or gcbench robots fetch {e.name}"
         for e in CATALOG
     ]
     browser = next((b for b in ("chromium", "chromium-browser", "google-chrome") if which(b)), None)
-    lines += ["", "browser (for the tests of pages only)",
-              f"  ok    {browser}" if browser else "  none  apt-get install chromium"]
-    return Diagnosis("\n".join(lines), ok)
+    return Diagnosis({
+        "machine": (machine,),
+        "rendering": tuple(drawing),
+        "packages": tuple(_packages()),
+        f"robots (meshes in {cache_folder()})": tuple(robots),
+        "browser (for the tests of pages only)":
+            (f"ok    {browser}" if browser else "none  apt-get install chromium",),
+    }, ok)
 
 
 def _devices() -> Iterator[str]:

@@ -1,19 +1,26 @@
 """The commands `gcbench robots` and `gcbench robots fetch`."""
 
+from dataclasses import asdict
 
-def robots() -> tuple[object, int]:
+
+def robots(json: bool = False) -> tuple[object, int]:
     """List the robots that gcbench knows.
 
     `gcbench robots fetch` downloads their meshes, which also happens on first use. Any
     .urdf, .glb or .gltf file is a robot, too: give its path wherever a command takes a name.
 
-    Example:
+    Examples:
       gcbench robots
+      gcbench robots --json
+
+    Args:
+        json: Print the list as one JSON document.
     """
     from .. import list_robots
-    from .catalog import robots_table
+    from .catalog import records_table
 
-    return robots_table(list_robots()), 0
+    records = [asdict(robot) for robot in list_robots()]
+    return records if json else records_table(records), 0
 
 
 def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> tuple[object, int]:

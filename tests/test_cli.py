@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -85,10 +86,44 @@ def test_a_command_s_help_has_examples_that_parse(
 
 def test_a_default_that_depends_on_the_robot_is_in_words(capsys: Lines) -> None:
     with pytest.raises(SystemExit):
-        main(["render", "--help"])
+        main(["render", "--help", "all"])
     said = capsys.readouterr().out
     assert "--camera.azimuth FLOAT FLOAT" in said
     assert "None" not in said
+
+
+def options_in(text: str) -> list[str]:
+    return re.findall(r"(?m)^  (?:-h, )?(--[\w.-]+)", text)
+
+
+@pytest.mark.parametrize(
+    ("command", "usual", "group"),
+    [("render", ["--robot", "--n", "--out"], "camera"), ("eval", ["--method", "--suite"], "limits"),
+     ("train flow", ["--data", "--out"], "loss")],
+)
+def test_help_begins_with_the_usual_options(
+    command: str, usual: list[str], group: str, capsys: Lines
+) -> None:
+    said: dict[str, str] = {}
+    for wanted in ("", "all", group):
+        with pytest.raises(SystemExit):
+            main([*command.split(), "--help", *filter(None, [wanted])])
+        said[wanted] = capsys.readouterr().out
+    short, every, some = (options_in(text) for text in said.values())
+    assert short[:len(usual) + 1] == ["--help", *usual]
+    assert len(short) <= 16 or command == "train flow"
+    assert set(some).isdisjoint(short) and {*short, *some} < set(every)
+    assert len(every) == len(set(every))
+    more = said[""].partition("more options")[2]
+    assert re.search(rf"(?m)^  {group} +{some[0]} ", more)
+    for k, option in enumerate(every):  # each option is explained or named
+        assert k < len(short) or re.search(rf"{option}|{option[option.find('.'):]}[ \n]", more)
+
+
+@pytest.mark.parametrize("group", ["camra", "ur5"])
+def test_help_of_no_group(group: str, capsys: Lines) -> None:
+    assert main(["render", "--help", group]) == 2
+    assert f"--help {group}: no group of options" in one_line(capsys)
 
 
 def test_help_answers_at_once() -> None:
@@ -318,6 +353,72 @@ def test_methods_and_suites_are_listed(capsys: Lines) -> None:
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split() == ["suite", "datasets", "sequences", "about"]
     assert [row.split()[0] for row in rows] == ["mini", "paper"]
+
+
+# -- for scripts ------------------------------------------------------------------------------
+
+
+def parsed(capsys: Lines, *args: str | Path, code: int = 0) -> Any:
+    """The one JSON document that a command prints; it says nothing else."""
+    assert main([*map(str, args), "--json"]) == code
+    said, errors = capsys.readouterr()
+    assert not errors
+    return json.loads(said, parse_constant=pytest.fail)
+
+
+def test_lists_are_json(capsys: Lines) -> None:
+    robots = parsed(capsys, "robots")
+    assert [robot["name"] for robot in robots][:2] == ["ur5", "ur5-textured"]
+    assert [m["method"] for m in parsed(capsys, "methods")][-len(METHODS):] == list(METHODS)
+    assert [suite["suite"] for suite in parsed(capsys, "suites")] == ["mini", "paper"]
+
+
+@pytest.mark.gl
+def test_commands_answer_with_json(capsys: Lines, tmp_path: Path) -> None:
+    """`--quiet` keeps the plan and the progress away."""
+    data, results = tmp_path / "data", tmp_path / "results"
+    size = ("--frames", "5", "--width", "128", "--height", "96", "--workers", "1")
+    render = ("render", "--robot", "owi535", "--n", "1", "--out", data, *size)
+    done = parsed(capsys, *render, "--quiet")
+    assert (done["dataset"], done["sequences"], done["frames"]) == (str(data), 1, 5)
+    checked = parsed(capsys, "verify", data, "--workers", "1", "--quiet")
+    assert checked["ok"] is True
+    assert all(check["worst"] <= check["bound"] for check in checked["checks"])
+    method = ("eval", "--method", "hold-still", "--data", data, "--results", results)
+    ran = parsed(capsys, *method, "--quiet")
+    (line,) = ran["leaderboard"]
+    assert (line["method"], line["sequences"], line["ci_low"]) == ("hold-still", 1, None)
+    assert (ran["estimated"], ran["usable"], ran["failures"]) == (1, 1, [])
+    assert Path(ran["folders"][0]).is_dir() and Path(ran["pages"][0]).is_file()
+
+    template = tmp_path / "new.csv"
+    score = ("score", "--predictions", template, "--data", data, "--results", results)
+    assert parsed(capsys, *score, "--template", "--quiet") == {"template": str(template)}
+    text = template.read_text().replace("NAME", "mine")
+    template.write_text(re.sub(r"(?m)^(\d{6},.*,)$", r"\g<1>0.0", text))
+    scored = parsed(capsys, *score, "--quiet")
+    assert scored["leaderboard"][0]["mean"] == pytest.approx(line["mean"])
+    written = parsed(capsys, "report", results, "--out", tmp_path / "report", "--no-pictures",
+                     "--quiet")
+    assert all(Path(written[key]).is_file() for key in ("page", "markdown", "csv", "latex"))
+
+
+@pytest.mark.gl
+def test_the_doctor_answers_with_json(capsys: Lines) -> None:
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ok"] is True
+    assert any(line.startswith("ok    numpy ") for line in found["packages"])
+
+
+def test_what_json_lacks_is_null() -> None:
+    check = CheckResult("flow", float("inf"), float("nan"), 0.0, "px", 1, "part \udcff")
+    record = json.loads(command_line.to_json({"checks": (check,), "path": Path("a")}))
+    assert record["checks"][0] | {"worst": None, "mean": None} == record["checks"][0]
+    assert record["path"] == "a"
+
+
+# -- completion -------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

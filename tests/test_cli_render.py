@@ -28,7 +28,10 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[RenderConfig, int, Path
         def describe(self) -> str:
             return "done"
 
-    def generate(config: RenderConfig, n: int, out: Path, workers: int | None = None) -> Summary:
+    def generate(
+        config: RenderConfig, n: int, out: Path, workers: int | None, progress: bool
+    ) -> Summary:
+        assert progress
         calls.append((config, n, out, workers))
         return Summary()
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from .registry import (
     Declaration,
     declaration_of,
+    list_methods,
     load_method,
     method_identity,
     method_source,
-    methods_table,
     plan_rows,
     split_oracles,
     with_options,
 )
 
 __all__ = [
-    "Declaration", "declaration_of", "load_method", "method_identity", "method_source",
-    "methods_table", "plan_rows", "split_oracles", "with_options",
+    "Declaration", "declaration_of", "list_methods", "load_method", "method_identity",
+    "method_source", "plan_rows", "split_oracles", "with_options",
 ]

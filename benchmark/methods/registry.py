@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from ...errors import ConfigError, MethodError, suggestion
 from ...renderer.runtime import dump_json
 from ...renderer.types import Inputs, Knowledge, Method, Observation
-from ...robots.catalog import text_table
 from ..protocol import ORACLES, are_compatible
 from ..results import INPUTS, KNOWLEDGE, LABEL, Row, is_label
 
@@ -79,20 +78,22 @@ def registered_methods() -> dict[str, str]:
     return {**others, **METHODS}
 
 
-def methods_table() -> str:
-    """Return a line of text for each registered method; those of other packages are not loaded."""
-    rows = [("method", "inputs", "knowledge", "training")]
+def list_methods() -> list[dict[str, str]]:
+    """Return a record for each registered method; those of other packages are not loaded."""
+    records: list[dict[str, str]] = []
     for name, source in registered_methods().items():
-        if name not in METHODS:
-            rows.append((name, "", "", f"of another package: {source}"))
-            continue
-        try:
-            method = declaration_of(load_method(name), name)
-        except ConfigError as error:  # it needs an option
-            rows.append((name, "", "", str(error)))
-            continue
-        rows.append((name, " ".join(method.inputs), " ".join(method.knowledge), method.training))
-    return text_table(rows)
+        inputs = knowledge = ""
+        training = f"of another package: {source}"
+        if name in METHODS:
+            try:
+                method = declaration_of(load_method(name), name)
+                inputs, knowledge = " ".join(method.inputs), " ".join(method.knowledge)
+                training = method.training
+            except ConfigError as error:  # it needs an option
+                training = str(error)
+        records.append({"method": name, "inputs": inputs, "knowledge": knowledge,
+                        "training": training})
+    return records
 
 
 def split_oracles(name: str) -> tuple[str, tuple[str, ...]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from .formats import leaderboard_text
+from .formats import leaderboard_records, leaderboard_text
+from .leaderboard import build_leaderboard
 from .page import report
 
-__all__ = ["leaderboard_text", "report"]
+__all__ = ["build_leaderboard", "leaderboard_records", "leaderboard_text", "report"]

@@ -11,8 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from ..protocol import PCP5
-from ..results import RunFolder
-from .leaderboard import Leaderboard, build_leaderboard
+from .leaderboard import Leaderboard
 from .tables import Table, leaderboard_tables, suite_tables
 
 CSV_COLUMNS = ("dataset", "method", "inputs", "knowledge", "sequences", "joints", "mean", "std",
@@ -57,27 +56,35 @@ def escape_latex(text: str) -> str:
     return "".join(_LATEX.get(c, c) for c in known)
 
 
+def leaderboard_records(board: Leaderboard) -> list[dict[str, str | int | float | None]]:
+    """Return a record for each line, with the fields CSV_COLUMNS; what is unknown is None."""
+    records: list[dict[str, str | int | float | None]] = []
+    for line in board.lines:
+        s, row = line.summary, line.row
+        interval = (s.ci_low, s.ci_high) if line.has_interval else (None, None)
+        values = (line.dataset, row.name, row.inputs, row.knowledge, s.sequences, s.joints,
+                  s.mean, s.std, *interval, s.median, s.p90, s.pcp[PCP5], s.coverage,
+                  line.means.get("seconds_per_frame"), line.unit)
+        records.append(dict(zip(CSV_COLUMNS, values, strict=True)))
+    return records
+
+
 def leaderboard_csv(board: Leaderboard) -> str:
     """Return a row for each line, with the columns CSV_COLUMNS; what is unknown is empty."""
+    def cell(value: str | float | None) -> str | float:
+        if isinstance(value, str):
+            return escape_csv(value)
+        return f"{value:.6g}" if isinstance(value, float) else "" if value is None else value
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
-    for line in board.lines:
-        s, row = line.summary, line.row
-        seconds = line.means.get("seconds_per_frame")
-        interval = (s.ci_low, s.ci_high) if line.has_interval else ("", "")
-        numbers = (s.mean, s.std, *interval, s.median, s.p90, s.pcp[PCP5], s.coverage)
-        words = [escape_csv(x) for x in (line.dataset, row.name, row.inputs, row.knowledge)]
-        writer.writerow([
-            *words, s.sequences, s.joints, *(x if x == "" else f"{x:.6g}" for x in numbers),
-            "" if seconds is None else f"{seconds:.6g}", line.unit,
-        ])  # fmt: skip
+    writer.writerows(map(cell, record.values()) for record in leaderboard_records(board))
     return text.getvalue()
 
 
-def leaderboard_text(runs: Iterable[RunFolder]) -> str:
-    """Return the leaderboard of runs for a terminal: the report's tables, but narrower."""
-    board = build_leaderboard(runs)
+def leaderboard_text(board: Leaderboard) -> str:
+    """Return a leaderboard for a terminal: the report's tables, but narrower."""
     return to_text(suite_tables(board) + leaderboard_tables(board), without=("training",))
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from .driver import EvalConfig, evaluate
 from .observation_files import export_observations
 from .submissions import ScoreConfig, score, score_predictions
-from .suite import suites_table
+from .suite import list_suites
 
 __all__ = [
-    "EvalConfig", "ScoreConfig", "evaluate", "export_observations", "score", "score_predictions",
-    "suites_table",
+    "EvalConfig", "ScoreConfig", "evaluate", "export_observations", "list_suites", "score",
+    "score_predictions",
 ]

@@ -148,7 +148,7 @@ def score(
     ))  # fmt: skip
 
 
-def score_predictions(config: ScoreConfig) -> Results:
+def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
     """Score predictions; like `score`, with all options. A template has no runs."""
     file, results = config.predictions, config.results
     if file.exists() == config.template:
@@ -156,7 +156,8 @@ def score_predictions(config: ScoreConfig) -> Results:
     if config.data:
         data = from_folders(config.data, config.keep_unobservable)
     else:
-        data = from_suite(read_suite(config.suite), config.suites, config.keep_unobservable)
+        data = from_suite(read_suite(config.suite), config.suites, config.keep_unobservable,
+                          progress=progress)
     wanted = list_targets(data)
     if config.template:
         with name_unwritable(file):

@@ -24,7 +24,6 @@ import msgspec
 from ...errors import ConfigError, GcbenchError, suggestion
 from ...renderer.runtime import parse_toml, to_record
 from ...renderer.scene import RenderConfig, parse_config, resolve
-from ...robots.catalog import text_table
 from ...robots.files import read_bounded
 
 _FOLDER = Path(__file__).parents[1] / "suites"
@@ -71,13 +70,11 @@ def builtin_suites() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 
 
-def suites_table() -> str:
-    """Return a line of text for each built-in suite."""
-    rows = [("suite", "datasets", "sequences", "about")]
-    for suite in map(read_suite, builtin_suites()):
-        n = sum(dataset.n for dataset in suite.datasets)
-        rows.append((suite.name, str(len(suite.datasets)), str(n), suite.about))
-    return text_table(rows)
+def list_suites() -> list[dict[str, object]]:
+    """Return a record for each built-in suite."""
+    return [{"suite": suite.name, "datasets": len(suite.datasets),
+             "sequences": sum(dataset.n for dataset in suite.datasets), "about": suite.about}
+            for suite in map(read_suite, builtin_suites())]
 
 
 def read_suite(name_or_file: str | Path) -> Suite:

@@ -13,16 +13,26 @@ from ..runtime import command_line
 from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolve
 
 _MOST = 1_000_000  # sequences of one run
+_GROUPS = {
+    "options": "--help --robot --n --out --sequences --seed --frames --width --height --layers "
+               "--randomize --config --workers --quiet --json",
+    "model": "--package --root --scale --allow-missing --animation --scored-joints",
+    "sequences": "--vary --stream --keep-unobservable",
+    "images": "--samples --track-points",
+}
+"""Options by group; those of the randomization have groups of their own."""
 
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """What `gcbench render` hands to `render_dataset`."""
+    """What `gcbench render` hands to `render_dataset`, and what it prints."""
 
     config: RenderConfig
     n: int | Sequence[int]
     out: Path
     workers: int | None
+    quiet: bool
+    json: bool
 
 
 def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
@@ -36,7 +46,7 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     ranges = RandomizationConfig()
 
     @dataclass(frozen=True)
-    class Render(RenderConfig):
+    class Render(command_line.OutputOptions, RenderConfig):
         n: int = 10
         """Number of sequences in the dataset."""
         sequences: Annotated[str, quiet] = ""
@@ -48,8 +58,8 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         randomize: Literal["full", "none"] = "full"
         """none: a plain studio, in which only the motion (and the object of a kind) is random."""
         config: Annotated[Path | None, quiet] = None
-        """TOML or JSON file of options (any but --n, --sequences, --out, --workers and
-        --randomize, with _ for -), with tables such as `[randomization.camera]`, or a
+        """TOML or JSON file of options (any but --n, --sequences, --out, --workers, --quiet,
+        --json and --randomize, with _ for -), with tables such as `[randomization.camera]`, or a
         dataset.json. Options on the command line override the file."""
         randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
 
@@ -60,7 +70,7 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         base = read_config(Path(file), base)
     names = [f.name for f in fields(RenderConfig)]
     default = Render(**{name: getattr(base, name) for name in names})
-    options: Any = command_line.parse_options(args, "render", Render, doc, default)
+    options: Any = command_line.parse_options(args, "render", Render, doc, default, _GROUPS)
     config = resolve(RenderConfig(**{name: getattr(options, name) for name in names}))
     out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
     n = options.n
@@ -71,4 +81,4 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         if sum(map(len, ranges)) > _MOST:
             raise ConfigError(f"--sequences {options.sequences[:60]}: more than {_MOST} at once")
         n = sorted({*chain(*ranges)})
-    return RenderOptions(config, n, out, options.workers)
+    return RenderOptions(config, n, out, options.workers, options.quiet, options.json)

@@ -5,12 +5,18 @@
 import functools
 import inspect
 import io
+import json
+import os
 import re
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout, suppress
-from typing import Annotated, Any, Union
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Annotated, Any, Union, cast
+
+import numpy as np
 
 from ...errors import ConfigError
+from .help import format_help
 
 _SHOW_TARGET = ["--show-target"]
 """The list with which `parse_options` raises `_TargetShown`; compared by identity."""
@@ -20,19 +26,57 @@ class _TargetShown(Exception):  # noqa: N818 - a signal
     pass
 
 
+@dataclass(frozen=True)
+class OutputOptions:
+    """What a command prints."""
+
+    quiet: bool = False
+    """Show no progress and no plan: print the result and errors only."""
+    json: bool = False
+    """Print the result as one JSON document."""
+
+
 def parse_options(
-    args: Sequence[str], name: str, target: Any, doc: str | None, default: Any = None
+    args: Sequence[str], name: str, target: Any, doc: str | None, default: Any = None,
+    groups: Mapping[str, str] | None = None,
 ) -> Any:
     """Return the options of one command: an instance of the dataclass `target`.
 
-    Raises ConfigError for wrong options, SystemExit after printing the help.
+    The help shows the `groups` of options (see `format_help`). Raises ConfigError for wrong
+    options, SystemExit after printing the help.
     """
-    import tyro
-
     if args is _SHOW_TARGET:
         raise _TargetShown(target)
-    if "-h" in args or "--help" in args:
-        print(inspect.cleandoc(doc or "").partition("\n\nArgs:")[0], end="\n\n")
+    asked = next((k for k, arg in enumerate(args) if arg in ("-h", "--help")), None)
+    if asked is None:
+        return _parse(args, name, target, default)
+    shown = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")  # of another, boxes are ASCII
+    with _columns(), redirect_stdout(shown), suppress(SystemExit):
+        _parse(["--help"], name, target, default)
+    about = inspect.cleandoc(doc or "").partition("\n\nArgs:")[0]
+    wanted = next((arg for arg in args[asked + 1:asked + 2] if not arg.startswith("-")), "")
+    shown.seek(0)
+    text = format_help(shown.read(), groups or {}, wanted)
+    print(f"{about}\n\n{text}" if wanted in ("", "all") else text)
+    raise SystemExit(0)
+
+
+@contextmanager
+def _columns() -> Generator[None]:
+    """Have tyro draw its boxes below each other."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "100"
+    try:
+        yield
+    finally:
+        os.environ.pop("COLUMNS")
+        if before is not None:
+            os.environ["COLUMNS"] = before
+
+
+def _parse(args: Sequence[str], name: str, target: Any, default: Any) -> Any:
+    import tyro
+
     complaint = io.StringIO()
     try:
         with redirect_stderr(complaint):
@@ -87,6 +131,19 @@ def run_command(
     bind.__annotations__ = {p.name: p.annotation for p in parameters}
     vars(bind)["__signature__"] = inspect.Signature(parameters)
     return parse_options(args, name, bind, function.__doc__)()
+
+
+def to_json(record: object) -> str:
+    """Return dataclasses, mappings, paths and lists as JSON in ASCII; null for NaN and infinity."""
+    def plain(value: Any) -> Any:
+        if is_dataclass(value):
+            return {f.name: getattr(value, f.name) for f in fields(value)}
+        if isinstance(value, Mapping):
+            return dict(cast("Mapping[str, Any]", value))
+        return value.item() if isinstance(value, np.generic) else str(value)
+
+    tree = json.loads(json.dumps(record, default=plain), parse_constant=lambda _: None)
+    return json.dumps(tree, indent=1)
 
 
 def parse_ranges(text: str) -> list[range]:

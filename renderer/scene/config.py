@@ -230,11 +230,15 @@ class RenderConfig:
     scale: Annotated[float, Bounds(1e-6, 1e6)] = 1.0
     """Factor of all lengths of a URDF or glTF file that is not in metres."""
     seed: Annotated[int, Bounds(0)] = 0
+    """Seed of all random draws."""
     stream: Literal["test", "train"] = "test"
     """Suites contain sequences of `test` only; train a learned method on `train`."""
     frames: Annotated[int, Bounds(1, 100_000)] = 15
+    """Number of frames of a sequence."""
     width: Annotated[int, Bounds(16, 16_384)] = 640
+    """Width of the images, px."""
     height: Annotated[int, Bounds(16, 16_384)] = 480
+    """Height of the images, px."""
     animation: str = ""
     """Animation of the model to play. Default: the first, if there is any; none: joints move."""
     scored_joints: tuple[str, ...] = ()

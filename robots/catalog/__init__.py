@@ -11,13 +11,13 @@ from .entries import (
     is_local,
     robot_folder,
 )
-from .listing import RobotInfo, fetch_robot, list_robots, robots_table, text_table
+from .listing import RobotInfo, fetch_robot, list_robots, records_table
 from .loading import is_file, load_robot, robot_urdf, scored_by_default
 from .names import instance_numbers, is_category, is_object, parse_object_name
 
 __all__ = [
     "CATALOG", "CatalogEntry", "FetchedRobot", "GeneratedRobot", "RobotInfo", "fetch_robot",
     "find_robot", "instance_numbers", "is_category", "is_file", "is_local", "is_object",
-    "list_robots", "load_robot", "parse_object_name", "robot_folder", "robot_urdf", "robots_table",
-    "scored_by_default", "text_table",
+    "list_robots", "load_robot", "parse_object_name", "records_table", "robot_folder", "robot_urdf",
+    "scored_by_default",
 ]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import ModelError
@@ -76,13 +76,9 @@ def fetch_robot(name: str) -> Path | None:
     return None if isinstance(entry, GeneratedRobot) else robot_folder(entry)
 
 
-def robots_table(robots: Sequence[RobotInfo]) -> str:
-    """Return a line of text for each robot, below a header."""
-    return text_table([[f.name for f in fields(RobotInfo)], *(astuple(r) for r in robots)])
-
-
-def text_table(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows of cells as lines with aligned columns."""
+def records_table(records: Sequence[Mapping[str, object]]) -> str:
+    """Return a line of text for each record, with aligned columns below a header."""
+    rows = [[*records[0]], *([str(cell) for cell in record.values()] for record in records)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()

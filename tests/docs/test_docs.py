@@ -283,7 +283,7 @@ def test_the_reference_has_every_command_and_option(hooks: ModuleType) -> None:
         text = hooks.help_of(command)
         section = hooks.command_section(command, text)
         assert section.startswith(f"## gcbench {command}\n\n")
-        options = set(re.findall(r"(?m)^│ (?:-h, )?(--[\w.-]+)", text))
+        options = set(re.findall(r"(?m)^  (?:-h, )?(--[\w.-]+)", text))
         assert "--help" in options
         listed = set(re.findall(r"(?m)^\| `(?:-h, )?(--[\w.-]+)", section))
         assert listed == options, command

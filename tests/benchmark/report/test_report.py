@@ -24,7 +24,7 @@ from gcbench.benchmark.report.formats import (
     leaderboard_text,
 )
 from gcbench.benchmark.report.gallery import draw_pictures, select_pictures, sequence_errors
-from gcbench.benchmark.report.leaderboard import read_leaderboard
+from gcbench.benchmark.report.leaderboard import build_leaderboard, read_leaderboard
 from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
 from gcbench.benchmark.report.suite_scores import suite_scores
@@ -112,7 +112,7 @@ def test_the_terminal_shows_the_leaderboard_of_the_report(results: Path, tmp_pat
     report([results], tmp_path, progress=False)
     document = (tmp_path / "leaderboard.md").read_text().replace("\\", "")
     cells = [re.split(r" *\| *", line)[1:-1] for line in document.splitlines() if "|" in line]
-    shown = leaderboard_text(find_runs(results)).splitlines()
+    shown = leaderboard_text(build_leaderboard(find_runs(results))).splitlines()
     table = [re.split("  +", line.strip()) for line in shown if "  " in line]
     rows = [row for row in cells if "---" not in row[0]]
     assert table == [row if len(row) == 5 else [*row[:2], *row[3:]] for row in rows]
@@ -416,7 +416,8 @@ def test_a_suite_has_one_score_for_each_row(results: Path, tmp_path: Path) -> No
     heads = [x for x in (tmp_path / "leaderboard.md").read_text().splitlines() if x[:3] == "## "]
     assert heads == ["## All datasets of mini", "## mini/ur5", "## mini/iiwa14"]
     assert data_of(tmp_path / "index.html")["suites"][0]["title"] == "All datasets of mini"
-    assert leaderboard_text(find_runs(results)).startswith("All datasets of mini\nmethod ")
+    shown = leaderboard_text(build_leaderboard(find_runs(results)))
+    assert shown.startswith("All datasets of mini\nmethod ")
 
 
 def test_a_row_on_fewer_datasets_comes_last(tmp_path: Path) -> None:
@@ -437,7 +438,7 @@ def test_few_sequences_have_no_interval(tmp_path: Path) -> None:
     assert all(score.interval is None for score in suite_scores(board))
     rows = list(csv.DictReader(io.StringIO(leaderboard_csv(board))))
     assert [(row["ci_low"], row["ci_high"]) for row in rows] == [("", "")] * 4
-    assert " to " not in leaderboard_text(find_runs(tmp_path))
+    assert " to " not in leaderboard_text(build_leaderboard(find_runs(tmp_path)))
 
 
 @pytest.mark.parametrize(("x", "text"), [

@@ -81,7 +81,7 @@ def test_an_accident_costs_one_sequence(
     (line,) = build_leaderboard(outcome.runs).lines
     assert line.summary.coverage == pytest.approx(100 * 4 / 6)
     assert line.summary.joints == 6
-    assert "66.7 %" in leaderboard_text(outcome.runs)
+    assert "66.7 %" in leaderboard_text(build_leaderboard(outcome.runs))
 
 
 def test_a_method_that_hangs_is_ended(data: Path, tmp_path: Path) -> None:
