@@ -34,6 +34,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     "more": {
         "doctor": renderer.doctor, "train flow": gcpose.train_flow,
         "train screwnet": gcpose.train_screwnet,
+        "train abbatematteo": gcpose.train_abbatematteo,
     },
 }
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
@@ -67,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         lines: list[str] = []
         for title, commands in GROUPS.items():
             lines += ["", f"{title}:"]
-            lines += [f"  {k:15} {(f.__doc__ or k).splitlines()[0]}" for k, f in commands.items()]
+            lines += [f"  {k:18} {(f.__doc__ or k).splitlines()[0]}" for k, f in commands.items()]
         print(HELP.format(commands="\n".join([*lines, ""])), end="")
         return 0
     if args[0] == "--version":

@@ -13,6 +13,11 @@ def train_screwnet(args: Sequence[str]) -> tuple[object, int]:
     return _train("screwnet", args)
 
 
+def train_abbatematteo(args: Sequence[str]) -> tuple[object, int]:
+    """Train Abbatematteo et al., a baseline: one joint from a depth image."""
+    return _train("abbatematteo", args)
+
+
 def _train(name: str, args: Sequence[str]) -> tuple[object, int]:
     from ..renderer.runtime import command_line
     from .training.config import CONFIGS

@@ -32,6 +32,7 @@ METHODS = {
     "gcpose-epipolar": "gcbench.gcpose.paper.pipeline:Epipolar",
     "gcpose-depth": "gcbench.gcpose.paper.pipeline:WithDepth",
     "screwnet": "gcbench.gcpose.learned.screwnet:ScrewNetMethod",
+    "abbatematteo": "gcbench.gcpose.learned.abbatematteo:Abbatematteo",
     "icp": "gcbench.benchmark.methods.icp:Icp",
     "icp-first": "gcbench.benchmark.methods.icp:IcpFirst",
     "hold-still": "gcbench.benchmark.methods.baselines:HoldStill",

@@ -3,18 +3,14 @@
 # pyright: basic
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from ...errors import ConfigError, MethodError
+from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
 from ..networks.screwnet import ScrewNet, fit_depth, screwnet_width
-from ..networks.torch_runtime import device_named, torch
-from ..networks.weights import read_notes, read_tensors, read_weights
-
-_TRAIN = "gcbench train screwnet --out screwnet, then --weights screwnet/screwnet.safetensors"
+from ..networks.torch_runtime import torch
+from .trained import depth_of_one_joint, load_trained
 
 
 class ScrewNetMethod:
@@ -31,20 +27,9 @@ class ScrewNetMethod:
         Raises:
             ConfigError: If the file is missing or has no weights of this network.
         """
-        if not weights:
-            raise ConfigError(f"screwnet needs weights: {_TRAIN}")
-        path = Path(weights)
-        width = screwnet_width(read_tensors(path))
-        if not 8 <= width <= 64:
-            raise ConfigError(f"{path}: no weights of screwnet; make them with {_TRAIN}")
-        self.network = ScrewNet(width).eval()
-        self.network.load_state_dict(
-            read_weights(path, self.network.state_dict(), "screwnet"))
-        self.network.to(device_named(device))
-        self.device = device_named(device)
-        objects = read_notes(path).get("objects", "unknown objects")[:100]
-        self.training = f"supervised: depth video of {objects}"
-        self.name += f" {objects.replace(', ', '+')}" + (f" width={width}" if width < 64 else "")
+        self.trained = load_trained("screwnet", weights, device, screwnet_width, ScrewNet)
+        self.training = f"supervised: depth video of {self.trained.objects}"
+        self.name += f" {self.trained.label}"
 
     def estimate(self, observation: Observation) -> Estimate:
         """Return displacements, and the mean axis.
@@ -52,13 +37,9 @@ class ScrewNetMethod:
         Raises:
             MethodError: If there is no depth, or not one joint.
         """
-        if observation.depth is None:
-            raise MethodError("screwnet needs depth: --inputs rgbd")
-        if observation.n_joints != 1:
-            raise MethodError(f"screwnet sees one joint; this object has {observation.n_joints}")
-        depth = torch.from_numpy(fit_depth(observation.depth))[None].to(self.device)
+        depth = self.trained.tensor(fit_depth(depth_of_one_joint(observation, self.name)))
         with torch.no_grad():
-            found = self.network(depth)[0].cpu().numpy().astype(np.float64)
+            found = self.trained.network(depth[None])[0].cpu().numpy().astype(np.float64)
         prismatic = observation.joint_types[0] == "prismatic"
         displacement, screw = motion_of_screws(found, prismatic)
         if not np.isfinite(found).all():

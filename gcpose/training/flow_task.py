@@ -52,7 +52,7 @@ class FlowTask:
         c = self.config
         return plan_datasets(c.models, c.seed, c.robots, c.recipe)
 
-    def open_samples(self, folders: list[Path]) -> Samples:
+    def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         return Pairs(folders, self.config)
 
     def count_steps(self, samples: Samples) -> int:

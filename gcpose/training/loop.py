@@ -107,7 +107,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
             if not data:
                 data, further = render_datasets(config.out / "data", task.plan_data(), config)
                 run.held_out.extend([] if run.held_out else further)
-            at = _train_steps(run, task.open_samples(data), at)
+            at = _train_steps(run, task.open_samples(data, network), at)
         return run.measure(at)
 
 
@@ -150,6 +150,7 @@ def _train_step(run: _Run, batch: list[torch.Tensor], step: int, steps: int) -> 
     task, network, progress = run.task, run.network, step / steps
     for group in run.optimizer.param_groups:
         group["lr"] = task.rate(progress)
+    torch.manual_seed(1_000_003 * task.config.seed + step)  # of dropout: a later run repeats it
     loss = task.loss(network.train(), batch, progress)
     run.optimizer.zero_grad(set_to_none=True)
     loss.backward()

@@ -65,8 +65,8 @@ class TrainingTask(Protocol):
         """Yield the datasets to render if none are given."""
         ...
 
-    def open_samples(self, folders: list[Path]) -> Samples:
-        """Return the samples of datasets."""
+    def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
+        """Return the samples of datasets; the network may take the ranges of the data."""
         ...
 
     def count_steps(self, samples: Samples) -> int:

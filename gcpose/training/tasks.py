@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from ...errors import ConfigError
-from .config import FlowTraining, ScrewNetTraining, TrainConfig
+from .abbatematteo_task import AbbatematteoTask
+from .config import AbbatematteoTraining, FlowTraining, ScrewNetTraining, TrainConfig
 from .flow_task import FlowTask
 from .loop import train
 from .screwnet_task import ScrewNetTask
@@ -17,6 +18,8 @@ def task_of(config: TrainConfig) -> TrainingTask:
         return FlowTask(config)
     if isinstance(config, ScrewNetTraining):
         return ScrewNetTask(config)
+    if isinstance(config, AbbatematteoTraining):
+        return AbbatematteoTask(config)
     raise ConfigError(f"{type(config).__name__} are options of no network")
 
 

@@ -39,7 +39,7 @@ def save(base: Sequence, folder: Path, index: int, faster: float, observable: bo
     meta = dataclasses.replace(
         base.meta, name=f"{index:06d}", index=index, seed=5, observability=seen
     )
-    with SequenceWriter(folder, index, meta.depth_unit) as writer:
+    with SequenceWriter(folder, index, meta.depth_unit, state.coordinate_box) as writer:
         for frame in dataclasses.replace(base, meta=meta, state=state):
             rgb = frame.rgb.copy()
             rgb[0, 0] = index

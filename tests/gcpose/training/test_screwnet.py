@@ -17,11 +17,9 @@ from gcbench.benchmark.protocol import observe
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.gcpose.training.config import ScrewNetTraining
 from gcbench.renderer.dataset.reader import open_dataset
-from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.geometry import inverse, se3
-from gcbench.robots.model import forward_kinematics
 
-from ...support import analytic, bench_data
+from ...support.one_joint import dataset, moved
 
 torch = pytest.importorskip("torch", reason="training needs PyTorch")
 pytest.importorskip("safetensors", reason="weights need safetensors")
@@ -39,33 +37,6 @@ from gcbench.gcpose.training.screws import (  # noqa: E402
     rotations_about,
     screw_loss,
 )
-
-
-def moved(joint: str, displacement: list[float]) -> Sequence:
-    """The arm of the tests, of which one joint moves."""
-    base = analytic.render(width=48, height=36, frames=len(displacement), room=False)
-    model = analytic.arm()
-    q = np.tile(base.state.joint_positions[:1], (len(displacement), 1))
-    q[:, base.meta.joint_names.index(joint)] += displacement
-    poses = forward_kinematics(model, q)
-    screw = analytic._screws(model, base.state.cam_from_world[0] @ poses)
-    state = replace(base.state, joint_positions=q, world_from_part=poses, joint_screw=screw)
-    return replace(base, state=state, meta=replace(base.meta, scored_joints=(joint,)))
-
-
-def dataset(folder: Path, n: int = 4, joints: tuple[str, ...] = ("pan",)) -> Path:
-    """A dataset of the stream "train" of objects with one scored joint."""
-    folder.mkdir(parents=True)
-    bench_data.make_dataset(folder, n)
-    info = json.loads((folder / "dataset.json").read_text())
-    info["config"]["stream"] = "train"
-    (folder / "dataset.json").write_text(json.dumps(info))
-    for index in range(n):
-        (folder / f"sequences/{index:06d}.zip").unlink()
-        base = moved("pan", [0.0, 0.1, 0.2, 0.3])
-        base = replace(base, meta=replace(base.meta, scored_joints=joints))
-        bench_data.save(base, folder, index, 1.0 + index, observable=True)
-    return folder
 
 
 def options(data: Path, out: Path, steps: int = 3) -> ScrewNetTraining:
@@ -218,7 +189,7 @@ class DoorTask(ScrewNetTask):
     def plan_data(self) -> Iterator[Any]:
         return iter(())
 
-    def open_samples(self, folders: list[Path]) -> Doors:
+    def open_samples(self, folders: list[Path], network: Any) -> Doors:
         return Doors()
 
 

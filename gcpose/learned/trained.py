@@ -1,0 +1,69 @@
+"""What a method reads of a file of weights that `gcbench train` wrote."""
+
+# pyright: basic
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import ConfigError, MethodError
+from ...renderer.types import Observation
+from ..networks.torch_runtime import Tensor, device_named, nn, torch
+from ..networks.weights import read_notes, read_tensors, read_weights
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained network on its device."""
+
+    network: nn.Module
+    device: torch.device
+    objects: str
+    """What it has learned from, such as "dishwasher, oven"."""
+    label: str
+    """The same with the width, for the name of a row."""
+
+    def tensor(self, array: NDArray[np.float32]) -> Tensor:
+        """Return an array as a tensor on the device."""
+        return torch.from_numpy(array).to(self.device)
+
+
+def load_trained(
+    name: str, weights: str, device: str,
+    width_of: Callable[[Mapping[str, Tensor]], int], make: Callable[[int], nn.Module],
+) -> Trained:
+    """Load the network `name` of any width from the file that `gcbench train` wrote.
+
+    Raises:
+        ConfigError: If the file is missing or has no weights of this network.
+    """
+    recipe = f"gcbench train {name} --out {name}, then --weights {name}/{name}.safetensors"
+    if not weights:
+        raise ConfigError(f"{name} needs weights: {recipe}")
+    path = Path(weights)
+    width = width_of(read_tensors(path))
+    if not 8 <= width <= 64:
+        raise ConfigError(f"{path}: no weights of {name}; make them with {recipe}")
+    network = make(width).eval()
+    network.load_state_dict(read_weights(path, network.state_dict(), name))
+    network.to(device_named(device))
+    objects = read_notes(path).get("objects", "unknown objects")[:100]
+    label = objects.replace(", ", "+") + (f" width={width}" if width < 64 else "")
+    return Trained(network, device_named(device), objects, label)
+
+
+def depth_of_one_joint(observation: Observation, name: str) -> NDArray[np.float32]:
+    """Return the depth images [T H W] m.
+
+    Raises:
+        MethodError: If there is no depth, or not one joint.
+    """
+    if observation.depth is None:
+        raise MethodError(f"{name} needs depth: --inputs rgbd")
+    if observation.n_joints != 1:
+        raise MethodError(f"{name} sees one joint; this object has {observation.n_joints}")
+    return observation.depth

@@ -1,0 +1,72 @@
+"""Training of the network of Abbatematteo et al."""
+
+# pyright: basic
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from ...errors import ConfigError
+from ...renderer.dataset import open_dataset
+from ..networks.abbatematteo import CONFIGURATION, MixtureDensityNetwork
+from ..networks.screwnet import fit_depth
+from ..networks.torch_runtime import Tensor, nn, torch
+from .config import AbbatematteoTraining
+from .joint_images import JointImages, joint_numbers
+from .object_task import ObjectTask
+from .task import Scores
+
+
+@dataclass(frozen=True)
+class AbbatematteoTask(ObjectTask):
+    """Errors are measured beside those of no motion at all."""
+
+    config: AbbatematteoTraining
+    name: str = "abbatematteo"
+    layers: tuple[str, ...] = ("coordinates",)
+
+    def check_options(self) -> None:
+        super().check_options()
+        if not 0 <= self.config.dropout < 1:
+            raise ConfigError(f"--dropout {self.config.dropout}: give a share from 0 to 1")
+
+    def make_network(self) -> nn.Module:
+        return MixtureDensityNetwork(self.config.width, self.config.dropout)
+
+    def open_samples(self, folders: list[Path], network: nn.Module) -> JointImages:
+        samples = JointImages(folders, self.config.seed, self.config.dropped)
+        bounds = cast("MixtureDensityNetwork", network).bounds
+        bounds.copy_(torch.from_numpy(samples.bounds()))
+        return samples
+
+    def rate(self, progress: float) -> float:
+        """Return the learning rate, which is constant."""
+        return self.config.rate
+
+    def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
+        return cast("MixtureDensityNetwork", network).loss(*batch)
+
+    def measure(self, network: nn.Module, folder: Path) -> Scores:
+        """Return the mean errors of displacements, of positions, and the loss."""
+        mixture = cast("MixtureDensityNetwork", network)
+        device, rows, still = mixture.bounds.device, [], []
+        for sequence in open_dataset(folder):
+            true = torch.from_numpy(joint_numbers(sequence).astype(np.float32)).to(device)
+            depth = torch.from_numpy(fit_depth(sequence.depth[0 : len(sequence)])).to(device)
+            with torch.no_grad():
+                loss = float(mixture.loss(depth, true))
+                found = mixture.likeliest(depth)[:, CONFIGURATION].cpu().numpy()
+            q = true[:, CONFIGURATION].cpu().numpy()
+            moved = q[1:] - q[0]
+            unit = 1.0 if sequence.meta.joint_types[
+                sequence.meta.joint_names.index(sequence.meta.scored_joints[0])
+            ] == "prismatic" else 180 / np.pi
+            rows.append([unit * np.abs(found[1:] - found[0] - moved).mean(),
+                         unit * np.abs(found - q).mean(), loss])
+            still.append([unit * np.abs(moved).mean()])
+        names = "displacement", "position", "loss"
+        return {"abbatematteo": dict(zip(names, np.mean(rows, axis=0).tolist(), strict=True)),
+                "hold-still": {"displacement": float(np.mean(still))}}

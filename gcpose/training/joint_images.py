@@ -1,0 +1,120 @@
+"""Depth images of objects with one joint, and the 22 numbers that describe such an object."""
+
+# pyright: basic
+from __future__ import annotations
+
+from collections.abc import Sequence as Row
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DatasetError
+from ...renderer.dataset import open_dataset
+from ...renderer.types import Sequence
+from ...robots.geometry import Array, inverse, move_screw, quaternion_from_rotation
+from ..networks.screwnet import fit_depth
+from .screws import shuffled
+
+
+@dataclass(frozen=True)
+class JointSample:
+    """A depth image and what is to be seen in it."""
+
+    depth: NDArray[np.float32]
+    """[108 192] in units of 12 m"""
+    numbers: NDArray[np.float32]
+    """[22] (see `joint_numbers`)"""
+
+
+def joint_numbers(sequence: Sequence) -> Array:
+    """Return the numbers [T 22] that describe an object with one joint in each frame.
+
+    The axis in the frame of the body that carries the joint: a point (3, m) and the unit
+    quaternion (x, y, z, w) that turns x to its direction; the joint position (rad or m); the
+    centre of the moving part from that point, in the part's frame (3, m); the sizes of the body (3,
+    m) and the least size of the part (m); the body's position (3, m) and quaternion in the camera
+    frame. w is never negative.
+
+    Raises:
+        DatasetError: If the sequence has not one scored joint between two parts, or no
+            coordinates.
+    """
+    meta, state = sequence.meta, sequence.state
+    joints = [meta.joint_names.index(name) for name in meta.scored_joints]
+    body = int(state.joint_parent_part[joints[0]]) - 1 if len(joints) == 1 else -1
+    if body < 0:
+        raise DatasetError(f"sequence {meta.name} has not one scored joint between two parts")
+    if state.coordinate_box is None:
+        raise DatasetError(f"sequence {meta.name} has no coordinates; render with "
+                           "--layers coordinates")
+    j, part = joints[0], int(state.joint_child_part[joints[0]]) - 1
+    size = state.coordinate_box[:, 1] - state.coordinate_box[:, 0]
+    cam_from_body = state.cam_from_world @ state.world_from_part[:, body]
+    cam_from_part = state.cam_from_world @ state.world_from_part[:, part]
+    slides = meta.joint_types[j] == "prismatic"
+    axis = move_screw(inverse(cam_from_body), state.joint_screw[:, j], slides)
+    direction = axis[:, :3]
+    point = np.cross(direction, axis[:, 3:])
+    from_part = inverse(cam_from_part) @ cam_from_body
+    on_axis = np.einsum("tij,tj->ti", from_part[:, :3, :3], point) + from_part[:, :3, 3]
+    centre = state.coordinate_box[part].mean(0) - on_axis
+    frames = len(state.times)
+    return np.concatenate([
+        point, _quaternion(_turn_x_to(direction)), state.joint_positions[:, j, None], centre,
+        np.tile(np.append(size[body], size[part].min()), (frames, 1)),
+        cam_from_body[:, :3, 3], _quaternion(cam_from_body[:, :3, :3]),
+    ], axis=1)  # fmt: skip
+
+
+def _turn_x_to(direction: Array) -> Array:
+    """Return rotations [T 3 3] whose first column is the direction [T 3]."""
+    helper = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
+    z = np.cross(direction, helper)
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    return np.stack([direction, np.cross(z, direction), z], axis=-1)
+
+
+def _quaternion(rotation: Array) -> Array:
+    """Return unit quaternions [T 4] with w >= 0."""
+    found = quaternion_from_rotation(rotation)
+    found[found[:, 3] < 0] *= -1
+    return found
+
+
+class JointImages:
+    """Images of datasets; each epoch has every image once, in another order."""
+
+    def __init__(self, folders: Row[Path], seed: int, dropped: float) -> None:
+        """Open datasets; `dropped` is the share of the pixels that are set to zero.
+
+        Raises:
+            DatasetError: If a sequence cannot be learned from (see `joint_numbers`).
+        """
+        self.seed, self.dropped = seed, dropped
+        self._place = [(d, i) for d in map(open_dataset, folders) for i in range(len(d))]
+        self.numbers = [joint_numbers(d[i]).astype(np.float32) for d, i in self._place]
+        """[T 22] of each sequence"""
+        starts = np.cumsum([0, *(len(n) for n in self.numbers)])
+        self._starts, self._count = starts[:-1], int(starts[-1])
+
+    def __len__(self) -> int:
+        return self._count
+
+    def bounds(self) -> NDArray[np.float32]:
+        """Return the least and the greatest of each number [2 22]."""
+        whole = np.concatenate(self.numbers)
+        return np.stack([whole.min(0), whole.max(0)])
+
+    def sample(self, number: int) -> JointSample:
+        """Return the sample of any number."""
+        epoch, place = divmod(number, len(self))
+        rng = np.random.default_rng([self.seed, number])
+        image = int(shuffled(self.seed, epoch, len(self))[place])
+        k = int(np.searchsorted(self._starts, image, side="right")) - 1
+        frame = image - int(self._starts[k])
+        dataset, index = self._place[k]
+        depth = fit_depth(dataset[index].depth[frame : frame + 1])[0]
+        kept = rng.random(depth.shape) >= self.dropped
+        return JointSample(depth * kept, self.numbers[k][frame])
