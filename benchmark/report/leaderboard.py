@@ -14,6 +14,7 @@ from ...renderer.scene import differences as config_differences
 from ..protocol import PCP_DEGREES, pcp_thresholds
 from ..results import SCORES, Result, Row, Run, RunFolder, find_runs, is_label
 from . import published_numbers as paper
+from .calibration import Calibration, calibrate
 from .statistics import (
     MIN_CLUSTERS,
     SEED,
@@ -33,7 +34,7 @@ CURVE_THRESHOLDS: Mapping[str, tuple[float, ...]] = {
 }
 """Thresholds of the PCP curves by unit: degrees, or for prismatic joints as many cm, in m."""
 SECONDARY = ("mean_error", "step_error", "axis_direction", "axis_distance", "within_sigma",
-             "part_miou", "peak_memory", "seconds_per_frame")  # fmt: skip
+             "reliable", "part_miou", "peak_memory", "seconds_per_frame")  # fmt: skip
 """Metrics that a line shows as a mean over the joints (or sequences) that have them."""
 
 
@@ -68,6 +69,8 @@ class Line:
     """Percent of (sequence, joint) pairs within each of CURVE_THRESHOLDS."""
     means: Mapping[str, float]
     """Mean of each metric of SECONDARY that the scores contain."""
+    calibration: Calibration | None
+    """None if the method tells nothing of its errors."""
     sign: str
     """How the signs were decided (see `Result.sign`); several are joined by "+"."""
     failed: Mapping[str, str]
@@ -219,6 +222,7 @@ def _line(folder: RunFolder, unit: str, finals: list[Result], results: list[Resu
         drift=(0.0, *(float(np.mean(drift[t])) for t in sorted(drift))),
         curve=pcp(np.array([r.value for r in finals]), known, CURVE_THRESHOLDS[unit]),
         means={name: float(np.mean(values)) for name, values in sorted(means.items())},
+        calibration=calibrate(mine, unit),
         sign="+".join(sorted({r.sign for r in finals if r.sign})),
         failed={r.sequence: r.status for r in finals if r.status != "ok"},
     )

@@ -14,6 +14,7 @@ from ...renderer.show import render_page
 from ...robots.files import remove_leftovers, write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
 from ..results import EstimateShape, Results, RunFolder, read_stored
+from .calibration import LEVELS
 from .formats import leaderboard_csv, one_line, to_latex, to_markdown
 from .gallery import Picture, draw_pictures, select_pictures
 from .leaderboard import (
@@ -41,6 +42,7 @@ _MORE = {
     "axis_distance": ("axis m", "number", "distance of the returned axis from the joint"),
     "within_sigma": ("within σ", "share", "final errors of at most the standard deviation that "
                      "the method gives; 68 % if that is calibrated"),
+    "reliable": ("reliable", "share", "joints that the method says can be believed"),
     "part_miou": ("part mIoU", "share", "estimated parts against the true ones"),
     "peak_memory": ("MiB", "number", "peak memory of the process"),
 }  # fmt: skip
@@ -135,6 +137,7 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
             for key, (title, kind, says) in _MORE.items()
         ],
         "thresholds": CURVE_THRESHOLDS,
+        "levels": LEVELS,
         "listed": {unit: pcp_thresholds(unit) for unit in CURVE_THRESHOLDS},
         "suites": [asdict(table) for table in suite_tables(board)],
         "tables": [asdict(table) for table in paper_tables(board)],
@@ -179,6 +182,7 @@ def _line(number: int, line: Line, label: str, group: int) -> dict[str, Any]:
         "failed": len(line.failed),
         "drift": [float(f"{x:.5g}") for x in line.drift],
         "curve": [float(f"{x / 100:.5g}") for x in line.curve],
+        "calibration": None if line.calibration is None else asdict(line.calibration),
     }
 
 

@@ -59,8 +59,9 @@ def write_results(
     assets: tuple[dict[str, Any], ...] = (),
     scores: bool = True,
 ) -> Path:
-    """Write one run: the estimate is the truth plus a drift of about `scale` rad a joint; None
-    holds still. Everyone sees the same truth."""
+    """Write one run: the estimate is the truth plus a drift of about `scale` rad a joint, which
+    sigma tells; all joints but the first are called reliable. None holds still and tells nothing.
+    Everyone sees the same truth."""
     names = tuple(f"{k:06d}" for k in range(sequences))
     run = Run(
         row=row, source="somewhere:Method", dataset=dataset, data=str(folder / "nothing"),
@@ -81,7 +82,9 @@ def write_results(
             drift = np.arange(frames)[:, None] / (frames - 1) * rng.normal(size=len(joints))
             moved = true.displacement + scale * drift
         sigma = None if scale is None else np.full_like(moved, scale)
-        stored = Stored("ok", "", 0.1 * frames, 200.0, Estimate(moved, sigma=sigma))
+        reliable = None if scale is None else np.arange(len(joints)) > 0
+        found = Estimate(moved, sigma=sigma, reliable=reliable)
+        stored = Stored("ok", "", 0.1 * frames, 200.0, found)
         if k in failing:
             stored = Stored("raised", reason, 1.0, 200.0)
         (path / ESTIMATES / f"{name}.zip").write_bytes(dump_stored(stored))

@@ -15,6 +15,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
 from gcbench.benchmark.report import published_numbers as paper
+from gcbench.benchmark.report.calibration import LEVELS
 from gcbench.benchmark.report.formats import (
     CSV_COLUMNS,
     escape_csv,
@@ -488,3 +489,36 @@ def test_oracle_and_plain_are_different_rows(tmp_path: Path) -> None:
     write_results(tmp_path, ORACLE, 0.01)
     text = leaderboard_csv(read_leaderboard([tmp_path]))
     assert [row["method"] for row in csv.DictReader(io.StringIO(text))] == ["icp@true-parts", "icp"]
+
+
+# -- calibration ------------------------------------------------------------------------------
+
+
+def test_errors_are_compared_with_their_standard_deviations_and_flags(tmp_path: Path) -> None:
+    write_results(tmp_path, GCPOSE, 0.1, sequences=60, failing=(3,))
+    write_results(tmp_path, STILL, None, sequences=60)
+    sure, still = read_leaderboard([tmp_path]).lines
+    assert (sure.row, still.calibration) == (GCPOSE, None)
+    found = sure.calibration
+    assert found is not None
+    assert found.joints == 3 * 59, "a failed sequence has no standard deviation"
+    assert list(found.inside) == pytest.approx(LEVELS, abs=0.08)
+    assert found.reliable == pytest.approx(2 / 3)
+    first = [e for (name, joint), e in sure.error.items() if joint == "pan" and name != "000003"]
+    assert found.other_error == pytest.approx(np.mean(first))
+    assert found.large == sum(
+        e > 10 for (name, _), e in sure.error.items() if name != "000003")
+    assert found.large_told == pytest.approx(sum(e > 10 for e in first) / found.large)
+    report([tmp_path], tmp_path / "out", progress=False)
+    data = data_of(tmp_path / "out" / "index.html")
+    assert [line["calibration"] is None for line in data["lines"]] == [False, True]
+    assert data["lines"][0]["reliable"] == pytest.approx(2 / 3)
+
+
+def test_flags_without_standard_deviations_are_told(tmp_path: Path) -> None:
+    path = write_results(tmp_path, GCPOSE, 0.01)
+    kept = [r for r in read_scores(path / SCORES) if r.metric in ("final_error", "reliable")]
+    write_scores(path / SCORES, kept)
+    found = read_leaderboard([tmp_path]).lines[0].calibration
+    assert found is not None
+    assert (found.joints, found.inside, found.large, found.large_told) == (0, (), 0, None)

@@ -300,6 +300,20 @@ def test_labels_of_the_runtime_plot_hide_nothing(browser: Any, tmp_path: Path) -
         assert len(texts) + below.count("method-") == 20
 
 
+def test_calibration_is_shown_of_rows_that_tell_their_errors(page: Any, results: Path) -> None:
+    lines = [line for line in read_leaderboard([results]).lines if line.dataset == "mini/iiwa14"]
+    assert lines[0].calibration is not None
+    page.locator("#dataset").select_option("mini/iiwa14")
+    paths = page.locator("#calibration-chart path.series")
+    rows = page.locator("#calibration-table tbody tr")
+    assert (len(lines), paths.count(), rows.count()) == (5, 4, 4), "hold-still tells nothing"
+    cells = rows.first.locator("td").all_text_contents()
+    assert cells[0] == f"{100 * lines[0].means['within_sigma']:.1f} %"
+    assert cells[1:3] == ["66.7 %", f"{format_error(lines[0].calibration.reliable_error)}°"]
+    page.locator("#legend button").first.click()
+    assert (paths.count(), rows.count()) == (3, 4)
+
+
 def test_another_dataset(page: Any) -> None:
     assert page.locator("#pictures figure").count() == 2
     page.locator("#dataset").select_option(label="mini/iiwa14")
