@@ -84,6 +84,7 @@ _COUNTERPARTS = {
     ("gcpose-depth", "rgb", 3): ESTIMATED,
     ("gcpose-depth", "rgbd", 3): FULL,
     ("gcpose-depth", "rgbd-noise", 3): NOISY,
+    ("icp", "rgbd", 1): "ICP",
     ("gcpose", "rgb", 2): "GC-Pose, RGB",
     ("gcpose", "rgbd", 2): "GC-Pose, RGB-D",
 }
@@ -96,15 +97,27 @@ def paper_order(robot: str) -> int:
     return known.index(robot) if robot in known else len(known)
 
 
-def counterpart(row: Row, table: int) -> str:
+_LEARNED = {"screwnet": "ScrewNet", "abbatematteo": "Abbatematteo et al."}
+"""Names in table 1 by the first word of our name, which what it has learned from follows."""
+
+
+def counterpart(row: Row, table: int, robot: str) -> str:
     """Return the name of the corresponding method in the paper, or "".
 
     The paper's method knows the directions of the axes ("computed using the kinematic chain"), so
-    a row with other knowledge or with an oracle has no counterpart.
+    a row with other knowledge has no counterpart, unless the method is learned. A network of table
+    1 has learned from the robot's own class, or from the two other classes for ACROSS.
     """
-    if row.knowledge != "axes" or row.oracles:
+    if row.oracles:
         return ""
-    return _COUNTERPARTS.get((row.method, row.inputs, table), "")
+    method, _, learned = row.method.partition(" ")
+    if method in _LEARNED and table == 1:
+        classes = set(learned.partition(" ")[0].split("+"))
+        if classes == {robot}:
+            return _LEARNED[method]
+        across = robot == "oven" and classes == {"dishwasher", "microwave"}
+        return f"{_LEARNED[method]} ({ACROSS})" if across else ""
+    return _COUNTERPARTS.get((row.method, row.inputs, table), "") if row.knowledge == "axes" else ""
 
 
 def published_cells(table: int, robot: str | None = None) -> tuple[PublishedCell, ...]:

@@ -201,7 +201,7 @@ def _reference(
         return []
     cells = {f"{name} (paper)": _printed(p) for name, p in printed.items()}
     for line, label in named:
-        other = paper.counterpart(line.row, table)
+        other = paper.counterpart(line.row, table, robot)
         if other in printed:
             cells[label] = cells.pop(f"{other} (paper)", _printed(printed[other]))
     return [_Column(head, "paper", cells, reference=True)]

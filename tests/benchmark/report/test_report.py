@@ -262,11 +262,28 @@ def test_owi_and_objects(tmp_path: Path) -> None:
     assert objects["ScrewNet (oven, trained on the other two) (paper)"] == "8.65 ± 0.21"
 
 
+@pytest.mark.parametrize(("method", "robot", "name"), [
+    ("screwnet microwave width=16", "microwave", "ScrewNet"),
+    ("screwnet microwave", "oven", ""),
+    ("screwnet dishwasher+microwave", "oven", "ScrewNet (oven, trained on the other two)"),
+    ("screwnet dishwasher+microwave", "microwave", ""),
+    ("abbatematteo oven", "oven", "Abbatematteo et al."),
+])  # fmt: skip
+def test_a_learned_row_stands_beside_the_paper_by_what_it_has_learned_from(
+    method: str, robot: str, name: str
+) -> None:
+    row = dataclasses.replace(GCPOSE, method=method, inputs="rgbd", knowledge="free")
+    assert paper.counterpart(row, 1, robot) == name
+    assert name in {"", *(p.method for p in paper.published_cells(1, robot))}
+    assert paper.counterpart(row, 3, robot) == ""
+
+
 def test_an_oracle_is_said_everywhere_and_has_no_counterpart(tmp_path: Path) -> None:
     oracle = dataclasses.replace(GCPOSE, oracles=("true-parts",))
     write_results(tmp_path, oracle, 0.01)
     report([tmp_path], tmp_path / "out", progress=False)
-    assert paper.counterpart(oracle, 3) == "" and paper.counterpart(GCPOSE, 3) == paper.FULL
+    assert paper.counterpart(oracle, 3, "ur5") == ""
+    assert paper.counterpart(GCPOSE, 3, "ur5") == paper.FULL
     data = data_of(tmp_path / "out" / "index.html")
     assert data["lines"][0]["oracles"] == "true-parts"
     assert "oracles: true-parts" in json.dumps(data["about"])

@@ -216,8 +216,8 @@ def test_the_rows_stand_beside_the_paper_s() -> None:
         ("gcpose-depth", "rgbd-noise", paper.NOISY),
     ):
         row = Row(method, "1", inputs, "axes", "none", ())  # type: ignore[arg-type]
-        assert paper.counterpart(row, 3) == name
-        assert paper.counterpart(replace(row, oracles=("true-flow",)), 3) == ""
+        assert paper.counterpart(row, 3, "ur5") == name
+        assert paper.counterpart(replace(row, oracles=("true-flow",)), 3, "ur5") == ""
 
 
 def test_tuning_lowers_both_losses_and_leaves_the_network() -> None:
