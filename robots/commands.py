@@ -34,7 +34,8 @@ def fetch(names: tuple[str, ...] = (), /, all: bool = False) -> tuple[object, in
       gcbench robots fetch --all
 
     Args:
-        names: Robots of `gcbench robots`. Objects are generated, or yours.
+        names: Robots of `gcbench robots`, or rd:NAME of the package robot_descriptions. Objects
+            are generated, or yours.
         all: Fetch all robots.
     """
     from .. import ConfigError, fetch_robot, list_robots

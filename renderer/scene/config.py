@@ -222,7 +222,7 @@ class RenderConfig:
     robot: str = "ur5"
     """A name of `gcbench robots`, or a path to a .urdf, .glb or .gltf file. `microwave` shows
     another instance in each sequence, `microwave:17` one instance, `partnet:7310` an object of your
-    PartNet-Mobility folder."""
+    PartNet-Mobility folder, `rd:panda_description` a robot of the package robot_descriptions."""
     package: tuple[str, ...] = ()
     """NAME=DIR: folder of `package://NAME/...` in a URDF; partnet=DIR: your PartNet-Mobility."""
     root: str = ""

@@ -9,6 +9,7 @@ from pathlib import Path
 from ...errors import ModelError, suggestion
 from ..appliances import GENERATED
 from ..files import WheelFiles, download
+from .descriptions import PREFIX, description_of
 from .names import OBJECT_FORMS
 
 
@@ -62,7 +63,14 @@ class GeneratedRobot(_Robot):
     """Index within a family of models."""
 
 
-CatalogEntry = FetchedRobot | GeneratedRobot
+@dataclass(frozen=True)
+class ClonedEntry(_Robot):
+    """A robot of the package robot_descriptions, whose repository git clones."""
+
+    textured: bool = False
+
+
+CatalogEntry = FetchedRobot | GeneratedRobot | ClonedEntry
 _RANDOM = re.compile(r"random:(\d{1,9})")
 
 
@@ -121,7 +129,11 @@ CATALOG: tuple[CatalogEntry, ...] = (
 
 
 def find_robot(name: str) -> CatalogEntry:
-    """Return the catalogue entry of a name, or the random object `random:N`."""
+    """Return the entry of a name: of the catalogue, `random:N` or `rd:NAME`."""
+    if name.startswith(PREFIX):
+        found = description_of(name)
+        return ClonedEntry(name, found.maker or "", found.robot, found.dof or 0, (),
+                           found.license_spdx or "")
     for entry in CATALOG:
         if entry.name == name:
             return entry
@@ -131,12 +143,15 @@ def find_robot(name: str) -> CatalogEntry:
             builder="generated.random_chains:random_object", number=int(match[1]))
     meant = suggestion(name, [*(e.name for e in CATALOG), *GENERATED])
     raise ModelError(f"no robot {name!r}{meant}; there are {', '.join(e.name for e in CATALOG)}, "
-                     f"{OBJECT_FORMS}, random:NUMBER, and any path to a .urdf, .glb or .gltf file")
+                     f"{OBJECT_FORMS}, random:NUMBER, rd:NAME (robot_descriptions), and any path "
+                     "to a .urdf, .glb or .gltf file")
 
 
 def is_local(entry: CatalogEntry) -> bool:
     """Whether the robot loads without a download."""
-    return isinstance(entry, GeneratedRobot) or download.is_fetched(entry.files)
+    if isinstance(entry, FetchedRobot):
+        return download.is_fetched(entry.files)
+    return isinstance(entry, GeneratedRobot)
 
 
 def robot_folder(entry: FetchedRobot) -> Path:

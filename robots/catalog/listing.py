@@ -8,7 +8,16 @@ from pathlib import Path
 
 from ...errors import ModelError
 from ..appliances import APPLIANCE_LICENCE, GENERATED
-from .entries import CATALOG, GeneratedRobot, find_robot, is_local, robot_folder
+from .descriptions import clone_robot
+from .entries import (
+    CATALOG,
+    ClonedEntry,
+    FetchedRobot,
+    GeneratedRobot,
+    find_robot,
+    is_local,
+    robot_folder,
+)
 from .names import is_object
 
 
@@ -39,13 +48,11 @@ def list_robots() -> list[RobotInfo]:
         >>> [robot.name for robot in gb.list_robots()][:2]
         ['ur5', 'ur5-textured']
     """
-    out: list[RobotInfo] = []
-    for entry in CATALOG:
-        generated = isinstance(entry, GeneratedRobot)
-        out.append(RobotInfo(
-            entry.name, f"{entry.maker} {entry.title}", str(entry.joints), str(len(entry.scored)),
-            entry.licence, "yes" if is_local(entry) else "no",
-            "generated" if generated else entry.files.requirement))
+    out = [RobotInfo(
+        entry.name, f"{entry.maker} {entry.title}", str(entry.joints), str(len(entry.scored)),
+        entry.licence, "yes" if is_local(entry) else "no",
+        entry.files.requirement if isinstance(entry, FetchedRobot) else "generated")
+        for entry in CATALOG]
     for name in GENERATED:
         scored = "drawer" if name == "drawer" else "door"
         out.append(RobotInfo(name, f"any {name}, or {name}:17", "1+", scored, APPLIANCE_LICENCE,
@@ -59,7 +66,7 @@ def fetch_robot(name: str) -> Path | None:
     """Download the files of a robot, once, with a pinned hash.
 
     Args:
-        name: A robot of `list_robots`.
+        name: A robot of `list_robots`, or of the package robot_descriptions ("rd:NAME").
 
     Returns:
         The folder of its files in the cache (`GCBENCH_CACHE`); None if the robot is generated.
@@ -73,6 +80,8 @@ def fetch_robot(name: str) -> Path | None:
     if is_object(name):
         raise ModelError(f"{name}: an object has nothing to fetch; name robots")
     entry = find_robot(name)
+    if isinstance(entry, ClonedEntry):
+        return clone_robot(name).repository
     return None if isinstance(entry, GeneratedRobot) else robot_folder(entry)
 
 

@@ -14,7 +14,15 @@ from ..appliances import GENERATED, appliance_folder, appliance_model
 from ..files import hash_files
 from ..model import ArticulatedModel
 from ..motion import default_scored_joints
-from .entries import FetchedRobot, GeneratedRobot, find_robot, is_local, robot_folder
+from .descriptions import clone_robot
+from .entries import (
+    ClonedEntry,
+    FetchedRobot,
+    GeneratedRobot,
+    find_robot,
+    is_local,
+    robot_folder,
+)
 from .names import PARTNET, is_object, parse_object_name
 
 _URDF, _GLTF = (".urdf",), (".glb", ".gltf")
@@ -37,8 +45,9 @@ def load_robot(
 
     Args:
         name: A robot of the catalogue ("ur5"), a generated object ("microwave:17"), an object of
-            PartNet-Mobility ("partnet:7310"), a random object ("random:5"), or the path of a
-            .urdf, .glb or .gltf file.
+            PartNet-Mobility ("partnet:7310"), a random object ("random:5"), a robot of the
+            package robot_descriptions ("rd:panda_description"), or the path of a .urdf, .glb or
+            .gltf file.
         packages: Folders of ROS packages by name, for references `package://NAME/...` of a URDF.
             The entry "partnet" is the folder that holds PartNet-Mobility objects.
         allow_missing: Load a file although meshes are missing, and list them in the model's
@@ -77,8 +86,10 @@ def load_robot(
         module, _, function = entry.builder.partition(":")
         build = getattr(import_module(f"..{module}", __package__), function)
         model = build() if entry.number is None else build(entry.number)
+    elif isinstance(entry, ClonedEntry):
+        return _load_cloned(entry, folders, allow_missing, download)
     else:
-        model = _load_fetched(entry, _catalog_urdf(name, download))
+        model = _load_fetched(entry, _catalog_urdf(entry, download))
     return replace(model, name=entry.name, source=entry.source, licence=entry.licence)
 
 
@@ -105,7 +116,10 @@ def robot_urdf(
 
         folders = {key: Path(folder) for key, folder in (packages or {}).items()}
         return _object_folder(name, folders, download) / partnet.URDF
-    return None if isinstance(find_robot(name), GeneratedRobot) else _catalog_urdf(name, download)
+    entry = find_robot(name)
+    if isinstance(entry, ClonedEntry):
+        return clone_robot(name, download).urdf
+    return None if isinstance(entry, GeneratedRobot) else _catalog_urdf(entry, download)
 
 
 def scored_by_default(name: str | Path, model: ArticulatedModel) -> tuple[str, ...]:
@@ -154,13 +168,25 @@ def _load_fetched(entry: FetchedRobot, urdf: Path) -> ArticulatedModel:
     return _with_files(model, folder, hashes)
 
 
-def _catalog_urdf(name: str, download: bool) -> Path:
+def _load_cloned(
+    entry: ClonedEntry, packages: Mapping[str, Path], allow_missing: bool, download: bool
+) -> ArticulatedModel:
+    """Load a robot of robot_descriptions; `packages` go before the folders of its repository."""
+    from ..urdf import load_urdf
+
+    robot = clone_robot(entry.name, download)
+    with hash_files() as hashes:
+        model = load_urdf(robot.urdf, {**robot.packages, **packages}, allow_missing,
+                          robot.repository)
+    model = _with_files(model, robot.repository, hashes)
+    return replace(model, name=entry.name, source=robot.source, licence=entry.licence)
+
+
+def _catalog_urdf(entry: FetchedRobot, download: bool) -> Path:
     """The URDF of a fetched robot of the catalogue."""
-    entry = find_robot(name)
-    assert not isinstance(entry, GeneratedRobot)
     if not (download or is_local(entry)):
-        raise ModelError(f"the meshes of {name} are not on this machine "
-                         f"(gcbench robots fetch {name})")
+        raise ModelError(f"the meshes of {entry.name} are not on this machine "
+                         f"(gcbench robots fetch {entry.name})")
     return robot_folder(entry) / entry.urdf
 
 
