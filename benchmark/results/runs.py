@@ -22,6 +22,7 @@ import msgspec
 
 from ...errors import DatasetError
 from ...renderer.runtime import dump_json, read_record
+from ...renderer.types import html_card
 from ...robots.files import write_atomically
 from .rows import COLUMNS, Result, Row, read_scores
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 RUN, ESTIMATES, SCORES = "run.json", "estimates", "scores.csv"
 _FORMAT = "gcbench-results/1"
+_SHOWN = 5
+"""Failures on the card of a notebook."""
 _SequenceName = Annotated[str, msgspec.Meta(pattern=r"^[0-9]{6,}\Z")]
 
 
@@ -122,6 +125,37 @@ class Results:
     failures: tuple[str, ...] = ()
     """One line for each estimate that failed, now or earlier, and for each method that did not
     run to its end."""
+
+    def __repr__(self) -> str:
+        counts = {"row": len({run.run.row for run in self.runs}),
+                  "dataset": len({run.run.dataset for run in self.runs}),
+                  "sequence": sum(len(run.run.sequences) for run in self.runs),
+                  "failure": len(self.failures)}
+        said = (f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+        return f"Results({', '.join(said)})"
+
+    def _repr_html_(self) -> str:
+        try:
+            table = self._table()
+        except DatasetError as error:
+            table = [(error,)]
+        failures = {f"failure {k}": line for k, line in enumerate(self.failures[:_SHOWN], 1)}
+        return html_card(repr(self), failures, table=table)
+
+    def _table(self) -> list[tuple[object, ...]]:
+        """Return the error at the last frame of each row and dataset, with a head."""
+        rows: list[tuple[object, ...]] = [
+            ("dataset", "method", "inputs", "knowledge", "sequences", "mean error", "median")]
+        frame = self.frame
+        final = frame[frame["metric"] == "final_error"]
+        names = ["dataset", "method", "version", "inputs", "knowledge", "unit"]
+        for key, group in final.groupby(names, sort=False):
+            dataset, method, version, inputs, knowledge, unit = key
+            values = group["value"]
+            rows.append((dataset, f"{method} {version}", inputs, knowledge,
+                         group["sequence"].nunique(), f"{values.mean():.3g} {unit}",
+                         f"{values.median():.3g} {unit}"))
+        return rows
 
     @cached_property
     def frame(self) -> pandas.DataFrame:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import ConfigError, DatasetError
 from ..runtime import command_line
 from ..scene import RenderConfig, parse_config
-from ..types import Sequence
+from ..types import Sequence, html_card
 from .provenance import DATASET_FILE, Provenance, read_provenance
 from .storage import SEQUENCES_FOLDER, open_sequence
 
+_THUMBNAILS = 4
+"""Pictures on the card of a notebook."""
 _NAME = re.compile(r"(\d{6,})(\.zip)?")
 
 
@@ -35,8 +42,27 @@ class Dataset:
     """Whether its model may be read from a path in `config`, or downloaded."""
 
     def __repr__(self) -> str:
-        n = len(self)
-        return f"Dataset({str(self.path)!r}, {n} sequence{'s' * (n != 1)})"
+        c, n = self.config, len(self)
+        return (f"Dataset({str(self.path)!r}, robot {reprlib.repr(c.robot)}, "
+                f"{n} sequence{'s' * (n != 1)} of {c.frames} frames, {c.width}x{c.height} px, "
+                f"{c.randomization.motion.fps:g} fps, seed {c.seed})")
+
+    def _repr_html_(self) -> str:
+        c = self.config
+        facts = {
+            "robot": c.robot,
+            "sequences": len(self),
+            "videos": f"{c.frames} frames of {c.width} x {c.height} px, "
+                      f"{c.randomization.motion.fps:g} per second",
+            "seed": c.seed,
+            "licence": ", ".join({str(a.get("licence", "")): 0 for a in self.info.assets}),
+        }
+        pictures = {f"sequence {name}": partial(self._first_image, name)
+                    for name in self.names[:_THUMBNAILS]}
+        return html_card(f"Dataset {self.path}", facts, pictures)
+
+    def _first_image(self, name: str) -> NDArray[np.uint8]:
+        return self[name].rgb[0]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -78,7 +104,7 @@ def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
         >>> _ = gb.render_dataset(config, 1, "data/example", progress=False)
         >>> dataset = gb.open_dataset("data/example")
         >>> dataset
-        Dataset('data/example', 1 sequence)
+        Dataset('data/example', robot 'owi535', 1 sequence of 2 frames, 64x48 px, 30 fps, seed 0)
         >>> dataset[0].frame(1).rgb.shape
         (48, 64, 3)
     """

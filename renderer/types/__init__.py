@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .camera import Camera, intrinsics_from_fov, look_at
+from .cards import html_card
 from .observation import Estimate, Inputs, Knowledge, Method, Observation
 from .sequence import (
     BACKGROUND,
@@ -20,5 +21,5 @@ from .sequence import (
 __all__ = [
     "BACKGROUND", "FORMAT", "MAX_PIXELS", "OCCLUDED", "OUT_OF_IMAGE", "VISIBLE", "Camera",
     "Estimate", "Frame", "Inputs", "Knowledge", "Meta", "Method", "Observation", "Sequence",
-    "State", "intrinsics_from_fov", "look_at",
+    "State", "html_card", "intrinsics_from_fov", "look_at",
 ]

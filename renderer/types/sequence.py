@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal, Protocol, TypeVar
 
 import msgspec
@@ -11,12 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
+from .cards import html_card
 
 FORMAT = "gcbench/1"
 BACKGROUND, VISIBLE, OCCLUDED, OUT_OF_IMAGE = 0, 1, 2, 3
 """Values of a visibility image."""
 MAX_PIXELS = 2**26
 """Pixels of an image; a larger one is refused."""
+_SHOWN_JOINTS = 12
+"""Joints on the card of a notebook."""
 _Count = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
 _FrameCount = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 _ImageSide = Annotated[int, msgspec.Meta(ge=1, le=MAX_PIXELS)]
@@ -188,7 +193,34 @@ class Sequence:
 
     def __repr__(self) -> str:
         m = self.meta
-        return f"Sequence({m.name!r}, {m.frames} frames, {m.width}x{m.height} px)"
+        return (f"Sequence({reprlib.repr(m.name)}, index {m.index}, {m.frames} frames of "
+                f"{m.width}x{m.height} px, {len(m.joint_names)} joints, seed {m.seed})")
+
+    def _repr_html_(self) -> str:
+        m, times = self.meta, self.state.times
+        duration = f", {times[-1] - times[0]:.3g} s" if len(times) > 1 else ""
+        facts = {
+            "robot": m.asset.get("name", m.name),
+            "video": f"{m.frames} frames of {m.width} x {m.height} px{duration}",
+            "seed": m.seed,
+            "licence": m.asset.get("licence", ""),
+        }
+        chosen = dict.fromkeys((0, (m.frames - 1) // 2, m.frames - 1))
+        pictures = {f"frame {t}": partial(self.rgb.__getitem__, t) for t in chosen}
+        return html_card(f"{m.name}, sequence {m.index:06d}", facts, pictures, self._joint_table())
+
+    def _joint_table(self) -> list[tuple[object, ...]]:
+        """Return where each scored joint is in the first and in the last frame, with a head."""
+        m, rows = self.meta, list[tuple[object, ...]]([("scored joint", "type", "first", "last")])
+        for name in m.scored_joints[:_SHOWN_JOINTS]:
+            j = m.joint_names.index(name)
+            kind, positions = m.joint_types[j], self.state.joint_positions[[0, -1], j]
+            ends = [f"{q:.3f} m" if kind == "prismatic" else f"{np.degrees(q):.1f}°"
+                    for q in positions]
+            rows.append((name, kind, *ends))
+        if len(m.scored_joints) > _SHOWN_JOINTS:
+            rows.append((f"and {len(m.scored_joints) - _SHOWN_JOINTS} more", "", "", ""))
+        return rows
 
     def __len__(self) -> int:
         """Return the number of frames."""
