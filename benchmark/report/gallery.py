@@ -1,12 +1,16 @@
-"""Images of the worst and the median sequence of each line: estimated pose over true pose."""
+"""The worst and the median sequence of each line: images and films of the estimated pose over the
+true one, and a page that shows the worst sequence with its ground truth."""
 
 from __future__ import annotations
 
 import base64
+import io
+import re
+import shlex
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -15,13 +19,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import GcbenchError
+from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import Dataset, open_dataset
 from ...renderer.runtime import Bar
 from ...renderer.scene import model_of
 from ...renderer.types import Sequence as Video
 from ...robots.catalog import is_category
-from ..protocol import AXES_KNOWN, metrics, shape_of, truth_of
+from ...robots.geometry import Array
+from ..protocol import AXES_KNOWN, metrics, shape_of, truth_digest, truth_of
 from ..results import read_stored
 from .leaderboard import Line
 
@@ -30,6 +35,11 @@ if TYPE_CHECKING:
 
 WIDTH = 420
 """Largest width of a picture, px."""
+MAX_LINES, MAX_PAGES = 48, 16
+"""Largest number of lines with pictures, and of pages of single sequences."""
+PAGES = "sequences"
+"""Folder of these pages, in the folder of the report."""
+_FILM_FRAMES, _FILM_MS, _LAST_MS = 8, 250, 1500
 Kind = Literal["worst", "median"]
 
 
@@ -47,14 +57,29 @@ class Picture:
     """Name and final error of each joint."""
     image: str = ""
     """A `data:` URL; empty without an image."""
+    film: str = ""
+    """A `data:` URL of an animation of the worst sequence; empty without one."""
+    page: str = ""
+    """Address of a page of the sequence, relative to the report; empty without one."""
+    command: str = ""
+    """Command that writes such a page."""
     reason: str = ""
     """Reason for a missing image."""
 
 
 def select_pictures(lines: Sequence[Line]) -> list[Picture]:
-    """Select the worst and the median sequence of each line; the pictures have no images yet."""
+    """Select the worst and the median sequence of MAX_LINES lines, the best of each dataset first.
+
+    The pictures have no images yet.
+    """
     out: list[Picture] = []
+    before: Counter[tuple[str, str]] = Counter()
+    place: list[tuple[int, int]] = []
     for number, line in enumerate(lines):
+        place.append((before[line.group], number))
+        before[line.group] += 1
+    for number in sorted(number for _, number in sorted(place)[:MAX_LINES]):
+        line = lines[number]
         errors = sequence_errors(line)
         order = sorted(errors, key=lambda name: (errors[name], name))
         picks: list[tuple[Kind, str]] = [("worst", order[-1])]
@@ -63,7 +88,8 @@ def select_pictures(lines: Sequence[Line]) -> list[Picture]:
         for kind, name in picks:
             joints = tuple((j.name, line.error[name, j.name]) for j in line.joints
                            if (name, j.name) in line.error)  # fmt: skip
-            out.append(Picture(number, kind, name, errors[name], joints))
+            command = f"gcbench show {shlex.quote(line.run.run.data)} --index {int(name)}"
+            out.append(Picture(number, kind, name, errors[name], joints, command=command))
     return out
 
 
@@ -112,8 +138,7 @@ def _draw_folder(
             return
         for k, picture in pictures.items():
             try:
-                image = _image(dataset, painter, lines[picture.line], picture.sequence)
-                yield k, replace(picture, image=_address(image))
+                yield k, _drawn(picture, dataset, painter, lines[picture.line])
             except Exception as error:
                 yield k, _without_image(picture, error)
 
@@ -124,16 +149,31 @@ def _without_image(picture: Picture, error: Exception) -> Picture:
     return replace(picture, reason=f"{name}{error}")
 
 
-def _image(dataset: Dataset, painter: Painter, line: Line, name: str) -> NDArray[np.uint8]:
+def _drawn(picture: Picture, dataset: Dataset, painter: Painter, line: Line) -> Picture:
+    """Return the picture with its image and, of the worst sequence, its film."""
+    name = picture.sequence
     sequence = dataset[name]
+    if line.run.run.digests.get(name) not in (None, truth_digest(sequence)):
+        raise DatasetError(f"{dataset.path}: sequence {name} changed after it was estimated")
     if is_category(dataset.config.robot):
         painter.model = model_of(dataset.config, sequence.meta, dataset.allow_model)
-    return painter.paint(sequence, final_estimate(line, sequence, name))
+    moved = estimated_motion(line, sequence, name)
+
+    def frame(t: int) -> NDArray[np.uint8]:
+        return _shrink(painter.paint(sequence, {j: float(x[t]) for j, x in moved.items()}, t))
+
+    last = len(sequence) - 1
+    numbers = np.unique(np.rint(np.linspace(0, last, min(last, _FILM_FRAMES))).astype(int))
+    film = [frame(int(t)) for t in numbers] if picture.kind == "worst" else []
+    return replace(
+        picture, image=_image_url(film[-1] if film else frame(last)),
+        film=_film_url(film) if len(film) > 1 else "",
+    )  # fmt: skip
 
 
-def final_estimate(line: Line, sequence: Video, name: str) -> dict[str, float]:
-    """Return the estimate of each scored joint at the last frame, rad or m, as it is scored: with
-    the chosen sign, and zero where it is missing."""
+def estimated_motion(line: Line, sequence: Video, name: str) -> dict[str, Array]:
+    """Return the estimate [T] of each scored joint, rad or m, as it is scored: with the chosen
+    sign, and zero where it is missing."""
     truth = truth_of(sequence)
     stored = read_stored(line.run.estimate_path(name), shape_of(sequence)).estimate
     given = None if stored is None else stored.displacement
@@ -143,18 +183,60 @@ def final_estimate(line: Line, sequence: Video, name: str) -> dict[str, float]:
     sign, _ = metrics.signs(
         moved, truth.displacement, truth.prismatic, known, screw, truth.screw
     )
-    final = sign * moved[-1]
-    return {joint: float(x) for joint, x in zip(truth.joint_names, final, strict=True)}
+    return dict(zip(truth.joint_names, (sign * moved).T, strict=True))
 
 
-def _address(image: NDArray[np.uint8]) -> str:
-    """Return an image [H W 3] as a `data:` URL, at most WIDTH px wide."""
+def write_pages(
+    lines: Sequence[Line], pictures: Sequence[Picture], out: Path, progress: bool = True
+) -> list[Picture]:
+    """Write pages of the worst sequences that were drawn to `out`/PAGES, at most MAX_PAGES.
+
+    Return the pictures with the address of their page, if it could be written.
+    """
+    from ...renderer.show import show
+
+    def key_of(picture: Picture) -> tuple[str, str]:
+        return lines[picture.line].run.run.data, picture.sequence
+
+    drawn = dict.fromkeys(key_of(p) for p in pictures if p.kind == "worst" and p.image)
+    wanted = list(drawn)[:MAX_PAGES]
+    pages: dict[tuple[str, str], str] = {}
+    with Bar(total=len(wanted), desc="write", unit="page", delay=2, file=sys.stderr,
+             disable=not progress) as bar:  # fmt: skip
+        for folder, sequence in wanted:
+            name = re.sub(r"[^A-Za-z0-9-]+", "-", Path(folder).name)[:80]
+            file = f"{len(pages) + 1:02d}-{name}-{sequence}.html"
+            with suppress(OSError, GcbenchError):
+                (out / PAGES).mkdir(parents=True, exist_ok=True)
+                show(folder, out / PAGES / file, index=int(sequence))
+                pages[folder, sequence] = f"{PAGES}/{file}"
+            bar.update()
+    return [replace(p, page=pages.get(key_of(p), "")) for p in pictures]
+
+
+def _shrink(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an image [H W 3] of at most WIDTH px."""
     import cv2
 
     height, width = image.shape[:2]
-    if width > WIDTH:
-        size = (WIDTH, max(1, round(height * WIDTH / width)))
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    pixels = np.ascontiguousarray(image[..., ::-1])
-    _, code = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, 82])
-    return "data:image/webp;base64," + base64.b64encode(code.tobytes()).decode()
+    if width <= WIDTH:
+        return image
+    size = (WIDTH, max(1, round(height * WIDTH / width)))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _image_url(image: NDArray[np.uint8]) -> str:
+    return _film_url([image], quality=82)
+
+
+def _film_url(frames: Sequence[NDArray[np.uint8]], quality: int = 60) -> str:
+    """Return images [H W 3] as a `data:` URL of an animation, or of one image."""
+    from PIL import Image
+
+    pictures = [Image.fromarray(frame) for frame in frames]
+    buffer = io.BytesIO()
+    pictures[0].save(
+        buffer, "WEBP", save_all=len(pictures) > 1, append_images=pictures[1:], loop=0,
+        duration=[_FILM_MS] * (len(pictures) - 1) + [_LAST_MS], quality=quality, method=3,
+    )  # fmt: skip
+    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()

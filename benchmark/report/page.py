@@ -16,7 +16,7 @@ from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
 from ..results import EstimateShape, Results, RunFolder, read_stored
 from .calibration import LEVELS
 from .formats import leaderboard_csv, one_line, to_latex, to_markdown
-from .gallery import Picture, draw_pictures, select_pictures
+from .gallery import Picture, draw_pictures, select_pictures, write_pages
 from .leaderboard import (
     CURVE_THRESHOLDS,
     SECONDARY,
@@ -60,12 +60,15 @@ def report(
 ) -> list[Path]:
     """Write a report of results: one static page, and tables as Markdown, CSV and LaTeX.
 
+    With pictures, pages of the sequences with the largest errors are written beside it.
+
     Equal results give identical files.
 
     Args:
         results: The return value of `evaluate` or `score`, or one or more results folders.
         out: Folder of the report.
-        pictures: Draw the worst and the median sequence of each row (needs a renderer).
+        pictures: Draw the worst and the median sequence of each row (needs a renderer), of at most
+            48 rows, and write pages of at most 16 worst sequences to `out`/sequences.
         progress: Show a progress bar on stderr.
         labels: NAME=FOLDER adds NAME to the methods of a results folder, so that two folders with
             the same row can be compared. Copies with equal scores count once without a label.
@@ -90,6 +93,7 @@ def report(
     out = Path(out)
     chosen = select_pictures(board.lines) if pictures else []
     found = draw_pictures(board.lines, chosen, progress, allow_model)
+    found = write_pages(board.lines, found, out, progress)
     contents = (
         report_page(board, found),
         to_markdown("Leaderboard", suite_tables(board) + leaderboard_tables(board), __version__),
@@ -141,7 +145,7 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
         "listed": {unit: pcp_thresholds(unit) for unit in CURVE_THRESHOLDS},
         "suites": [asdict(table) for table in suite_tables(board)],
         "tables": [asdict(table) for table in paper_tables(board)],
-        "gallery": [{**asdict(p), "error": _short(p.error),
+        "gallery": [{**asdict(p), "error": _short(p.error), "command": one_line(p.command),
                      "joints": [[name, _short(error)] for name, error in p.joints]}
                     for p in pictures],
         "about": [{"title": title, "rows": rows} for title, rows in provenance(lines)],

@@ -24,7 +24,13 @@ from gcbench.benchmark.report.formats import (
     leaderboard_csv,
     leaderboard_text,
 )
-from gcbench.benchmark.report.gallery import draw_pictures, select_pictures, sequence_errors
+from gcbench.benchmark.report.gallery import (
+    MAX_LINES,
+    draw_pictures,
+    select_pictures,
+    sequence_errors,
+    write_pages,
+)
 from gcbench.benchmark.report.leaderboard import build_leaderboard, read_leaderboard
 from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
@@ -495,10 +501,30 @@ def test_the_worst_and_the_median_are_chosen(results: Path) -> None:
         assert np.mean([e for _, e in picture.joints]) == pytest.approx(picture.error)
 
 
+def test_the_best_rows_of_each_dataset_have_pictures(results: Path) -> None:
+    lines = read_leaderboard([results]).lines
+    many = [line for line in lines for _ in range(9 if line.dataset == "mini/ur5" else 1)]
+    chosen = {picture.line for picture in select_pictures(many * 2)}
+    assert len(chosen) == MAX_LINES < len(many * 2)
+    few = [k for k, line in enumerate(many * 2) if line.dataset == "mini/iiwa14"]
+    assert set(few) < chosen, "all rows of the dataset with few rows"
+    assert chosen - set(few) == set(range(MAX_LINES - len(few))), "and the best of the other"
+
+
+def test_a_command_is_quoted(results: Path) -> None:
+    line = read_leaderboard([results]).lines[0]
+    run = dataclasses.replace(line.run.run, data="data; rm -r x")
+    line = dataclasses.replace(line, run=dataclasses.replace(line.run, run=run))
+    for picture in select_pictures([line]):
+        assert picture.command == f"gcbench show 'data; rm -r x' --index {int(picture.sequence)}"
+
+
 def test_without_the_dataset_there_is_a_reason_instead_of_a_picture(results: Path) -> None:
     lines = read_leaderboard([results]).lines
     pictures = draw_pictures(lines, select_pictures(lines), progress=False)
     assert all(not p.image and "not a dataset" in p.reason for p in pictures)
+    assert write_pages(lines, pictures, results / "out") == pictures
+    assert not (results / "out").exists()
 
 
 def test_oracle_and_plain_are_different_rows(tmp_path: Path) -> None:

@@ -26,6 +26,8 @@ NASTY = Row(HOSTILE.replace("\u2028", ""), "<i>1</i>", "rgbd", "free", f"supervi
 PIXEL = ("data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk"
          "+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg==")
 
+FILM = PIXEL.replace("png;", "png;name=film;")
+
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -46,8 +48,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def file(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     board = read_leaderboard([results])
     pictures = [
-        Picture(0, "worst", "000001", 2.0, (("pan", 1.0), (HOSTILE, 3.0)), image=PIXEL),
+        Picture(0, "worst", "000001", 2.0, (("pan", 1.0), (HOSTILE, 3.0)), image=PIXEL, film=FILM,
+                page="sequences/01-ur5-000001.html"),
         Picture(0, "median", "000002", 1.0, (("pan", 1.0),), reason=HOSTILE),
+        Picture(1, "worst", "000003", 1.0, (), reason=HOSTILE, command=f"gcbench show {HOSTILE}"),
     ]
     path = tmp_path_factory.mktemp("page") / "index.html"
     path.write_text(report_page(board, pictures))
@@ -315,7 +319,7 @@ def test_calibration_is_shown_of_rows_that_tell_their_errors(page: Any, results:
 
 
 def test_another_dataset(page: Any) -> None:
-    assert page.locator("#pictures figure").count() == 2
+    assert page.locator("#pictures figure").count() == 3
     page.locator("#dataset").select_option(label="mini/iiwa14")
     assert page.locator("#legend button").count() == 5
     assert not page.locator("#gallery").is_visible()
@@ -326,12 +330,23 @@ def test_another_dataset(page: Any) -> None:
 
 
 def test_the_gallery_shows_the_picture_or_the_reason(page: Any) -> None:
-    first, second = page.locator("#pictures figure").all()
+    first, second, third = page.locator("#pictures figure").all()
     first.scroll_into_view_if_needed()
     until(page, "document.querySelector('#pictures img').naturalWidth === 1")
     assert "worst" in first.text_content() and "000001: 2.00° on average" in first.text_content()
     assert "red" in first.locator("img").get_attribute("alt")
     assert "onerror" in second.locator(".none").text_content()
+    assert first.locator("a").get_attribute("href") == "sequences/01-ur5-000001.html"
+    assert first.locator("code").count() == second.locator("code").count() == 0
+    assert third.locator("a").count() == 0, "no page, so a command instead of a dead link"
+    assert third.locator("code").text_content().startswith("gcbench show </script>")
+    picture, button = first.locator("img"), first.get_by_role("button")
+    button.click()
+    assert picture.get_attribute("src") == FILM and button.text_content() == "stop"
+    button.click()
+    assert picture.get_attribute("src") == PIXEL and button.text_content() == "play"
+    said = page.locator("#gallery-bounds").text_content()
+    assert said.startswith("To keep this page small, 2 of 14 rows have pictures")
 
 
 def test_hostile_names_are_text(page: Any) -> None:

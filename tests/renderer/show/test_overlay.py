@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 from gcbench import GcbenchError, open_dataset
-from gcbench.benchmark.report.gallery import WIDTH, draw_pictures, final_estimate, select_pictures
+from gcbench.benchmark.report.gallery import (
+    WIDTH,
+    draw_pictures,
+    estimated_motion,
+    select_pictures,
+    write_pages,
+)
 from gcbench.benchmark.report.leaderboard import read_leaderboard
 from gcbench.benchmark.results.runs import find_runs, write_run
 from gcbench.renderer.dataset.reader import Dataset
@@ -22,6 +30,7 @@ from gcbench.renderer.show.overlay import (
     shade,
 )
 from gcbench.renderer.types.sequence import Sequence
+from PIL import Image
 
 from ...support.analytic import render
 from ...support.fake_results import FREE, GCPOSE, write_results
@@ -132,9 +141,27 @@ def test_the_gallery_has_pictures(dataset: Dataset, tmp_path: Path) -> None:
     lines = read_leaderboard([tmp_path]).lines
     pictures = draw_pictures(lines, select_pictures(lines), progress=False, allow_model=True)
     assert len(pictures) == 4
+    assert [p.film[:23] for p in pictures] == ["data:image/webp;base64,", ""] * 2
+    film = Image.open(io.BytesIO(base64.b64decode(pictures[2].film.partition(",")[2])))
+    assert getattr(film, "n_frames", 1) == 3 and film.size == (160, 120)
     assert all(p.image.startswith("data:image/webp;base64,") and not p.reason for p in pictures)
     assert WIDTH <= 640
     assert len({p.image for p in pictures}) == 4
+    linked = write_pages(lines, pictures, tmp_path / "out", progress=False)
+    worst = sorted({p.sequence for p in pictures if p.kind == "worst"})
+    assert all(bool(p.page) == (p.sequence in worst) for p in linked)
+    written = sorted(path.relative_to(tmp_path / "out") for path in tmp_path.glob("out/*/*.html"))
+    assert [str(path) for path in written] == sorted({p.page for p in linked} - {""})
+    assert all(f"{p.sequence}.html" in p.page for p in linked if p.page)
+    assert pictures[0].command == f"gcbench show {dataset.path} --index {int(pictures[0].sequence)}"
+
+    run = find_runs(tmp_path)[0]
+    changed = dataclasses.replace(run.run, digests=dict.fromkeys(run.run.sequences, "other"))
+    write_run(run.path, changed)
+    lines = read_leaderboard([tmp_path]).lines
+    reasons = [p.reason for p in draw_pictures(lines, select_pictures(lines), progress=False,
+                                               allow_model=True)]
+    assert sum("changed after it was estimated" in reason for reason in reasons) == 2
 
 
 @pytest.mark.gl
@@ -150,9 +177,10 @@ def test_the_sign_of_a_free_estimate_is_as_it_is_scored(dataset: Dataset, tmp_pa
     truth = truth_of(sequence)
     flipped = Estimate(-truth.displacement, screw=-truth.screw)
     line.run.estimate_path("000000").write_bytes(dump_stored(Stored("ok", estimate=flipped)))
-    assert final_estimate(line, sequence, "000000") == pytest.approx(moved(sequence))
+    last = {name: x[-1] for name, x in estimated_motion(line, sequence, "000000").items()}
+    assert last == pytest.approx(moved(sequence))
     line.run.estimate_path("000000").write_bytes(dump_stored(Stored("raised")))
-    assert set(final_estimate(line, sequence, "000000").values()) == {0.0}
+    assert not np.any(list(estimated_motion(line, sequence, "000000").values()))
 
 
 def test_a_robot_that_is_not_fetched_is_not_downloaded(monkeypatch: pytest.MonkeyPatch) -> None:
