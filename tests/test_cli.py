@@ -351,8 +351,8 @@ def test_methods_and_suites_are_listed(capsys: Lines) -> None:
     assert [row.split()[0] for row in rows][-len(METHODS):] == list(METHODS)
     assert main(["suites"]) == 0
     head, *rows = capsys.readouterr().out.splitlines()
-    assert head.split() == ["suite", "datasets", "sequences", "about"]
-    assert [row.split()[0] for row in rows] == ["mini", "paper"]
+    assert head.split() == ["suite", "version", "datasets", "sequences", "about"]
+    assert [row.split()[0] for row in rows] == ["mini", "paper", "standard"]
 
 
 # -- for scripts ------------------------------------------------------------------------------
@@ -370,7 +370,7 @@ def test_lists_are_json(capsys: Lines) -> None:
     robots = parsed(capsys, "robots")
     assert [robot["name"] for robot in robots][:2] == ["ur5", "ur5-textured"]
     assert [m["method"] for m in parsed(capsys, "methods")][-len(METHODS):] == list(METHODS)
-    assert [suite["suite"] for suite in parsed(capsys, "suites")] == ["mini", "paper"]
+    assert [suite["suite"] for suite in parsed(capsys, "suites")] == ["mini", "paper", "standard"]
 
 
 @pytest.mark.gl

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,15 @@ def test_the_command_line_goes_before_the_file(suffix: str, tmp_path: Path, aske
     assert (second.frames, second.keep_unobservable) == (3, False)
     assert second.randomization.camera.fov == (40.0, 40.5)
     assert second.randomization.camera.roll == (0.0, 1.0)
+
+
+def test_the_draws_of_another_robot_can_be_asked_for(tmp_path: Path, asked: Asked) -> None:
+    path = tmp_path / "old.toml"
+    path.write_text("seed = 5\n")
+    for options in ([], ["--twin-of", "ur5"], ["--twin-of", ""], ["--config", str(path)],
+                    ["--config", str(path), "--twin-of", "own"]):  # fmt: skip
+        assert main(["render", "--robot", "iiwa14", *options]) == 0
+    assert [config.twin_of for config, *_ in asked] == ["iiwa14", "ur5", "", "", "iiwa14"]
 
 
 def test_a_studio_is_what_a_file_changes(tmp_path: Path, asked: Asked) -> None:
@@ -220,6 +230,22 @@ def test_twins_differ_in_the_surface_only(tmp_path: Path) -> None:
     assert not same_truth(plain[0], plain[1])
 
     assert main(["verify", str(tmp_path / "textured"), "--workers", "1"]) == 0
+
+
+@pytest.mark.gl
+def test_a_dataset_of_an_earlier_version_continues_with_its_draws(
+    tmp_path: Path, capsys: Lines
+) -> None:
+    options = ("--robot", "owi535", "--frames", "2")
+    expected = rendered(tmp_path / "old", *options, "--twin-of", "")
+    assert main(["render", *options, "--out", str(tmp_path / "old")]) == 2
+    assert 'twin_of: "" -> "owi535"' in capsys.readouterr().err
+    out = Path(shutil.copytree(tmp_path / "old", tmp_path / "out"))
+    (out / "sequences" / "000001.zip").unlink()
+    tree = json.loads((out / "dataset.json").read_text())
+    del tree["config"]["twin_of"]
+    (out / "dataset.json").write_text(json.dumps(tree))
+    assert all(map(same_truth, rendered(out, *options), expected))
 
 
 @pytest.mark.gl

@@ -13,7 +13,7 @@ from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel, Joint, JointType, Link
 from ...robots.motion import MotionRanges, sample_trajectory
 
-TRAINING = RenderConfig(stream="train")
+TRAINING = RenderConfig(stream="train", twin_of="")
 """The recipe whose motion is learned: the suites' own, of the stream that no suite holds."""
 SEQUENCES = 512
 _SLIDE = 0.4  # m, range of the prismatic joint that is learned from: a drawer's

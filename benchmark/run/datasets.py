@@ -73,13 +73,13 @@ def from_suite(
     out: list[Data] = []
     for entry in suite.datasets:
         n = min(entry.n, limit or entry.n)
-        path = folder / suite.name / entry.name
+        path = folder / suite.title / entry.name
         missing = n - len([name for name in sequence_paths(path) if int(name) < n])
         if missing:
-            print(f"{suite.name}/{entry.name}: {missing} of {n} sequences to render",
+            print(f"{suite.title}/{entry.name}: {missing} of {n} sequences to render",
                   file=sys.stderr)  # fmt: skip
         render_dataset(entry.config, n, path, progress=progress and missing > 0)
-        name = f"{suite.name}/{entry.name}"
+        name = f"{suite.title}/{entry.name}"
         out.append(select(name, path, n, keep_unobservable, limit, allow_model=True))
     return out
 

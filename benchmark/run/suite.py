@@ -3,8 +3,10 @@
 The TOML format:
 
     name = "mine"
+    version = 2            # optional: from 2 on, a part of the suite's name in results
     [defaults]             # optional: fields of RenderConfig for all datasets
     seed = 5
+    twin_of = "own"        # without this, all robots share the draws of earlier versions
     [[dataset]]            # repeated: name, number of sequences, fields of RenderConfig
     name = "ur5-studio"
     n = 20
@@ -36,6 +38,7 @@ class _SuiteFile:
     name: _Name
     dataset: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1)]
     about: str = ""
+    version: Annotated[int, msgspec.Meta(ge=1, le=9999)] = 1
     defaults: dict[str, Any] = field(default_factory=dict[str, Any])
 
 
@@ -62,7 +65,13 @@ class Suite:
 
     name: str
     about: str
+    version: int
     datasets: tuple[SuiteDataset, ...]
+
+    @property
+    def title(self) -> str:
+        """Name in folders and results, such as "mini-2": versions are different suites there."""
+        return self.name if self.version == 1 else f"{self.name}-{self.version}"
 
 
 def builtin_suites() -> tuple[str, ...]:
@@ -72,7 +81,7 @@ def builtin_suites() -> tuple[str, ...]:
 
 def list_suites() -> list[dict[str, object]]:
     """Return a record for each built-in suite."""
-    return [{"suite": suite.name, "datasets": len(suite.datasets),
+    return [{"suite": suite.name, "version": suite.version, "datasets": len(suite.datasets),
              "sequences": sum(dataset.n for dataset in suite.datasets), "about": suite.about}
             for suite in map(read_suite, builtin_suites())]
 
@@ -98,7 +107,7 @@ def parse_suite(data: bytes, where: str) -> Suite:
     names = [dataset.name for dataset in datasets]
     if twice := {n for n in names if names.count(n) > 1}:
         raise ConfigError(f"{where}: two datasets have the name {min(twice)!r}")
-    return Suite(file.name, file.about, datasets)
+    return Suite(file.name, file.about, file.version, datasets)
 
 
 def _dataset(fields: dict[str, Any], base: RenderConfig, where: str) -> SuiteDataset:

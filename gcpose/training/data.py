@@ -81,6 +81,7 @@ def _draw_config(
     return RenderConfig(
         robot=robot,
         seed=seed,
+        twin_of="",  # as the included weights; seeds differ
         stream="train",
         frames=recipe.frames,
         width=recipe.width,

@@ -56,8 +56,9 @@ class ObjectTask:
         for k, category in enumerate(c.classes):
             for held_out, count in ((False, c.sequences), (True, c.held_out_sequences)):
                 seed = 1000 * c.seed + 10 * CATEGORIES.index(category) + held_out
-                render = RenderConfig(robot=category, seed=seed, stream="train", frames=c.frames,
-                                      width=_IMAGE_WIDTH, height=DEPTH_HEIGHT, layers=self.layers)
+                render = RenderConfig(robot=category, seed=seed, twin_of="", stream="train",
+                                      frames=c.frames, width=_IMAGE_WIDTH, height=DEPTH_HEIGHT,
+                                      layers=self.layers)
                 own = len(range(k, count, len(c.classes)))
                 name = f"{category}-{seed}"
                 yield PlannedDataset(name, render, max(1, own), held_out)

@@ -29,7 +29,7 @@ from ..dataset import (
     write_provenance,
 )
 from ..runtime import Bar, cpu_count, dump_json, frame_bar, say
-from ..scene import RenderConfig, config_tree, differences, parse_config, resolve
+from ..scene import RenderConfig, config_tree, differences, draws_of, parse_config, resolve
 from ..types import Sequence
 from .worker_pool import WorkerDied, render_in_workers
 from .worker_process import FrameDone, ModelLoaded, RenderTask
@@ -157,6 +157,7 @@ def render_dataset(
         raise ConfigError("no sequences to render; give a number of 1 or more, or indices from 0")
     try:
         with _open_folder(out):
+            config = _with_old_draws(out, config)
             provenance = _open(out, config)
             there = sequence_paths(out)
             todo = [i for i in wanted if sequence_name(i) not in there]
@@ -189,6 +190,16 @@ def _render(
                 bar.update(-event.frames)
                 say(event.notice)
     return provenance
+
+
+def _with_old_draws(out: Path, config: RenderConfig) -> RenderConfig:
+    """The config; for a dataset in `out` that is older than `twin_of`, with its draws."""
+    if (sequence_paths(out) and (out / DATASET_FILE).exists()
+            and "twin_of" not in read_provenance(out).config
+            and config.twin_of == draws_of(config.robot)):
+        say(f"{out} continues with the draws of the version that began it")
+        return replace(config, twin_of="")
+    return config
 
 
 def _open(out: Path, config: RenderConfig) -> Provenance:

@@ -14,6 +14,7 @@ from .config import (
     RandomizationConfig,
     RenderConfig,
     TexturesConfig,
+    draws_of,
     resolve,
 )
 from .config_files import config_tree, differences, parse_config, read_config
@@ -36,6 +37,6 @@ __all__ = [
     "MotionSampler", "PosedModel", "RandomizationConfig", "RenderConfig", "RoomSurface", "Scene",
     "Streams", "TexturesConfig", "animation_times", "box_corners", "box_split", "check_model_paths",
     "clip_from_light", "clip_from_world", "config_tree", "dataset_asset", "differences",
-    "draw_camera", "draw_scene", "model_of", "model_source", "packages_of", "parse_config",
-    "pose_parts", "read_config", "resolve", "rest", "rest_in_part", "robot_of",
+    "draw_camera", "draw_scene", "draws_of", "model_of", "model_source", "packages_of",
+    "parse_config", "pose_parts", "read_config", "resolve", "rest", "rest_in_part", "robot_of",
 ]

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, is_dataclass, replace
+from pathlib import Path
 from typing import Annotated, Literal, cast, get_args, get_type_hints
 
 from tyro.conf import arg
@@ -26,6 +27,8 @@ AROUND: Range = (-180.0, 180.0)
 FRONT: Range = (110.0, 250.0)
 """deg: azimuths from which the front of an object is visible. Objects look along -x, as in
 PartNet-Mobility; from behind, the motion of a door is not visible."""
+OWN = "own"
+"""`twin_of` of a robot that shares its draws with no other."""
 _UNUSABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 """Control characters, and bytes of a file name that are not UTF-8."""
 
@@ -231,6 +234,10 @@ class RenderConfig:
     """Factor of all lengths of a URDF or glTF file that is not in metres."""
     seed: Annotated[int, Bounds(0)] = 0
     """Seed of all random draws."""
+    twin_of: str = OWN
+    """Robot whose draws to share: equal seeds give twins, with equal motion, camera, lights and
+    background. own: no other robot's (of ur5-textured: those of ur5). "": the draws of earlier
+    versions, which all robots share; a configuration file without this field has them."""
     stream: Literal["test", "train"] = "test"
     """Suites contain sequences of `test` only; train a learned method on `train`."""
     frames: Annotated[int, Bounds(1, 100_000)] = 15
@@ -265,13 +272,11 @@ def resolve(config: RenderConfig) -> RenderConfig:
     Raises:
         ConfigError: if a value is out of range, or a name is unknown.
     """
-    from ...robots.catalog import find_robot, is_category, is_file, is_object, parse_object_name
+    from ...robots.catalog import find_robot, is_file, is_object
 
-    of_object, textured = is_object(config.robot), False
-    if of_object and not is_category(config.robot):
-        parse_object_name(config.robot)
-    elif not of_object and not is_file(config.robot):
-        textured = find_robot(config.robot).textured
+    own = draws_of(config.robot)
+    of_object = is_object(config.robot)
+    textured = not of_object and not is_file(config.robot) and find_robot(config.robot).textured
     for name, problem in find_invalid_values(config):
         option = name.removeprefix("randomization.").replace("_", "-")
         raise ConfigError(f"--{option} {problem}")
@@ -286,11 +291,29 @@ def resolve(config: RenderConfig) -> RenderConfig:
     camera = CameraConfig(**vars(ranges.camera))
     return replace(
         config,
+        twin_of=own if config.twin_of == OWN else config.twin_of and draws_of(config.twin_of),
         layers=tuple(name for name in LAYERS if name in config.layers),
         randomization=replace(
             ranges, camera=replace(camera, azimuth=azimuth), textures=textures
         ),
     )
+
+
+def draws_of(robot: str) -> str:
+    """Return the name of a robot's own draws: of a file, its name without folders.
+
+    Raises ModelError if there is no such robot; a file need not exist.
+    """
+    from ...robots.catalog import find_robot, is_category, is_file, is_object, parse_object_name
+
+    if is_file(robot):
+        return Path(robot).name
+    if is_object(robot):
+        if not is_category(robot):
+            parse_object_name(robot)
+        return robot
+    entry = find_robot(robot)
+    return entry.name.removesuffix("-textured") if entry.textured else entry.name
 
 
 def find_invalid_values(config: object, prefix: str = "") -> Iterator[tuple[str, str]]:

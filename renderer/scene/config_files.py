@@ -29,10 +29,11 @@ def parse_config(
 ) -> RenderConfig:
     """Return the config in a tree of fields; an absent field has its value in `base`.
 
-    An unknown field or an invalid value is an `error`, whose message begins with `where`.
+    Without a base, an absent `twin_of` is "", because earlier versions did not store it. An unknown
+    field or an invalid value is an `error`, whose message begins with `where`.
     """
     found = to_record(tree, RenderConfig, where, only_known=True, error=error)
-    config = _overlay(base or RenderConfig(), found, tree)
+    config = _overlay(base or RenderConfig(twin_of=""), found, tree)
     for field, problem in find_invalid_values(config):
         raise error(f"{where}: $.{field}: {problem}")
     return config
@@ -47,7 +48,7 @@ def read_config(path: Path, base: RenderConfig | None = None) -> RenderConfig:
         tree = parse_json(data, str(path), error=ConfigError)
     if "format" in tree and isinstance(tree.get("config"), dict):
         tree = tree["config"]
-    return parse_config(tree, str(path), base)
+    return parse_config(tree, str(path), dataclasses.replace(base or RenderConfig(), twin_of=""))
 
 
 def _overlay(base: Config, found: Config, tree: Mapping[str, Any]) -> Config:

@@ -32,7 +32,10 @@ from .scene import Light, Scene
 
 @dataclass(frozen=True)
 class Streams:
-    """Random generators of one sequence by factor: functions of (config, index, factor) only."""
+    """Random generators of one sequence by factor: functions of (config, index, factor) only.
+
+    Of the config only `seed`, `stream`, `twin_of` and `vary` matter.
+    """
 
     config: RenderConfig
     index: int
@@ -40,7 +43,17 @@ class Streams:
     def rng(self, factor: str, attempt: int = 0) -> np.random.Generator:
         """Return a new generator; `attempt` counts the draws that observability rejected."""
         index = self.index if factor in self.config.vary else 0
-        return named_rng(self.config.seed, self.config.stream, index, factor, attempt)
+        return self._rng(index, factor, attempt)
+
+    def tracks_rng(self) -> np.random.Generator:
+        """Return a new generator for the choice of tracks, which always varies."""
+        return self._rng(self.index, "tracks")
+
+    def _rng(self, index: int, name: str, *more: int) -> np.random.Generator:
+        config = self.config
+        if config.twin_of:
+            name = f"{name} of {config.twin_of}"
+        return named_rng(config.seed, config.stream, index, name, *more)
 
 
 def _direction(azimuth: float, elevation: float) -> Array:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply
 from ...robots.model import ArticulatedModel
-from ..runtime import named_rng
-from ..scene import RenderConfig, RoomSurface, rest_in_part
+from ..scene import RenderConfig, RoomSurface, Streams, rest_in_part
 from ..types import Camera, Frame
 from .correspondence import PointMotion, SurfacePoints, pose_table, surface_points, visibility
 from .deforming import DeformingPoints, deforming_points
@@ -91,7 +90,7 @@ class SequenceTruth:
                 self.model, posed.world_from_part, images, self.keypoint_tolerance)
             out |= {f"keypoint_{name}": value for name, value in vars(found).items()}
         if "tracks" in config.layers:
-            rng = named_rng(config.seed, config.stream, self._index, "tracks")
+            rng = Streams(config, self._index).tracks_rng()
             found, query = track_paths(
                 rng, config.track_points, posed.world_from_part, images,
                 (posed, draw.face) if draw.face else None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -11,6 +12,9 @@ from gcbench.benchmark.run import datasets
 from gcbench.benchmark.run.suite import builtin_suites, parse_suite, read_suite
 from gcbench.renderer import generate
 from gcbench.renderer.scene.config import RenderConfig
+from gcbench.renderer.scene.models import draw_instance
+from gcbench.renderer.scene.sampling import Streams
+from gcbench.robots.catalog import is_category
 
 from ...support import bench_data
 
@@ -33,11 +37,12 @@ randomization.motion.max_step = 3.0
 
 
 def test_the_shipped_suites_are_the_protocols() -> None:
-    assert builtin_suites() == ("mini", "paper")
+    assert builtin_suites() == ("mini", "paper", "standard")
     sizes = {s: {d.name: d.n for d in read_suite(s).datasets} for s in builtin_suites()}
     robots = ("ur5", "ur5-textured", "iiwa14", "irb2400", "owi535")
     objects = ("microwave", "dishwasher", "oven")
     assert sizes["mini"] == dict.fromkeys(robots + objects, 8)
+    assert sizes["standard"] == dict.fromkeys(robots + objects, 100)
     assert sizes["paper"] == {
         **dict(zip(robots, (1000, 200, 200, 200, 200), strict=True)), **dict.fromkeys(objects, 63)}
     for name in builtin_suites():
@@ -49,11 +54,24 @@ def test_the_shipped_suites_are_the_protocols() -> None:
             assert (c.frames, c.width, c.height, c.stream) == (frames, 640, 480, "test")
             assert not c.keep_unobservable
             assert c.randomization.motion.total == (10, 70)
-        plain, textured = (d.config for d in suite.datasets[:2])
-        assert plain.seed == textured.seed  # twins
-        assert textured.randomization.textures.probability == 1
-    seeds = [{d.config.seed for d in read_suite(s).datasets} for s in builtin_suites()]
-    assert not seeds[0] & seeds[1]
+        assert suite.datasets[1].config.randomization.textures.probability == 1
+    assert [read_suite(s).title for s in builtin_suites()] == ["mini-2", "paper-2", "standard"]
+
+
+def test_no_two_sequences_of_the_shipped_suites_share_draws() -> None:
+    motions: dict[float, str] = {}
+    instances: list[str] = []
+    for suite in map(read_suite, builtin_suites()):
+        for d in suite.datasets:
+            streams = [Streams(d.config, i) for i in range(d.n)]
+            drawn = dict.fromkeys((s.rng("motion").random() for s in streams), suite.name)
+            if d.name == "ur5-textured":  # the only twin
+                assert drawn.items() <= motions.items()
+            else:
+                assert not drawn.keys() & motions.keys()
+            motions |= drawn
+            instances += map(draw_instance, streams) if is_category(d.config.robot) else []
+    assert len(set(instances)) == len(instances) == 3 * (8 + 63 + 100)
 
 
 def test_a_users_own_file_works(tmp_path: Path) -> None:
@@ -87,7 +105,7 @@ def test_what_cannot_be_meant_is_told(old: bytes, new: bytes, message: str) -> N
 
 
 def test_unknown_suites_list_what_exists(tmp_path: Path) -> None:
-    with pytest.raises(GcbenchError, match=r"no suite 'maxi'; there are mini, paper, and any path"):
+    with pytest.raises(GcbenchError, match="no suite 'maxi'; there are mini, paper, standard, and"):
         read_suite("maxi")
     with pytest.raises(GcbenchError, match="No such file"):
         read_suite(tmp_path / "none.toml")
@@ -112,6 +130,8 @@ def test_what_is_missing_is_rendered_first(
     assert asked == [("ur5", 2), ("iiwa14", 3)] * 2
     assert capsys.readouterr().err.splitlines() == [
         "mine/one: 2 of 2 sequences to render", "mine/two: 3 of 3 sequences to render"]
+    assert [d.name for d in datasets.from_suite(replace(suite, version=2), tmp_path)] == [
+        "mine-2/one", "mine-2/two"]  # never the folders or the rows of another version
     one, two = data
     assert (one.name, one.sequences, one.left_out) == ("mine/one", ("000001",), 1)
     assert two.sequences == ("000001", "000002")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 import pytest
-from gcbench.errors import ConfigError
+from gcbench.errors import ConfigError, ModelError
 from gcbench.renderer.scene.config import (
     FACTORS,
     LAYERS,
@@ -116,8 +116,9 @@ def configs(draw: st.DrawFn) -> RenderConfig:
     for name, hint in draw(st.lists(st.sampled_from([*fields(RenderConfig)]), max_size=6)):
         if name in known:
             value = tuple(draw(st.lists(st.sampled_from(known[name]), unique=True)))
-        elif name == "robot":
-            value = draw(st.sampled_from(["ur5", "ur5-textured", "microwave", "x.urdf"]))
+        elif name in ("robot", "twin_of"):
+            names = ["ur5", "ur5-textured", "microwave", "x/y.urdf"]
+            value = draw(st.sampled_from([*names, "", "own"] if name == "twin_of" else names))
         else:
             value = draw(values(hint))
         config = set_field(config, name, value)
@@ -143,6 +144,25 @@ def test_a_config_survives_json_and_toml(tmp_path_factory: Any, config: RenderCo
     for suffix, text in ((".toml", toml(tree)), (".json", json.dumps(tree))):
         (folder / f"config{suffix}").write_text(text, encoding="utf-8")
         assert read_config(folder / f"config{suffix}") == config
+
+
+def test_a_file_of_an_earlier_version_has_its_draws(tmp_path: Path) -> None:
+    (tmp_path / "old.toml").write_text("seed = 3")
+    (tmp_path / "new.toml").write_text('seed = 3\ntwin_of = "own"')
+    old, new = (resolve(read_config(tmp_path / name)) for name in ("old.toml", "new.toml"))
+    assert (old.twin_of, new.twin_of) == ("", "ur5")
+    assert resolve(old) == old
+    assert resolve(new) == new
+    stored = {k: v for k, v in config_tree(old).items() if k != "twin_of"}
+    assert parse_config(stored, "") == old
+
+
+def test_a_twin_is_a_robot() -> None:
+    assert resolve(RenderConfig(twin_of="ur5-textured")).twin_of == "ur5"
+    for name, message in (("ur55", "no robot 'ur55' .perhaps you meant ur5"),
+                          ("oven:x", "names no object")):
+        with pytest.raises(ModelError, match=message):
+            resolve(RenderConfig(twin_of=name))
 
 
 def test_what_was_not_given_stays_open_until_the_robot_is_known() -> None:

@@ -14,6 +14,7 @@ from gcbench.renderer.scene.config import (
     MaterialsConfig,
     RenderConfig,
     TexturesConfig,
+    resolve,
 )
 from gcbench.renderer.scene.sampling import (
     Streams,
@@ -71,6 +72,29 @@ def test_a_factor_that_does_not_vary_keeps_the_draw_of_sequence_0() -> None:
         drawn = first_numbers(lights, index)
         assert drawn["lights"] == first_numbers(every, index)["lights"]
         assert all(drawn[f] == zero[f] for f in FACTORS if f != "lights")
+
+
+def test_robots_share_draws_only_if_they_are_twins() -> None:
+    def drawn(robot: str, **fields: str) -> dict[str, float]:
+        config = resolve(RenderConfig(robot, **fields))  # type: ignore[arg-type]
+        tracks = Streams(config, 3).tracks_rng().random()
+        return first_numbers(config, 3) | {"tracks": tracks}
+
+    robots = ("ur5", "iiwa14", "microwave", "oven", "oven:3", "random:1", "here/arm.urdf")
+    every = [number for robot in robots for number in drawn(robot).values()]
+    assert len(set(every)) == len(robots) * (len(FACTORS) + 1)
+    assert drawn("ur5-textured") == drawn("ur5") == drawn("iiwa14", twin_of="ur5")
+    assert drawn("there/arm.urdf") == drawn("here/arm.urdf")  # a copy, or another machine
+    assert drawn("ur5", twin_of="here/arm.urdf") == drawn("here/arm.urdf")
+
+
+def test_the_draws_of_earlier_versions_stay() -> None:
+    before = {"motion": 0.4638912284139929, "camera": 0.7342030537796193,
+              "lights": 0.6593259072129033, "materials": 0.7158272874791846,
+              "textures": 0.08714038259089152, "background": 0.941111416186641,
+              "image": 0.11711010050756954, "instance": 0.8943024022923174}
+    for robot in ("ur5", "iiwa14"):
+        assert first_numbers(resolve(RenderConfig(robot, seed=7, twin_of="")), 3, 1) == before
 
 
 # -- camera -----------------------------------------------------------------------------------
