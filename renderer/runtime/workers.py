@@ -27,14 +27,17 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, Literal, TypeVar
 
+from ...errors import ConfigError
 from .interrupt import uninterrupted
 
 _Task = TypeVar("_Task")
 _Received = TypeVar("_Received")
 _LAST_OUTPUT = 2000  # bytes
 _LONGEST_WAIT = 3600.0  # s
+_is_worker = False
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,9 @@ class WorkerPool(Generic[_Task]):
         Close the iterator to stop at once. A task whose process ended is lost unless the consumer
         appends it to `todo` again.
         """
+        if _is_worker:
+            raise ConfigError("a script starts worker processes while one of them imports it; "
+                              'put its calls of gcbench below `if __name__ == "__main__":`')
         resource_tracker.ensure_running()  # its start would undo uninterrupted
         with tempfile.TemporaryDirectory(prefix="gcbench-") as logs:
             try:
@@ -192,7 +198,7 @@ class WorkerPool(Generic[_Task]):
             log = logs / str(next(self._number)) / "output"
             log.parent.mkdir()
         context: SpawnContext = multiprocessing.get_context("spawn")
-        with uninterrupted(), _variables(s.environment), _arguments(not s.foreign):
+        with hide_main(), uninterrupted(), _variables(s.environment), _arguments(not s.foreign):
             mine, its = context.Pipe()
             process = context.Process(
                 target=_main, args=(its, s.target, s.arguments, log, s.memory),
@@ -228,6 +234,20 @@ def _describe_end(process: SpawnProcess) -> str:
     except ValueError:
         how = f"was killed by signal {-code}"
     return how + (" (out of memory?)" if code == -signal.SIGKILL else "")
+
+
+@contextmanager
+def hide_main() -> Generator[None]:
+    """Processes that are started in the block do not run the script of this one again.
+
+    So a script may call gcbench outside of `if __name__ == "__main__":`, or come from stdin.
+    """
+    mine = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = mine
 
 
 @contextmanager
@@ -283,6 +303,8 @@ def _main(
     memory: int | None,
 ) -> None:
     """The main function of the process."""
+    global _is_worker
+    _is_worker = True
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all; the parent decides
     if log is not None:
         from .supervisor import supervise

@@ -22,6 +22,7 @@ from ..dataset import (
     open_sequence,
     select_sequences,
 )
+from ..runtime import hide_main
 from ..scene import RenderConfig, check_model_paths, packages_of, robot_of
 from ..types import Sequence
 from .checks import CheckResult, VerifyReport, check, merge_checks
@@ -215,7 +216,9 @@ def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[Check
         # spawn: a forked OpenCV or BLAS may hang on locks of threads that were not copied
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
-            for found in pool.map(_verify_file, jobs):
+            with hide_main():
+                answers = pool.map(_verify_file, jobs)
+            for found in answers:
                 yield found
                 bar.update()
 

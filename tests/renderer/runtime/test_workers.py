@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -120,3 +122,48 @@ def test_variables_of_the_user_take_precedence(monkeypatch: pytest.MonkeyPatch) 
     assert "POOL_TEST" not in os.environ
     monkeypatch.setenv("POOL_TEST", "user")
     assert seen() == ["user"]
+
+
+# -- scripts without `if __name__ == "__main__":` ---------------------------------------------
+
+SCRIPT = """
+import gcbench as gb
+
+print("the script runs")
+config = gb.RenderConfig("owi535", frames=2, width=64, height=48, keep_unobservable=True)
+print(gb.render_dataset(config, 5, "data", 1, progress=False).sequences)
+print(gb.verify_dataset("data", 2, progress=False).ok)
+"""
+METHOD = """
+from pathlib import Path
+import gcbench as gb
+
+class Still:
+    name, version, inputs, knowledge, training = "still", "1", ("none",), ("none",), "none"
+
+gb.evaluate(gb.EvalConfig(method=("script.py:Still",), data=(Path("data"),)), progress=False)
+"""
+
+
+def run_script(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    (folder / "script.py").write_text(text)
+    return subprocess.run([sys.executable, "script.py"], cwd=folder, capture_output=True,
+                          text=True, timeout=300)
+
+
+@pytest.mark.gl
+def test_workers_do_not_run_the_script_again(tmp_path: Path) -> None:
+    done = run_script(SCRIPT, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n") == ["the script runs", "5", "True", ""]
+    assert "Traceback" not in done.stderr
+
+
+def test_a_method_in_such_a_script_is_told_the_fix(tmp_path: Path) -> None:
+    """Its process imports the script."""
+    done = run_script(METHOD, tmp_path)
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("gcbench.errors.MethodError: ")
+    assert 'below `if __name__ == "__main__":`' in last
+    assert done.stderr.count("Traceback") == 1
