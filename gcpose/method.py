@@ -22,6 +22,8 @@ class GCPose:
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
     version = "13"
+    authors = "the gcbench authors, after Q. Liu et al."
+    link = "https://arxiv.org/abs/2012.00088"
 
     def __init__(
         self, flow: Flow | str = "", depth: str = "", settings: Settings = _DEFAULT

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, MethodError, suggestion
-from ...renderer.runtime import dump_json
+from ...renderer.runtime import dump_json, to_record
 from ...renderer.types import Inputs, Knowledge, Method, Observation
 from ..protocol import ORACLES, are_compatible
-from ..results import INPUTS, KNOWLEDGE, LABEL, Row, is_label
+from ..results import INPUTS, KNOWLEDGE, LABEL, Attribution, Row, is_label
 
 GROUP = "gcbench.methods"
 """Group of the entry points of other packages: name = module:attribute."""
@@ -71,6 +71,8 @@ class Declaration:
     """Advice for the user on how to enable more inputs."""
     settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Settings of the method as a JSON object; empty without settings."""
+    attribution: Attribution = field(default_factory=Attribution)
+    """Authors, link and date, as far as the method declares them."""
 
 
 def registered_methods() -> dict[str, str]:
@@ -212,8 +214,18 @@ def declaration_of(method: Any, source: str) -> Declaration:
     return Declaration(
         method.name, method.version, method.training, tuple(method.inputs),
         tuple(method.knowledge), str(getattr(method, "hint", "")),
-        json.loads(dump_json(settings())),
+        json.loads(dump_json(settings())), _attribution(method, source),
     )  # fmt: skip
+
+
+def _attribution(method: Any, source: str) -> Attribution:
+    given = {name: getattr(method, name, "") for name in ("authors", "link", "date")}
+    try:
+        return to_record(given, Attribution, source, error=MethodError)
+    except MethodError as error:
+        raise MethodError(f"{source}: authors is {given['authors']!a}, link {given['link']!a}, "
+                          f"date {given['date']!a}, expected one line, an address with https:// "
+                          "and YYYY-MM-DD, YYYY-MM or YYYY (all optional)") from error
 
 
 def plan_rows(

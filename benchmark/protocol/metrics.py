@@ -10,6 +10,8 @@ Values of `Result.metric` with one line per joint (errors and sigma in deg or m)
     mean_error           mean error over frames 1 .. T-1
     step_error           error of the motion between consecutive frames, mean over the steps
     displacement         absolute true displacement at the last frame: the error of "no motion"
+    pixels               fewest visible pixels in a frame of all that the joint moves
+    distance             from the camera to the origin of the joint's child part at frame 0, m
     covered              1 if the estimate is finite in every frame, else 0
     sigma                estimated standard deviation at the last frame, if the method returns one
     within_sigma         1 if the error at the last frame is at most sigma, else 0

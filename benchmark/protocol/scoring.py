@@ -101,6 +101,8 @@ def _joint_metrics(
         "mean_error": (metrics.over_frames(error), None),
         "step_error": (step.mean(0) if len(step) else np.zeros(joints), None),
         "displacement": (scale * np.abs(truth.displacement[-1]), None),
+        "pixels": (truth.pixels.astype(np.float64), "px"),
+        "distance": (np.linalg.norm(truth.origin, axis=1), "m"),
         "covered": (covered.astype(np.float64), ""),
     }
     if estimate is not None and estimate.sigma is not None:

@@ -31,6 +31,8 @@ class Truth:
     """[P + 1] by part number in masks: 0 static, j = 1 .. J last scored joint before the part."""
     parent: tuple[int, ...]
     """[J] index of the parent scored joint, -1 for none."""
+    pixels: NDArray[np.int64]
+    """[J] fewest pixels in a frame of all that the joint moves."""
 
 
 def truth_of(sequence: Sequence) -> Truth:
@@ -41,6 +43,7 @@ def truth_of(sequence: Sequence) -> Truth:
     child = state.joint_child_part[scored]
     q = state.joint_positions[:, scored]
     label = part_labels(state, child)
+    parent = tuple(int(label[p]) - 1 for p in state.joint_parent_part[scored])
     cam_from_part = state.cam_from_world[0] @ state.world_from_part[0]
     return Truth(
         joint_names=tuple(meta.joint_names[j] for j in scored),
@@ -50,8 +53,22 @@ def truth_of(sequence: Sequence) -> Truth:
         screw=state.joint_screw[0, scored],
         origin=cam_from_part[child - 1, :3, 3].reshape(-1, 3),
         label=label,
-        parent=tuple(int(label[p]) - 1 for p in state.joint_parent_part[scored]),
+        parent=parent,
+        pixels=fewest_pixels(state.part_pixels, label, parent),
     )
+
+
+def fewest_pixels(
+    part_pixels: NDArray[np.int64], label: NDArray[np.uint8], parent: tuple[int, ...]
+) -> NDArray[np.int64]:
+    """Return [J] the fewest pixels in a frame of the parts that each scored joint moves, from the
+    pixels [T P] and labels [P + 1] of the parts, and the parents [J] of the joints."""
+    shown = np.zeros((len(part_pixels), len(parent)), np.int64)
+    for j in reversed(range(len(parent))):
+        shown[:, j] += part_pixels[:, label[1:] == j + 1].sum(1)
+        if parent[j] >= 0:
+            shown[:, parent[j]] += shown[:, j]
+    return shown.min(0)
 
 
 def truth_digest(sequence: Sequence) -> str:

@@ -36,6 +36,9 @@ CURVE_THRESHOLDS: Mapping[str, tuple[float, ...]] = {
 SECONDARY = ("mean_error", "step_error", "axis_direction", "axis_distance", "within_sigma",
              "reliable", "part_miou", "peak_memory", "seconds_per_frame")  # fmt: skip
 """Metrics that a line shows as a mean over the joints (or sequences) that have them."""
+CONDITIONS = ("displacement", "pixels", "distance")
+"""Metrics of the truth that errors are shown against; scores of earlier versions lack the last two.
+"""
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,8 @@ class Line:
     """None if the method tells nothing of its errors."""
     sign: str
     """How the signs were decided (see `Result.sign`); several are joined by "+"."""
+    conditions: Mapping[str, Mapping[SequenceJoint, float]]
+    """Value of each of CONDITIONS of each (sequence, joint) that has one."""
     failed: Mapping[str, str]
     """Status of each sequence that failed."""
 
@@ -203,9 +208,12 @@ def _line(folder: RunFolder, unit: str, finals: list[Result], results: list[Resu
     known = np.array([covered.get((r.sequence, r.joint), False) for r in finals])
     drift: dict[int, list[float]] = defaultdict(list)
     means: dict[str, list[float]] = defaultdict(list)
+    conditions: dict[str, dict[SequenceJoint, float]] = {name: {} for name in CONDITIONS}
     for r in mine:
         if r.metric == "error":
             drift[r.frame].append(r.value)
+        elif r.metric in conditions:
+            conditions[r.metric][r.sequence, r.joint] = r.value
         elif r.metric in SECONDARY and np.isfinite(r.value):
             means[r.metric].append(r.value)
     return Line(
@@ -224,6 +232,7 @@ def _line(folder: RunFolder, unit: str, finals: list[Result], results: list[Resu
         means={name: float(np.mean(values)) for name, values in sorted(means.items())},
         calibration=calibrate(mine, unit),
         sign="+".join(sorted({r.sign for r in finals if r.sign})),
+        conditions=conditions,
         failed={r.sequence: r.status for r in finals if r.status != "ok"},
     )
 

@@ -15,6 +15,7 @@ from ...robots.files import remove_leftovers, write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
 from ..results import EstimateShape, Results, RunFolder, read_stored
 from .calibration import LEVELS
+from .conditions import error_by_condition
 from .formats import leaderboard_csv, one_line, to_latex, to_markdown
 from .gallery import Picture, draw_pictures, select_pictures, write_pages
 from .leaderboard import (
@@ -168,6 +169,9 @@ def _line(number: int, line: Line, label: str, group: int) -> dict[str, Any]:
         "training": one_line(row.training),
         "version": one_line(row.version),
         "oracles": ", ".join(row.oracles),
+        "authors": one_line(line.run.run.attribution.authors),
+        "link": line.run.run.attribution.link,
+        "date": line.run.run.attribution.date,
         "sign": line.sign,
         "unit": line.unit,
         "sequences": s.sequences,
@@ -199,6 +203,7 @@ def _group(lines: Sequence[Line]) -> dict[str, Any]:
     return {
         "title": one_line(line.dataset) + (" (prismatic joints)" if prismatic else ""),
         "unit": line.unit,
+        "conditions": error_by_condition(lines),
         "threshold": pcp_thresholds(line.unit)[PCP5],
         "facts": " · ".join(facts),
     }

@@ -52,7 +52,9 @@ def provenance(lines: Sequence[Line]) -> list[Section]:
 def _method(run: Run) -> tuple[str, str]:
     row = run.row
     oracles = f"; oracles: {', '.join(row.oracles)}" if row.oracles else ""
-    return row.name, f"version {row.version}; training: {row.training}; {run.source}{oracles}"
+    by = run.attribution
+    made = "".join(f"; {text}" for text in (by.authors, by.date, by.link) if text)
+    return row.name, f"version {row.version}; training: {row.training}; {run.source}{oracles}{made}"
 
 
 def _dataset(run: Run) -> Iterator[tuple[str, str]]:

@@ -13,7 +13,17 @@ from .estimates import (
     read_stored,
     validate_estimate,
 )
-from .rows import INPUTS, KNOWLEDGE, LABEL, Result, Row, is_label, read_scores, write_scores
+from .rows import (
+    INPUTS,
+    KNOWLEDGE,
+    LABEL,
+    Attribution,
+    Result,
+    Row,
+    is_label,
+    read_scores,
+    write_scores,
+)
 from .runs import (
     ESTIMATES,
     RUN,
@@ -29,7 +39,8 @@ from .runs import (
 
 __all__ = [
     "ESTIMATES", "INPUTS", "KNOWLEDGE", "LABEL", "MAX_REASON", "RUN", "SCORES", "STATUSES",
-    "EstimateShape", "InvalidEstimateError", "Result", "Results", "Row", "Run", "RunFolder",
-    "Status", "Stored", "dump_stored", "find_runs", "is_label", "read_run", "read_scores",
-    "read_stored", "run_folder", "validate_estimate", "write_run", "write_scores",
+    "Attribution", "EstimateShape", "InvalidEstimateError", "Result", "Results", "Row", "Run",
+    "RunFolder", "Status", "Stored", "dump_stored", "find_runs", "is_label", "read_run",
+    "read_scores", "read_stored", "run_folder", "validate_estimate", "write_run",
+    "write_scores",
 ]

@@ -58,13 +58,25 @@ class Result:
     metric: str
     """benchmark/protocol/metrics.py defines each name."""
     value: Annotated[float, msgspec.Meta(ge=0.0)]
-    unit: Literal["deg", "m", "s", "MiB", ""]
-    """deg, m, s, MiB, or empty for a share."""
+    unit: Literal["deg", "m", "px", "s", "MiB", ""]
+    """deg, m, px, s, MiB, or empty for a share."""
     sign: Literal["given", "screw", "best", ""]
     """How the sign of the joint was decided: given (by the knowledge), screw (by the returned
     axis) or best (the sign with the smaller error)."""
     status: Literal["ok", "raised", "timeout", "crashed", "invalid"]
     """ok, or what went wrong: raised, timeout, crashed, invalid."""
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """Who made a method, where it is described, and when, as it declares; all may be empty."""
+
+    authors: Annotated[str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{0,300}\Z")] = ""
+    """One line of at most 300 characters."""
+    link: Annotated[str, msgspec.Meta(pattern=r"^(https?://[!-~]{1,300})?\Z")] = ""
+    """Address of a paper, code or page: http:// or https://."""
+    date: Annotated[str, msgspec.Meta(pattern=r"^(\d{4}(-\d\d(-\d\d)?)?)?\Z")] = ""
+    """YYYY, YYYY-MM or YYYY-MM-DD."""
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(Result))

@@ -24,7 +24,7 @@ from ...errors import DatasetError
 from ...renderer.runtime import dump_json, read_record
 from ...renderer.types import html_card
 from ...robots.files import write_atomically
-from .rows import COLUMNS, Result, Row, read_scores
+from .rows import COLUMNS, Attribution, Result, Row, read_scores
 
 if TYPE_CHECKING:
     import pandas
@@ -64,6 +64,8 @@ class Run:
     """Tuned numbers of the method; empty if it has none, or in files of earlier versions."""
     digests: Mapping[str, str] = field(default_factory=dict[str, str])
     """Hash of the truth of each sequence, by name; empty in files of earlier versions."""
+    attribution: Attribution = field(default_factory=Attribution)
+    """Authors, link and date of the method; empty in files of earlier versions."""
 
 
 @dataclass(frozen=True)

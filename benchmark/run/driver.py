@@ -135,8 +135,8 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         if not d.dataset.allow_model and any(row.knowledge == "model" for _, row in rows):
             check_model_paths(d.dataset.config)
     jobs = cheap_first([
-        prepare_job(describe_run(row, source, d, recorded, declared[source].settings), d,
-                    config.results, config.retry)
+        prepare_job(describe_run(row, source, d, recorded, declared[source].settings,
+                                 declared[source].attribution), d, config.results, config.retry)
         for source, row in rows
         for d in data
     ])  # fmt: skip

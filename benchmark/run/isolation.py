@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from multiprocessing.connection import Connection
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from ...errors import DatasetError, MethodError
-from ...renderer.runtime import WorkerPool, WorkerSettings
+from ...renderer.runtime import WorkerPool, WorkerSettings, to_record
 from ...renderer.types import Observation
 from ..methods import Declaration
 from ..results import EstimateShape, Status, Stored, dump_stored
@@ -62,10 +62,8 @@ def read_declaration(source: str, limits: Limits) -> Declaration:
     if answer[:1] == PROBLEM:
         raise MethodError(answer[1:].decode(errors="replace"))
     try:
-        tree: dict[str, Any] = json.loads(answer[1:])
-        tree |= {name: tuple(tree[name]) for name in ("inputs", "knowledge")}
-        return Declaration(**tree)
-    except (ValueError, TypeError, KeyError) as error:
+        return to_record(json.loads(answer[1:]), Declaration, source, error=MethodError)
+    except (ValueError, MethodError) as error:
         raise MethodError(f"{source}: its process sent no declaration") from error
 
 

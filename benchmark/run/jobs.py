@@ -22,6 +22,7 @@ from ..results import (
     ESTIMATES,
     RUN,
     SCORES,
+    Attribution,
     Result,
     Row,
     Run,
@@ -149,13 +150,14 @@ def name_unwritable(path: Path) -> Generator[None]:
 
 
 def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
-                 settings: Mapping[str, Any]) -> Run:
+                 settings: Mapping[str, Any], attribution: Attribution | None = None) -> Run:
     """Return the record that `run.json` stores for a row on a dataset, with this environment."""
     info = data.dataset.info
     return Run(
         row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
         assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
         environments=(_describe_environment(),), settings=settings, digests=data.digests,
+        attribution=attribution or Attribution(),
     )  # fmt: skip
 
 

@@ -20,6 +20,9 @@ class ScrewNetMethod:
     inputs: tuple[Inputs, ...] = ("rgbd",)
     knowledge: tuple[Knowledge, ...] = ("free",)
     version = "1"
+    authors = "A. Jain, R. Lioutikov, C. Chuck, S. Niekum"
+    link = "https://arxiv.org/abs/2008.10518"
+    date = "2020-08"
 
     def __init__(self, weights: str = "", device: str = "auto") -> None:
         """Load the weights that `gcbench train screwnet` wrote.

@@ -50,6 +50,9 @@ from .epipolar import (
 from .settings import PublishedSettings
 
 _DEFAULT = PublishedSettings()
+PAPER = ("Q. Liu, W. Qiu, W. Wang, G. D. Hager, A. L. Yuille",
+         "https://arxiv.org/abs/2012.00088", "2020-11")
+"""Authors, link and date of the paper."""
 
 
 class FlowOnly:
@@ -59,6 +62,7 @@ class FlowOnly:
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
     version = "4"
+    authors, link, date = PAPER
 
     def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
         """Make the method with a flow by name (see `flow_named`); default: OpenCV's DIS.
@@ -91,6 +95,7 @@ class Epipolar:
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
     version = "6"
+    authors, link, date = PAPER
 
     def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
         """Make the method with a flow network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".
@@ -119,6 +124,7 @@ class WithDepth:
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("axes",)
     version = "6"
+    authors, link, date = PAPER
 
     def __init__(
         self, flow: str = "", depth: str = "", settings: PublishedSettings = _DEFAULT

@@ -77,7 +77,11 @@ class Estimate:
 
 
 class Method(Protocol):
-    """Anything with these; there is nothing to inherit."""
+    """Anything with these; there is nothing to inherit.
+
+    A method may also have the texts `authors`, `link` (http:// or https://) and `date` (YYYY-MM-DD,
+    YYYY-MM or YYYY), which the report shows.
+    """
 
     name: str
     inputs: tuple[Inputs, ...]

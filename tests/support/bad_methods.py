@@ -29,6 +29,16 @@ class Good:
         return Estimate(np.zeros((len(observation.times), observation.n_joints)))
 
 
+class Attributed(Good):
+    name = "attributed"
+    authors, link, date = "A. Author", "https://example.org/@a", "2024-05-01"
+
+
+class Scripted(Good):
+    name = "scripted"
+    link = "javascript:alert(1)"
+
+
 class Reads(Good):
     """Moves by the first pixel, which numbers the sequence; the first ones take longest."""
 

@@ -37,9 +37,10 @@ def truth(rng: np.random.Generator, frames: int, joints: Sequence[str], prismati
         prismatic=slides,
         displacement=np.arange(frames)[:, None] * speed,
         screw=screw,
-        origin=np.zeros((n, 3)),
+        origin=rng.uniform(0.5, 2, (n, 3)),
         label=np.arange(n + 1, dtype=np.uint8),
         parent=tuple(range(-1, n - 1)),
+        pixels=rng.integers(400, 9000, n),
     )
 
 

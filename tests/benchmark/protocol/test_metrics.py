@@ -37,7 +37,8 @@ def truth() -> Truth:
         joint_names=("pan", "lift", "slide"),
         joint_types=("revolute", "continuous", "prismatic"),
         prismatic=PRISMATIC, displacement=q - q[0], screw=np.hstack([l, moment]),
-        origin=point, label=np.zeros(1, np.uint8), parent=(-1, 0, 1))
+        origin=point, label=np.zeros(1, np.uint8), parent=(-1, 0, 1),
+        pixels=np.array([900, 500, 400]))
 
 
 def values(truth: Truth, estimate: Estimate | None, axes_known: bool = False) -> dict[str, list]:
@@ -190,6 +191,20 @@ def test_parts_go_to_the_last_scored_joint_that_moves_them() -> None:
     still = dataclasses.replace(
         sequence.state, world_from_part=np.stack([sequence.state.world_from_part[0]] * 4))
     assert part_labels(still, np.array([2, 3]))[[2, 3]].tolist() == [1, 2]
+
+
+def test_pixels_and_distance_are_those_of_the_images() -> None:
+    sequence = analytic.render(width=48, height=36, frames=4, room=False)
+    pixels = [[sum((part == p).sum() for p, label in enumerate(truth_of(sequence).label)
+                   if label >= j) for part in sequence.part] for j in (1, 2)]
+    results = joint_results(truth_of(sequence), None, True, BLANK)
+    found = {name: [r.value for r in results if r.metric == name] for name in
+             ("pixels", "distance")}
+    assert found["pixels"] == np.min(pixels, axis=1).tolist()
+    state = sequence.state
+    world = [state.world_from_part[0, p - 1] for p in state.joint_child_part[:2]]
+    there = [(state.cam_from_world[0] @ pose)[:3, 3] for pose in world]
+    assert found["distance"] == pytest.approx(np.linalg.norm(there, axis=1))
 
 
 def test_labels_do_not_depend_on_where_the_base_is() -> None:

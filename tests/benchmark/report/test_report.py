@@ -16,6 +16,7 @@ from gcbench import GcbenchError
 from gcbench.__main__ import main
 from gcbench.benchmark.report import published_numbers as paper
 from gcbench.benchmark.report.calibration import LEVELS
+from gcbench.benchmark.report.conditions import error_by_condition
 from gcbench.benchmark.report.formats import (
     CSV_COLUMNS,
     escape_csv,
@@ -36,8 +37,8 @@ from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
 from gcbench.benchmark.report.suite_scores import suite_scores
 from gcbench.benchmark.report.tables import format_error, paper_tables
-from gcbench.benchmark.results.rows import Row, read_scores, write_scores
-from gcbench.benchmark.results.runs import SCORES, find_runs, write_run
+from gcbench.benchmark.results.rows import Attribution, Row, read_scores, write_scores
+from gcbench.benchmark.results.runs import RUN, SCORES, find_runs, read_run, write_run
 
 from ...support.fake_results import FREE, GCPOSE, ICP, JOINTS, NOISY, ORACLE, STILL, write_results
 
@@ -204,6 +205,58 @@ def test_prismatic_joints_have_lines_of_their_own(tmp_path: Path) -> None:
     rows = list(csv.DictReader(io.StringIO(text)))
     assert [row["unit"] for row in rows] == ["deg", "m"]
     assert "(prismatic joints)" in (tmp_path / "out" / "leaderboard.md").read_text()
+
+
+def test_errors_by_condition_are_medians_of_equal_bins(results: Path) -> None:
+    lines = [x for x in read_leaderboard([results]).lines if x.dataset == "mini/ur5"]
+    for found in error_by_condition(lines):
+        known = lines[0].conditions[found["name"]]
+        order = sorted(known, key=lambda pair: (known[pair], pair))
+        assert found["pairs"] == [5, 5, 4, 4] and len(order) == 18
+        first, last = order[:5], order[-4:]
+        assert found["at"][0] == pytest.approx(np.median([known[p] for p in first]), rel=1e-4)
+        for line, medians in zip(lines, found["medians"], strict=True):
+            for pairs, median in ((first, medians[0]), (last, medians[-1])):
+                errors = [line.error[pair] for pair in pairs]
+                assert median == pytest.approx(np.median(errors), rel=1e-4)
+    still = next(x for x in lines if x.row == STILL)
+    assert still.conditions["displacement"] == pytest.approx(still.error)
+
+
+def test_conditions_of_earlier_scores_are_not_recorded(tmp_path: Path) -> None:
+    path = write_results(tmp_path, GCPOSE, 0.01)
+    write_results(tmp_path, ICP, 0.01)
+    kept = [r for r in read_scores(path / SCORES) if r.metric not in ("pixels", "distance")]
+    write_scores(path / SCORES, kept)
+    lines = read_leaderboard([tmp_path]).lines
+    old = [line.row for line in lines].index(GCPOSE)
+    displacement, pixels, distance = error_by_condition(lines)
+    assert displacement["medians"][old] and pixels["medians"][1 - old]
+    assert pixels["medians"][old] is distance["medians"][old] is None
+
+
+def test_authors_link_and_date_are_in_the_report(tmp_path: Path) -> None:
+    by = Attribution("A. Author, B. Author", "https://example.org/@paper?a=1&b=<2>", "2024-05")
+    path = write_results(tmp_path, GCPOSE, 0.01)
+    assert read_run(path / RUN).attribution == Attribution()
+    write_run(path, dataclasses.replace(read_run(path / RUN), attribution=by))
+    report([tmp_path], tmp_path / "out", progress=False)
+    data = data_of(tmp_path / "out" / "index.html")
+    line = data["lines"][0]
+    assert (line["authors"], line["link"], line["date"]) == dataclasses.astuple(by)
+    assert "A. Author, B. Author; 2024-05; https://example.org" in json.dumps(data["about"])
+
+
+@pytest.mark.parametrize("wrong", [
+    {"link": "javascript:alert(1)"}, {"link": "https://a b"}, {"link": "data:text/html,x"},
+    {"link": "https://a\nb"}, {"authors": "a\nb"}, {"authors": 301 * "a"}, {"date": "May"},
+])  # fmt: skip
+def test_an_invalid_attribution_is_refused(tmp_path: Path, wrong: dict[str, str]) -> None:
+    path = write_results(tmp_path, GCPOSE, 0.01)
+    tree = json.loads((path / RUN).read_text())
+    (path / RUN).write_text(json.dumps({**tree, "attribution": wrong}))
+    with pytest.raises(GcbenchError, match=rf"attribution\.{next(iter(wrong))}"):
+        report([tmp_path], tmp_path / "out")
 
 
 # -- the paper's tables -----------------------------------------------------------------------

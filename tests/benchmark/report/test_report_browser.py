@@ -14,7 +14,8 @@ from gcbench.benchmark.report.gallery import Picture
 from gcbench.benchmark.report.leaderboard import CURVE_THRESHOLDS, read_leaderboard
 from gcbench.benchmark.report.page import report_page
 from gcbench.benchmark.report.tables import format_error
-from gcbench.benchmark.results.rows import Row
+from gcbench.benchmark.results.rows import Attribution, Row, read_scores, write_scores
+from gcbench.benchmark.results.runs import RUN, SCORES, read_run, write_run
 
 from ...renderer.show.test_show_browser import HOSTILE, luminance, until
 from ...renderer.show.test_show_browser import (
@@ -38,7 +39,11 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_results(folder, FREE, 0.008, dataset, seed=3)
         write_results(folder, ICP, 0.05, dataset, seed=4, failing=(2,), reason=HOSTILE)
         write_results(folder, STILL, None, dataset)
-    write_results(folder, ORACLE, 0.02, "mini/ur5", seed=5)
+    path = write_results(folder, ORACLE, 0.02, "mini/ur5", seed=5)
+    by = Attribution(f"A. Author {HOSTILE}".replace("\u2028", ""), "https://example.org/p", "2024")
+    write_run(path, dataclasses.replace(read_run(path / RUN), attribution=by))
+    old = [r for r in read_scores(path / SCORES) if r.metric not in ("pixels", "distance")]
+    write_scores(path / SCORES, old)
     write_results(folder, NASTY, 0.03, "mini/ur5", seed=6)
     write_results(folder, GCPOSE, 0.01, "zz" + HOSTILE, joints=(HOSTILE, "slide"), prismatic=1)
     return folder
@@ -192,6 +197,30 @@ def test_a_chosen_sign_is_said(page: Any) -> None:
     said = {row.locator(".name").text_content(): row.locator(".method").text_content()
             for row in page.locator("#board tbody tr").all()}
     assert "best sign" in said["hold-still"] and "best sign" not in said["icp"]
+
+
+def test_a_method_has_its_authors_link_and_date(page: Any) -> None:
+    cell = page.locator("#board tr", has_text="icp@true-parts").locator(".method")
+    assert cell.locator("a").get_attribute("href") == "https://example.org/p"
+    assert cell.locator("a").get_attribute("rel") == "noopener noreferrer"
+    by = cell.locator(".by").text_content()
+    assert by.startswith("A. Author </script>") and by.endswith(", 2024")
+    assert page.locator("#board .method a").count() == 1
+
+
+def test_errors_by_condition(page: Any) -> None:
+    for name in ("displacement", "pixels", "distance"):
+        curves = page.locator(f"#by-{name} path.series").count()
+        assert curves == (7 if name == "displacement" else 6)
+        assert page.locator(f"#by-{name} circle").count() == 4 * curves
+    said = page.locator("#by-pixels .note").text_content()
+    assert said.startswith("Not recorded for icp@true-parts · rgbd · axes: gcbench eval")
+    assert page.locator("#by-displacement .note").text_content() == ""
+    page.locator("#by-distance svg").focus()
+    page.keyboard.press("Home")
+    tip = page.locator("#by-distance .tip b").text_content()
+    assert re.fullmatch(r"about [0-9.]+ m, 5 joints", tip)
+    page.keyboard.press("Escape")
 
 
 def test_all_columns(page: Any) -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from gcbench import DatasetError, MethodError
 from gcbench.__main__ import main
-from gcbench.benchmark.results.runs import Results
+from gcbench.benchmark.results.rows import Attribution
+from gcbench.benchmark.results.runs import RUN, Results, read_run
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.robots.files.atomic import is_alive
 
@@ -53,6 +54,7 @@ def test_what_is_returned_may_raise_anything(
 @pytest.mark.parametrize(("name", "reason"), [
     ("ExitsAtStart", "SystemExit: 0"),
     ("SurrogateName", "name is 'mine\\ud800', expected one line of"),
+    ("Scripted", "link 'javascript:alert(1)', date '', expected one line, an address with https"),
 ])  # fmt: skip
 def test_a_method_that_cannot_start_leaves_the_others_alone(
     data: Path, tmp_path: Path, name: str, reason: str
@@ -62,8 +64,16 @@ def test_a_method_that_cannot_start_leaves_the_others_alone(
     assert outcome.estimated == 3
     assert len(outcome.failures) == 1
     assert reason in outcome.failures[0]
-    with pytest.raises(MethodError, match=r"expected one line of|SystemExit"):
+    with pytest.raises(MethodError, match=r"expected one line|SystemExit"):
         run(data, tmp_path / "results", name)
+
+
+def test_a_method_may_say_who_made_it(data: Path, tmp_path: Path) -> None:
+    first, second = (run(data, tmp_path / "results", name).runs[0]
+                     for name in ("Attributed", "Good"))  # fmt: skip
+    by = read_run(first.path / RUN).attribution
+    assert by == Attribution("A. Author", "https://example.org/@a", "2024-05-01")
+    assert read_run(second.path / RUN).attribution == Attribution()
 
 
 def test_a_broken_process_costs_one_sequence(data: Path, tmp_path: Path) -> None:
