@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -85,8 +84,7 @@ def campaign(
     """Run `count` cases of each kind from `first` on, in turn; without a count, until `seconds`."""
     start()
     out, index, end = Campaign(), first, time.monotonic() + seconds
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        box = Sandbox(Path(folder).resolve() / "box")
+    with Sandbox.temporary() as box:
         while index - first < count if count is not None else True:
             for kind in kinds:
                 if count is None and time.monotonic() > end:
@@ -112,8 +110,8 @@ def show(kind: str, seed: int, index: int) -> int:
     start()
     case, problems = make(kind, seed, index), 0
     print(*(f"changed {step}" for step in case.steps), sep="\n")
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        for command, outcome in attempt(case, Sandbox(Path(folder).resolve() / "box")):
+    with Sandbox.temporary() as box:
+        for command, outcome in attempt(case, box):
             print(f"$ gcbench {command}\n{outcome.stdout}{outcome.stderr}".rstrip())
             print(f"exit code {outcome.code}, {outcome.seconds:.1f} s, {outcome.memory:.0f} MiB")
             print(*(f"PROBLEM {problem}" for problem in outcome.problems), sep="\n")
@@ -125,8 +123,7 @@ def check_corpus(names: Sequence[str]) -> dict[str, list[str]]:
     """What is wrong with named cases: problems, and ends that are not the expected ones."""
     start()
     wrong: dict[str, list[str]] = {}
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        box = Sandbox(Path(folder).resolve() / "box")
+    with Sandbox.temporary() as box:
         for name in names or CORPUS:
             done = attempt(CORPUS[name].build(), box)
             last = done[-1][1]
@@ -148,9 +145,9 @@ def check_faults(names: Sequence[str], faults: tuple[Fault, ...], at: int) -> in
     """Print what goes wrong when faults happen while commands run; the number of lines."""
     start()
     lines = 0
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+    with Sandbox.temporary() as box:
         for name in names:
-            for line in check_action(name, Sandbox(Path(folder).resolve() / "box"), faults, at):
+            for line in check_action(name, box, faults, at):
                 print(line, flush=True)
                 lines += 1
     return lines

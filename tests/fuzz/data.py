@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-import tempfile
 import zipfile
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,8 +67,7 @@ def results_files() -> Content:
 
 @cache
 def _made() -> tuple[Content, Content]:
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        box = Sandbox(Path(folder).resolve() / "box")
+    with Sandbox.temporary() as box:
         box.reset()
         write({"arm.urdf": _ARM.encode()}, box)
         for argv in ((*_RENDER, "--out", "../input/d"), EVALUATE):

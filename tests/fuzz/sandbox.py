@@ -22,7 +22,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from multiprocessing.context import ForkContext
@@ -78,6 +78,14 @@ class Sandbox:
     readable: tuple[Path, ...] = ()
     """Further folders that may be read."""
     folders: tuple[str, ...] = field(default=("input", "work", "tmp", "home", "cache"))
+
+    @classmethod
+    @contextmanager
+    def temporary(cls) -> Iterator[Sandbox]:
+        """A sandbox for the time of a block; in memory where Linux has such a file system."""
+        memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+        with tempfile.TemporaryDirectory(prefix="fuzz-", dir=memory) as folder:
+            yield cls(Path(folder).resolve() / "box")
 
     def reset(self) -> None:
         """Empty all folders."""
@@ -359,7 +367,8 @@ class _Auditor:
         elif event == "os.symlink":
             yield from self._path("changes", args[1], args[2])
         elif event in _CHANGES:
-            yield from self._path("changes", args[0], args[-1])
+            folder = -1 if event == "os.truncate" else args[-1]
+            yield from self._path("changes", args[0], folder)
         elif event.startswith("socket"):
             yield f"uses the network: {event} {args[1:]}"
         else:
