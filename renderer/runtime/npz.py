@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DatasetError
+from .zip_archive import open_zip
 
 _HEADER = 4096  # bytes that a header may take
+_DIRECTORY = 2**24  # bytes: two arrays of each of 90,000 sequences
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _KINDS = {"b": "booleans", "i": "integers", "u": "integers", "f": "real numbers", "U": "a text"}
 
@@ -103,7 +105,7 @@ def parse_npz(
     """
     arrays: dict[str, NDArray[Any]] = {}
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        with open_zip(io.BytesIO(data), _DIRECTORY) as archive:
             for info in archive.infolist():
                 name = info.filename.removesuffix(".npy")
                 spec = specs.get(name)

@@ -7,11 +7,14 @@ stored cannot inflate.
 
 from __future__ import annotations
 
+import io
 import stat
 import struct
+import sys
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
@@ -21,6 +24,8 @@ from ...robots.files import read_bounded
 
 MAX_MEMBER = 2**29
 """Bytes of a member; a larger one is refused."""
+_MAX_DIRECTORY = 2**26
+"""Bytes of the directory; 100,000 frames with all layers take 50 MB."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
 """The time of every member that we write: equal contents are equal bytes."""
 
@@ -84,6 +89,29 @@ class Archive:
         raise DatasetError(f"{self.where(member)}: damaged")
 
 
+class _BoundedReader(io.BufferedReader):
+    """Refuses large reads: ZipFile reads as many bytes as the end record says."""
+
+    limit: int
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > self.limit:
+            raise zipfile.BadZipFile(f"its directory is larger than {self.limit} bytes")
+        return super().read(size)
+
+
+@contextmanager
+def open_zip(
+    stream: io.FileIO | io.BytesIO, limit: int = _MAX_DIRECTORY
+) -> Generator[zipfile.ZipFile]:
+    """Open a ZIP whose directory has at most `limit` bytes. Raises what ZipFile raises."""
+    with _BoundedReader(stream) as bounded:  # pyright: ignore[reportArgumentType] # BytesIO is raw
+        bounded.limit = limit
+        with zipfile.ZipFile(bounded) as archive:
+            bounded.limit = sys.maxsize  # members may be larger
+            yield archive
+
+
 def open_archive(path: Path) -> Archive:
     """The archive at `path`, a ZIP file or a folder.
 
@@ -95,7 +123,7 @@ def open_archive(path: Path) -> Archive:
             return Archive(path, None)
         if not stat.S_ISREG(mode):
             raise DatasetError(f"{path}: neither a ZIP file nor a folder")
-        with zipfile.ZipFile(path) as file:
+        with open_zip(io.FileIO(path)) as file:
             members = file.infolist()
             end = 22 + len(file.comment)
         if not _tail(path, end).startswith(b"PK\x05\x06"):

@@ -20,7 +20,7 @@ from ...robots.files import Element, parse_xml, read_bounded
 from ...robots.geometry import Array
 
 _MAX_BYTES = 32 * 2**20
-_MAX_LINKS = 5000
+_MAX_LINKS = 2000
 _MAX_NAME = 1024  # characters
 _MOVABLE = ("revolute", "continuous", "prismatic")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")

@@ -8,6 +8,7 @@ import os
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO, cast
 
 from ...errors import ConfigError
 
@@ -17,7 +18,7 @@ LOCK = ".lock"
 @contextmanager
 def lock_folder(out: Path) -> Generator[None]:
     """Lock the folder `out` for this process while the block runs, or raise ConfigError."""
-    with (out / LOCK).open("a+") as file:
+    with _open(out / LOCK, "a+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -37,8 +38,15 @@ def lock_folder(out: Path) -> Generator[None]:
 def is_free(folder: Path) -> bool:
     """Whether the lock of a folder exists and no process holds it; False if nobody can tell."""
     try:
-        with (folder / LOCK).open("rb") as file:
+        with _open(folder / LOCK, "r") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return True
-    except OSError:
+    except (OSError, ConfigError):
         return False
+
+
+def _open(path: Path, mode: str) -> TextIO:
+    """Open a lock file; raise ConfigError if it is a link, which may lead anywhere, or no file."""
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise ConfigError(f"{path}: is not a regular file; delete it")
+    return cast("TextIO", path.open(mode))

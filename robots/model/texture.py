@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ModelError
 from ..geometry import Array
 
-MAX_TEXTURE_BYTES = 2**30
-"""Limit on the decoded textures of a model, together."""
+MAX_TEXTURE_BYTES = 2**29
+"""Limit on the decoded textures of a model, together. OpenGL takes 1.8 times as much again."""
 _MAX_SIDE = 4096
 _MAX_PIXELS = 16384 * 8192
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "GIF", "WEBP")

@@ -32,6 +32,8 @@ class RigidGroups:
                 self.group[p] = self.group[parent]
         self.surfaces: dict[int, tuple[Array, NDArray[np.int32]]] = {}
         """Vertices [V 3] in the frame of the group's first part, and faces [F 3]."""
+        self._root, self._reach = np.zeros((0, 0)), np.zeros((0, 0))
+        # `_reach` [N G]: `lowest` of `_tries` with the root at `_root`, which seldom changes.
         rest = rest_poses(model)
         by_group: dict[int, list[Visual]] = {}
         for visual in model.visuals:
@@ -80,8 +82,10 @@ class RigidGroups:
         if not fixed.any():
             return float(lowest.min())
         base = float(lowest[0, fixed].min())
-        tries = self.lowest(poses[0, 0] @ self._tries)[:, ~fixed]
-        above: NDArray[np.bool_] = np.all(tries >= base - FLOOR_TOLERANCE, axis=1)
+        if not np.array_equal(poses[0, 0], self._root):
+            self._root, self._reach = poses[0, 0], self.lowest(poses[0, 0] @ self._tries)
+        above: NDArray[np.bool_] = np.all(
+            self._reach[:, ~fixed] >= base - FLOOR_TOLERANCE, axis=1)
         return base if above[0] or above.mean() >= _UPRIGHT else float(lowest.min())
 
 

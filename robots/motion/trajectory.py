@@ -70,22 +70,21 @@ def sample_trajectory(
     if frames < 1:
         raise ConfigError(f"a sequence needs at least 1 frame, not {frames}")
     moving = set(joint_indices(model, scored).tolist())
-    positions = np.empty((frames, len(model.joint_names)))
+    low, high = np.array(
+        [joint_window(model, j) for j in range(len(model.joint_names))]).reshape(-1, 2).T
+    paths, shares = np.zeros((frames, len(low))), np.zeros(len(low))
     for j, kind in enumerate(model.joint_types):
-        low, high = joint_window(model, j)
         if kind is JointType.PRISMATIC:
-            least, most = (share * (high - low) for share in ranges.total_prismatic)
+            least, most = (share * (high[j] - low[j]) for share in ranges.total_prismatic)
             amount = max(least, min(_SMALLEST_SLIDE, most)), most
             step = ranges.max_step * most / max(ranges.total[1], 1e-12)
         else:
             amount, step = ranges.total, ranges.max_step
-        path = _displacement(frames, amount, step, rng)
-        if j not in moving:
-            path = np.zeros(frames)
-        span = float(np.ptp(path))
-        path = path * min(1.0, (high - low) / span) if span > 0 else path
-        first, last = low - float(path.min()), high - float(path.max())
-        positions[:, j] = np.clip(first + rng.random() * (last - first) + path, low, high)
+        paths[:, j] = _displacement(frames, amount, step, rng, j in moving)
+        shares[j] = rng.random()
+    paths *= np.minimum(1.0, (high - low) / np.maximum(np.ptp(paths, axis=0), 1e-300))
+    first, last = low - paths.min(axis=0), high - paths.max(axis=0)
+    positions = np.clip(first + shares * (last - first) + paths, low, high)
     return JointTrajectory(np.arange(frames) / ranges.fps, positions)
 
 
@@ -106,18 +105,21 @@ def retract_slides(
 
 
 def _displacement(frames: int, total: tuple[float, float], max_step: float,
-                  rng: np.random.Generator) -> Array:
-    """[T] since frame 0; no step exceeds `max_step`, by construction."""
+                  rng: np.random.Generator, moves: bool) -> Array:
+    """[T] since frame 0; no step exceeds `max_step`, by construction.
+
+    The displacement of a joint that does not move is zero after the same number of draws.
+    """
     steps = frames - 1
     reach = max_step * steps
     high = min(total[1], reach)
     low = total[0] if total[0] <= high else high * total[0] / max(total[1], 1e-12)
-    amount = rng.uniform(min(low, high), high) * rng.choice((-1.0, 1.0))
+    amount = rng.uniform(min(low, high), high) * (-1.0, 1.0)[rng.integers(2)]
     heights = rng.standard_normal(_SINES)
     phases = rng.uniform(0.0, 2.0 * np.pi, _SINES)
     unevenness = rng.random()
-    if steps == 0:
-        return np.zeros(1)
+    if steps == 0 or not moves:
+        return np.zeros(frames)
     k = np.arange(1, _SINES + 1)
     u = (np.arange(steps) + 0.5) / steps
     waves = np.sin(np.pi * k * u[:, None] + phases) @ (heights / k)

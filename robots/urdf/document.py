@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from yourdfpy.urdf import Robot
 
 EXPAND = "expand it: `xacro FILE > model.urdf`"
-MAX_LINKS = 5000
+MAX_LINKS = 2000
 MAX_VISUALS = 20_000
 MAX_NAME = 256
 MAX_NUMBER = 1e6

@@ -145,6 +145,20 @@ def test_an_empty_name_is_refused(tmp_path: Path) -> None:
         open_archive(tmp_path / "x.zip")
 
 
+def test_a_large_directory_is_not_read(tmp_path: Path) -> None:
+    """The end record says how large the directory is; a sparse file may hold what it says."""
+    size = 2**26 + 1
+    end = struct.pack("<4s4H2IH", b"PK\x05\x06", 0, 0, 1, 1, size, 0, 0)
+    with (tmp_path / "x.zip").open("wb") as file:
+        file.truncate(size)
+        file.seek(size)
+        file.write(end)
+    with pytest.raises(DatasetError, match=f"directory is larger than {2**26} bytes"):
+        open_archive(tmp_path / "x.zip")
+    with pytest.raises(DatasetError, match=f"directory is larger than {2**24} bytes"):
+        parse_npz(bytes(size) + end, {"a": SPEC}, "x")
+
+
 @pytest.mark.parametrize("name", ["../a", "/a", "a\\b", "a\nb", "a\x1b[31m"])
 def test_a_name_that_no_member_has_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "x.zip").write_bytes(npz((name, GOOD), compression=zipfile.ZIP_STORED))

@@ -17,6 +17,7 @@ from gcbench.robots.files import (
     replace_atomically,
     write_atomically,
 )
+from gcbench.robots.files.lock import is_free
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -124,3 +125,18 @@ def test_asset_paths_never_leave_their_root(
     except ModelError:
         return
     assert asset.path.is_relative_to(root.resolve()) and asset.path.is_file()
+
+
+@pytest.mark.parametrize("kind", ["fifo", "link", "folder"])
+def test_a_lock_is_a_regular_file(kind: str, tmp_path: Path) -> None:
+    """A folder of other people must not have a file elsewhere written, nor block."""
+    (tmp_path / "precious").write_text("content")
+    (tmp_path / "out").mkdir()
+    lock = tmp_path / "out/.lock"
+    {"fifo": lambda: os.mkfifo(lock), "folder": lock.mkdir,
+     "link": lambda: lock.symlink_to(tmp_path / "precious")}[kind]()
+    with pytest.raises(ConfigError, match="lock: is not a regular file; delete it"), \
+            lock_folder(tmp_path / "out"):
+        pass
+    assert not is_free(tmp_path / "out")
+    assert (tmp_path / "precious").read_text() == "content"
