@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from ..renderer.types import Estimate, Inputs, Knowledge, Observation
 from .chain import JointPriors, joint_priors, screws_of
-from .images import Flow, depth_named, dis_flow, flow_named, training_of
+from .images import Flow, depth_named, dis_flow, flow_named, row_suffix, training_of
 from .rgb import estimate_rgb
 from .rgbd import estimate_rgbd
 from .settings import Settings
@@ -44,11 +44,9 @@ class GCPose:
         self.flow: Flow = named or dis_flow
         self.fine_flow: Flow = named or flow_named("dis-fine", of)
         self.depth = depth_named(depth) if depth else None
-        chosen = {"flow": flow if isinstance(flow, str) else "", "depth": depth}
-        self.name += "".join(f" {k}={v.partition(':')[0]}" for k, v in chosen.items()
-                             if v not in ("", "none"))
+        self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth)
         self.name += "".join(f" {k}={v}" for k, v in settings.changes().items())
-        self.training = training_of(*chosen.values())
+        self.training = training_of(self.flow, self.depth)
 
     def estimate(self, observation: Observation) -> Estimate:
         """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves."""

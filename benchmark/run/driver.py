@@ -46,11 +46,14 @@ class EvalConfig:
     """Methods to evaluate: registered names, module:attribute or FILE.py:attribute. The suffix
     @true-parts, @true-flow or @true-parts+true-flow gives the method ground truth."""
     flow: str = ""
-    """Optical flow, for methods with this option: dis, dis-fine, raft, raft:WEIGHTS or
-    flownet2:CHECKPOINT. Default: chosen by the method. Becomes part of the row's name."""
-    depth: str = ""
-    """Single-image depth, for methods with this option: none, or mono:FOLDER (Monodepth2 weights).
+    """Optical flow, for methods with this option: dis, dis-fine, raft, raft:WEIGHTS,
+    flownet2:CHECKPOINT or torchvision:NAME[:WEIGHTS] (torchvision downloads its own weights).
     Default: chosen by the method. Becomes part of the row's name."""
+    depth: str = ""
+    """Single-image depth, for methods with this option: none, mono:FOLDER (Monodepth2 weights) or
+    hf:MODEL (a folder or OWNER/NAME on the Hugging Face hub, read by transformers; hf-metric and
+    hf-relative say what it returns). Default: chosen by the method. Becomes part of the row's
+    name."""
     weights: str = ""
     """File of trained weights, for methods with this option (screwnet)."""
     set: tuple[str, ...] = ()

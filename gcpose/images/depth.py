@@ -1,8 +1,10 @@
-"""Depth from single images behind an interface; its scale is unknown."""
+"""Depth from single images behind an interface."""
 
 # pyright: basic
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -10,37 +12,64 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError
+from ...errors import ConfigError, suggestion
 
 
 class Depth(Protocol):
-    """Depth from single images, usually by a network."""
+    """Depth from single images, usually by a network; `training` names a network's data."""
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Return the depth [H W] of an image [H W 3], up to scale."""
+        """Return the depth z [H W] of an image [H W 3], 0 where it is unknown.
+
+        It is in m by a metric network, else up to a factor. GC-Pose uses only the ratios of depths
+        in a video.
+        """
         ...
 
 
-def depth_named(name: str) -> Depth | None:
-    """Return the depth of a name: "none", or "mono:FOLDER" with Monodepth2's weights.
+@dataclass(frozen=True)
+class NetworkDepth:
+    """Depth by a network."""
 
-    The folder holds encoder.pth and depth.pth.
+    run: Callable[[NDArray[np.uint8]], NDArray[np.float32]]
+    training: str
+    """What the network was trained on"""
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """See `Depth`."""
+        return self.run(rgb)
+
+
+_NAMES = ("none", "mono:FOLDER", "hf:MODEL", "hf-metric:MODEL", "hf-relative:MODEL")
+
+
+def depth_named(name: str) -> Depth | None:
+    """Return the depth of a name: "none", "mono:FOLDER" with Monodepth2's weights, or "hf:MODEL".
+
+    The folder holds encoder.pth and depth.pth. MODEL is one of transformers: a folder, or
+    OWNER/NAME on the Hugging Face hub, from where transformers downloads it into its cache.
+    "hf-metric:MODEL" and "hf-relative:MODEL" say what the network returns, see
+    `load_transformers_depth`.
 
     Raises:
         ConfigError: If the name is unknown, or a file is missing or does not fit.
-        MethodError: If PyTorch is missing.
+        MethodError: If PyTorch or transformers is missing.
     """
-    kind, _, folder = name.partition(":")
+    kind, _, model = name.partition(":")
     if name == "none":
         return None
-    if kind == "mono" and folder:
-        return _load_monodepth2(Path(folder))
+    if kind == "mono" and model:
+        return _load_monodepth2(Path(model))
     if kind == "mono":
         raise ConfigError(
             "mono needs Monodepth2's weights, which are not distributed with gcbench: "
             "--depth mono:FOLDER, with encoder.pth and depth.pth in it"
         )
-    raise ConfigError(f"no depth {name!r}; there are none and mono:FOLDER")
+    if kind in ("hf", "hf-metric", "hf-relative") and model:
+        from ..networks.hugging_face_depth import load_transformers_depth
+
+        return NetworkDepth(*load_transformers_depth(model, kind.partition("-")[2]))
+    raise ConfigError(f"no depth {name!r}{suggestion(name, _NAMES)}; there are {', '.join(_NAMES)}")
 
 
 def _load_monodepth2(folder: Path, device: str = "auto") -> Depth:
@@ -63,4 +92,4 @@ def _load_monodepth2(folder: Path, device: str = "auto") -> Depth:
         full = (rgb.shape[1], rgb.shape[0])
         return np.asarray(cv2.resize(out, full, interpolation=cv2.INTER_LINEAR), np.float32)
 
-    return depth
+    return NetworkDepth(depth, "self-supervised: KITTI")

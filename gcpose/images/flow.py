@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError
+from ...errors import ConfigError, suggestion
 from .settings import FlowSettings
 
 _DEFAULT = FlowSettings()
 
 
 class Flow(Protocol):
-    """A learned or classical optical flow."""
+    """A learned or classical optical flow; an attribute `training` names a network's data."""
 
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Return the displacement (du, dv) [H W 2], px, of each pixel of image a [H W 3] to b."""
@@ -58,19 +58,16 @@ def _dis(
     return np.asarray(estimator.calc(a, b, start), np.float32)
 
 
-_TRAINED = {
-    "raft": "supervised: flow of synthetic video",
-    "flownet2": "supervised: FlyingChairs and FlyingThings3D",
-    "mono": "self-supervised: KITTI",
-}
+_NAMES = ("dis", "dis-fine", "raft", "raft:WEIGHTS", "flownet2:CHECKPOINT",
+          "torchvision:NAME[:WEIGHTS]")
 
 
 def flow_named(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
-    """Return the flow of a name: "dis", "dis-fine", "raft[:WEIGHTS]" or "flownet2:CHECKPOINT".
+    """Return the flow of a name: one of `_NAMES`, where capitals stand for files and networks.
 
     Raises:
         ConfigError: If the name is unknown, or a file is missing or does not fit.
-        MethodError: If PyTorch is missing.
+        MethodError: If PyTorch or torchvision is missing.
     """
     kind, _, file = name.partition(":")
     if name == "dis":
@@ -91,12 +88,31 @@ def flow_named(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
         from . import network_flow
 
         return network_flow.load_flownet2(Path(file), settings)
-    raise ConfigError(
-        f"no flow {name!r}; there are dis, dis-fine, raft, raft:WEIGHTS and flownet2:CHECKPOINT"
-    )
+    if kind == "torchvision":
+        from . import network_flow
+
+        network, _, weights = file.partition(":")
+        return network_flow.load_torchvision(network, weights, settings)
+    raise ConfigError(f"no flow {name!r}{suggestion(name, _NAMES)}; there are {', '.join(_NAMES)}")
 
 
-def training_of(*names: str) -> str:
-    """Return the training data of the networks with these names of `--flow` and `--depth`."""
-    kinds = [name.partition(":")[0] for name in names]
-    return "; ".join(_TRAINED[k] for k in kinds if k in _TRAINED) or "none"
+def training_of(*estimators: object, then: str = "") -> str:
+    """Return what the networks among flow and depth estimators, and `then` they, were trained on.
+
+    It is short enough for the attribute `training` of a method.
+    """
+    data = [*(getattr(e, "training", "") for e in estimators), then]
+    return "; ".join(filter(None, data))[:200] or "none"
+
+
+def row_suffix(**options: str) -> str:
+    """Return what options such as flow="raft:FILE" add to a method's name, without folders."""
+    return "".join(f" {option}={_without_folders(name)}" for option, name in options.items()
+                   if name not in ("", "none"))
+
+
+def _without_folders(name: str) -> str:
+    kind, *rest = name.split(":")
+    if kind not in ("torchvision", "hf", "hf-metric", "hf-relative"):
+        return kind
+    return ":".join([kind, *(Path(r).absolute().name if Path(r).exists() else r for r in rest)])

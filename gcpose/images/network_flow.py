@@ -3,6 +3,9 @@
 # pyright: basic
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -10,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..networks import flownet2, raft
-from ..networks.torch_runtime import F, device_named, padded, torch, unit_range
+from ..networks.torch_runtime import F, device_named, nn, padded, torch, unit_range
 from ..networks.weights import read_weights
 from .settings import FlowSettings
 
@@ -31,8 +34,24 @@ def load_raft(
     return RaftFlow(network.to(device_named(device)), settings)
 
 
-class RaftFlow:
+class NetworkFlow(ABC):
+    """The flow of a network; it has the attributes of `Tunable` (paper/fine_tune.py)."""
+
+    def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the flow [H W 2] px."""
+        with torch.no_grad():
+            out = self.tensor(rgb_a, rgb_b)
+        return out[0].permute(1, 2, 0).cpu().numpy()
+
+    @abstractmethod
+    def tensor(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> torch.Tensor:
+        """Return the flow [1 2 H W] px, with gradients."""
+
+
+class RaftFlow(NetworkFlow):
     """The flow of a `Raft` network, enlarged to the resolution of the images."""
+
+    training = "supervised: flow of synthetic video"
 
     def __init__(
         self, network: raft.Raft, settings: FlowSettings = _DEFAULT, factor: float = 0
@@ -44,12 +63,6 @@ class RaftFlow:
     def for_cuts_of(self, height: int, width: int) -> RaftFlow:
         """Return the same for crops of images of a size, reduced as whole images are."""
         return RaftFlow(self.network, self.settings, self.reduction(height, width))
-
-    def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Return the flow [H W 2] px."""
-        with torch.no_grad():
-            out = self.tensor(rgb_a, rgb_b)
-        return out[0].permute(1, 2, 0).cpu().numpy()
 
     def tensor(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> torch.Tensor:
         """Return the flow [1 2 H W] px, with gradients."""
@@ -74,7 +87,7 @@ class RaftFlow:
 
 def load_flownet2(
     checkpoint: Path, settings: FlowSettings = _DEFAULT, device: str = "auto"
-) -> FlowNet2Flow:
+) -> PaddedFlow:
     """Load the flow of `FlowNet2_checkpoint.pth.tar`, about 270 GFLOP for 640 x 480 pixels.
 
     Raises:
@@ -84,25 +97,47 @@ def load_flownet2(
         network = flownet2.FlowNet2()
     weights = read_weights(checkpoint, network.state_dict(), "FlowNet2")
     network.load_state_dict(weights, assign=True)
-    return FlowNet2Flow(network.to(device_named(device)).eval(), settings.flownet2_rate)
+    network.to(device_named(device)).eval()
+    return PaddedFlow(network, network, settings.flownet2_rate,
+                      "supervised: FlyingChairs and FlyingThings3D", flownet2.FLOWNET2_MULTIPLE)
 
 
-class FlowNet2Flow:
-    """The flow of a `FlowNet2` network on images of any size."""
+def load_torchvision(
+    name: str, weights: str = "", settings: FlowSettings = _DEFAULT, device: str = "auto"
+) -> PaddedFlow:
+    """Load the flow of a RAFT of torchvision, see `load_torchvision_raft`.
 
-    def __init__(self, network: flownet2.FlowNet2, rate: float) -> None:
-        self.network, self.rate = network, rate
+    Raises:
+        ConfigError: If a name is unknown, or the weights cannot be read or downloaded.
+        MethodError: If torchvision is missing.
+    """
+    from ..networks import torchvision_raft as loader
 
-    def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Return the flow [H W 2] px."""
-        with torch.no_grad():
-            out = self.tensor(rgb_a, rgb_b)
-        return out[0].permute(1, 2, 0).cpu().numpy()
+    network, training = loader.load_torchvision_raft(name, weights)
+    network.to(device_named(device)).eval()
+    return PaddedFlow(
+        network, lambda a, b: network(2 * a - 1, 2 * b - 1)[-1], settings.raft_rate, training,
+        loader.TORCHVISION_MULTIPLE, loader.TORCHVISION_MIN_SIDE)
+
+
+@dataclass(frozen=True)
+class PaddedFlow(NetworkFlow):
+    """The flow of a network that sees images as they are, padded at the right and below."""
+
+    network: nn.Module
+    run: Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+    """Returns the flow [1 2 H W] px of padded images [1 3 H W] in 0..1"""
+    rate: float
+    training: str
+    multiple: int
+    """Sides must be multiples of this, px"""
+    min_side: int = 1
+    """And not less than this, px"""
 
     def tensor(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> torch.Tensor:
         """Return the flow [1 2 H W] px, with gradients."""
         height, width = rgb_a.shape[:2]
         place = next(self.network.parameters()).device
-        a, b = (padded(unit_range(image), flownet2.FLOWNET2_MULTIPLE).to(place)
+        a, b = (padded(unit_range(image), self.multiple, self.min_side).to(place)
                 for image in (rgb_a, rgb_b))
-        return self.network(a, b)[..., :height, :width]
+        return self.run(a, b)[..., :height, :width]

@@ -18,7 +18,8 @@ class FlowSettings:
     raft_side: Count = 320
     """Smaller side of the images that `raft` sees, px. It was trained on images of 0.75 to 1.6
     times 240 px, and its errors are least at this size."""
-    raft_rate: Positive = 1e-4  # Learning rate at which `raft` is tuned to a video.
+    raft_rate: Positive = 1e-4
+    """Learning rate at which `raft` and the networks of torchvision are tuned to a video."""
     flownet2_rate: Positive = 5e-7  # The same of `flownet2` (Sec. 4.1).
 
 

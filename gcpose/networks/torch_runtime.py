@@ -39,9 +39,14 @@ def unit_range(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.multiply(image, 1 / 255, dtype=np.float32)
 
 
-def padded(image: NDArray[np.float32], multiple: int) -> torch.Tensor:
-    """Return a tensor [1 C H' W'] of an image [H W C], its edge repeated to multiples of a size."""
-    below, right = -image.shape[0] % multiple, -image.shape[1] % multiple
+def padded(image: NDArray[np.float32], multiple: int, min_side: int = 1) -> torch.Tensor:
+    """Return a tensor [1 C H' W'] of an image [H W C], its edge repeated to multiples of a size.
+
+    No side is less than `min_side`, px.
+    """
+    height, width = (max(side, min_side) for side in image.shape[:2])
+    below = height + -height % multiple - image.shape[0]
+    right = width + -width % multiple - image.shape[1]
     whole = np.pad(image, ((0, below), (0, right), (0, 0)), mode="edge")
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(whole, 2, 0)))[None]
 

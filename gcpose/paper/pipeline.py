@@ -26,6 +26,7 @@ from ..images import (
     depth_named,
     flow_named,
     for_cuts_of,
+    row_suffix,
     training_of,
     video_evidence,
 )
@@ -53,6 +54,7 @@ _DEFAULT = PublishedSettings()
 PAPER = ("Q. Liu, W. Qiu, W. Wang, G. D. Hager, A. L. Yuille",
          "https://arxiv.org/abs/2012.00088", "2020-11")
 """Authors, link and date of the paper."""
+_TUNED = "self-supervised on the video"
 
 
 class FlowOnly:
@@ -71,7 +73,7 @@ class FlowOnly:
             GcbenchError: If the name is unknown or a file is missing.
         """
         self.flow: Flow = flow_named(flow or "dis-fine", settings.images.flow)
-        self.settings, self.training = settings, training_of(flow)
+        self.settings, self.training = settings, training_of(self.flow)
         self.name += _suffix(settings, flow=flow)
 
     def estimate(self, observation: Observation) -> Estimate:
@@ -98,14 +100,14 @@ class Epipolar:
     authors, link, date = PAPER
 
     def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
-        """Make the method with a flow network: "raft:WEIGHTS" or "flownet2:CHECKPOINT".
+        """Make the method with a flow network: "raft:WEIGHTS", "flownet2:CHECKPOINT", ...
 
         Raises:
             GcbenchError: If the flow is no network, a file is missing, or PyTorch is.
         """
         self.name += _suffix(settings, flow=flow)
         self.settings, self.network = settings, _network(flow, self.name, settings)
-        self.training = _tuned_training(flow)
+        self.training = training_of(self.network, then=_TUNED)
 
     def estimate(self, observation: Observation) -> Estimate:
         """Return the angles, summed over consecutive frames.
@@ -138,13 +140,11 @@ class WithDepth:
         """
         self.name += _suffix(settings, flow=flow, depth=depth)
         self.settings, self.network = settings, _network(flow, self.name, settings)
-        self.training = _tuned_training(flow)
         self.depth = depth_named(depth) if depth else None
+        self.training = training_of(self.depth, self.network, then=_TUNED)
         if self.depth is None:
             self.inputs = ("rgbd", "rgbd-noise")
-            self.hint = "with --depth mono:FOLDER (Monodepth2's weights) rgb, too"
-        if depth not in ("", "none"):
-            self.training = f"{training_of(depth)}; {self.training}"
+            self.hint = "with --depth mono:FOLDER or hf:MODEL (a depth network) rgb, too"
 
     def estimate(self, observation: Observation) -> Estimate:
         """Return the angles after bundle adjustment over all frames (Sec. 3.4).
@@ -154,16 +154,15 @@ class WithDepth:
         """
         depth = self.depth if observation.depth is None else observation.depth
         if depth is None:
-            raise MethodError(f"{self.name} needs depth: --depth mono:FOLDER with Monodepth2's "
-                              "weights, or --inputs rgbd")
+            raise MethodError(f"{self.name} needs depth: a network (--depth mono:FOLDER or "
+                              "hf:MODEL), or --inputs rgbd")
         video = _observe(observation, self.name, self.network, depth, self.settings)
         return _estimate(observation, _tune(video, self.network), _angles_by_depth)
 
 
 def _suffix(settings: PublishedSettings, **options: str) -> str:
     """What options and changed settings add to a method's name."""
-    chosen = {k: v.partition(":")[0] for k, v in options.items() if v not in ("", "none")}
-    return "".join(f" {k}={v}" for k, v in (chosen | settings.changes()).items())
+    return row_suffix(**options) + "".join(f" {k}={v}" for k, v in settings.changes().items())
 
 
 def _network(flow: str, name: str, settings: PublishedSettings) -> Any:
@@ -173,12 +172,9 @@ def _network(flow: str, name: str, settings: PublishedSettings) -> Any:
         of = replace(of, raft_iterations=paper.tuning_iterations, raft_side=paper.tuning_side)
     network = flow_named(flow or "raft", of)
     if not hasattr(network, "network"):
-        raise ConfigError(f"{name}: no network to tune; use raft:WEIGHTS or flownet2:CHECKPOINT")
+        raise ConfigError(f"{name}: no network to tune; use raft:WEIGHTS, flownet2:CHECKPOINT or "
+                          "torchvision:NAME")
     return network
-
-
-def _tuned_training(flow: str) -> str:
-    return f"{training_of(flow or 'raft')}; self-supervised on the video"
 
 
 # -- the stages -------------------------------------------------------------------------------

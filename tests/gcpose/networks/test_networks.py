@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
-from gcbench.gcpose.images.depth import depth_named
+from gcbench.gcpose.images.depth import NetworkDepth, depth_named
 from gcbench.gcpose.images.flow import dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
 from gcbench.gcpose.images.settings import FlowSettings
 
@@ -177,11 +177,23 @@ def test_monodepth2_is_the_official_one(tmp_path: Path) -> None:
                 "encoder.fc.bias": torch.zeros(1000)}, tmp_path / "encoder.pth")
     torch.save(decoder.state_dict(), tmp_path / "depth.pth")
     depth = depth_named(f"mono:{tmp_path}")
-    assert depth is not None
+    assert isinstance(depth, NetworkDepth) and depth.training == "self-supervised: KITTI"
     out = depth(picture(np.random.default_rng(5), 96, 128))
     assert out.shape == (96, 128) and 0.1 <= out.min() < out.max() <= 100
     ends = monodepth2.depth_from_disparity(torch.tensor([0.0, 1.0]))
     torch.testing.assert_close(ends, torch.tensor([100.0, 0.1]))
+
+
+@pytest.mark.parametrize(("make", "name", "package"), [
+    (flow_named, "torchvision:raft_small", "torchvision"),
+    (depth_named, "hf:some/model", "transformers"),
+])
+def test_a_missing_package_is_named_with_how_to_get_it(  # type: ignore[no-untyped-def]
+    make, name: str, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(GcbenchError, match=f"needs {package}.*: pip install {package}$"):
+        make(name)
 
 
 @pytest.mark.parametrize("asked", [
@@ -229,7 +241,9 @@ def test_a_row_says_what_its_networks_were_trained_on() -> None:
     assert load_method(source).training == "none"
     assert load_method(with_options(source, {"flow": "dis"})).training == "none"
     assert load_method(with_options(source, {"flow": "raft"})).training in said
-    assert training_of("flownet2:FILE", "mono:FOLDER").count("supervised") == 2
+    networks = NetworkDepth(dis_flow, "x"), load_raft(), dis_flow, None  # type: ignore[arg-type]
+    assert training_of(*networks, then="y") == "x; supervised: flow of synthetic video; y"
+    assert len(training_of(NetworkDepth(dis_flow, 300 * "x"))) == 200  # type: ignore[arg-type]
 
 
 def test_flows_have_names_and_settings() -> None:
@@ -248,7 +262,7 @@ def test_flows_have_names_and_settings() -> None:
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda _: flow_named("raft2"), "no flow 'raft2'; there are dis, dis-fine, raft"),
+        (lambda _: flow_named("raft2"), "perhaps you meant raft); there are dis, dis-fine, raft"),
         (lambda _: flow_named("flownet2"), "needs its checkpoint"),
         (lambda _: depth_named("mono"), "not distributed with gcbench"),
         (lambda _: depth_named("deep"), "no depth 'deep'"),
