@@ -6,11 +6,13 @@ import ast
 import dataclasses
 import html
 import inspect
+import json
 import re
 import textwrap
 from contextlib import redirect_stdout
 from importlib import import_module
 from io import StringIO
+from pathlib import Path
 from typing import Any
 
 
@@ -19,6 +21,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     markdown = re.sub(r"(?m)^<!-- test: .*? -->\n", "", markdown)
     if "<!-- commands -->" in markdown:
         markdown = markdown.replace("<!-- commands -->", command_reference())
+    markdown = re.sub(r"<!-- notebook (\S+) -->", lambda m: notebook_text(m[1]), markdown)
     return re.sub(r"<!-- settings (\S+) -->", lambda m: settings_table(m[1]), markdown)
 
 
@@ -103,6 +106,17 @@ def _options(body: str) -> list[tuple[str, str, str]]:
         cells = f"`{option}`", _prose(match[1]), f"`{value}`" if value else ""
         out.append(tuple(cell.replace("|", "\\|") for cell in cells))  # type: ignore[arg-type]
     return out
+
+
+# -- notebooks --------------------------------------------------------------------------------
+
+
+def notebook_text(path: str) -> str:
+    """Markdown of a notebook in docs/: its texts, and its code in blocks."""
+    cells = json.loads((Path(__file__).parent / path).read_text())["cells"]
+    texts = [(cell["cell_type"], "".join(cell["source"])) for cell in cells]
+    return "\n\n".join(text if kind == "markdown" else f"```python\n{text}\n```"
+                       for kind, text in texts)
 
 
 # -- settings of the method -------------------------------------------------------------------

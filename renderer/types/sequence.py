@@ -193,7 +193,7 @@ class Sequence:
 
     def __repr__(self) -> str:
         m = self.meta
-        return (f"Sequence({reprlib.repr(m.name)}, index {m.index}, {m.frames} frames of "
+        return (f"Sequence({reprlib.repr(m.name)}, {m.frames} frames of "
                 f"{m.width}x{m.height} px, {len(m.joint_names)} joints, seed {m.seed})")
 
     def _repr_html_(self) -> str:
@@ -207,7 +207,7 @@ class Sequence:
         }
         chosen = dict.fromkeys((0, (m.frames - 1) // 2, m.frames - 1))
         pictures = {f"frame {t}": partial(self.rgb.__getitem__, t) for t in chosen}
-        return html_card(f"{m.name}, sequence {m.index:06d}", facts, pictures, self._joint_table())
+        return html_card(f"Sequence {m.name}", facts, pictures, self._joint_table())
 
     def _joint_table(self) -> list[tuple[object, ...]]:
         """Return where each scored joint is in the first and in the last frame, with a head."""

@@ -93,7 +93,7 @@ def test_a_sequence() -> None:
     assert "4 frames of 300x20 px" in repr(sequence)
     card = Card(sequence._repr_html_())
     assert card.pictures == 3
-    assert {f"{SHOWN}, sequence 000000", SHOWN, "frame 3", "revolute"} <= {*card.texts}
+    assert {f"Sequence {SHOWN}", SHOWN, "frame 3", "revolute"} <= {*card.texts}
     assert sum("°" in text for text in card.texts) == 2 * 2  # one of the three slides
 
 
