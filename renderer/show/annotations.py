@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, pinhole
 from ..types import Meta, State
-from .colors import RgbImage, palette, write
+from .colors import RgbImage, palette
+from .labels import Labels
 
 _TRAIL = 8  # frames of a track's past that its trail shows
 _MOST_TRACKS = 100  # drawn at once; of more, evenly spread ones
@@ -34,19 +35,11 @@ def joint_axes(meta: Meta, state: State, t: int) -> list[Axis]:
     The piece that is drawn is as long in metres as 0.4 of the image's height is at the
     object's distance in the first frame: it turns and comes nearer as the object does.
     """
-    child = state.joint_child_part - 1
-    origin = np.einsum("tij,tpj->tpi", state.cam_from_world[[0, t]],
-                       state.world_from_part[[0, t], :, :, 3])[..., :3]
-    z = origin[0, :, 2]
-    distance = float(np.median(z[z > 0])) if (z > 0).any() else 1.0
+    depth = (state.cam_from_world[0] @ state.world_from_part[0, :, :, 3].T)[2]
+    distance = float(np.median(depth[depth > 0])) if (depth > 0).any() else 1.0
     half = 0.2 * distance * meta.height / state.intrinsics[1, 1]
     out: list[Axis] = []
-    for j, (screw, kind) in enumerate(zip(state.joint_screw[t], meta.joint_types, strict=True)):
-        direction = screw[:3]
-        near_child = origin[1, child[j]]
-        if kind != "prismatic":
-            on_axis = np.cross(direction, screw[3:])
-            near_child = on_axis + ((near_child - on_axis) @ direction) * direction
+    for j, (near_child, direction) in enumerate(zip(*axis_lines(meta, state, t), strict=True)):
         if not near_child[2] > 0.02 * distance:  # also where the pose is NaN
             continue
         # Cut where the line would pass through the camera's plane, behind which nothing projects.
@@ -57,6 +50,19 @@ def joint_axes(meta: Meta, state: State, t: int) -> list[Axis]:
         tail, point, head = ((float(u), float(v)) for u, v in uv)
         out.append(Axis(j, tail, head, point))
     return out
+
+
+def axis_lines(meta: Meta, state: State, t: int) -> tuple[Array, Array]:
+    """Return a point [J 3] m and the direction [J 3] of each joint's axis in the camera at frame t.
+
+    The point is the one that is nearest to the child part's origin.
+    """
+    child = state.cam_from_world[t] @ state.world_from_part[t, state.joint_child_part - 1, :, 3].T
+    points, direction = child[:3].T, state.joint_screw[t, :, :3]
+    on_axis = np.cross(direction, state.joint_screw[t, :, 3:])
+    along = ((points - on_axis) * direction).sum(axis=-1, keepdims=True)
+    prismatic = np.array([kind == "prismatic" for kind in meta.joint_types], bool)
+    return np.where(prismatic[:, None], points, on_axis + along * direction), direction
 
 
 def draw_axes(
@@ -75,6 +81,7 @@ def draw_axes(
     thick = max(1, round(min(height, width) / 240))
     bits = 4  # OpenCV's fixed-point coordinates: sub-pixel ends
     limit = 8 * max(height, width)  # a far-off end must not overflow an int
+    labels: list[tuple[str, tuple[int, int], tuple[int, ...]]] = []
 
     def at(uv: tuple[float, float]) -> tuple[int, int]:
         x, y = np.clip((np.array(uv) + 0.5) * scale - 0.5, -limit, limit) * 2**bits
@@ -94,7 +101,10 @@ def draw_axes(
             radius = round((2 * thick + extra / 2) * 2**bits)
             cv2.circle(out, at(axis.point), radius, color, -1, cv2.LINE_AA, bits)
         u, v = at(axis.head)
-        write(out, meta.joint_names[axis.joint], (u >> bits, v >> bits))
+        labels.append((meta.joint_names[axis.joint], (u >> bits, v >> bits), (r, g, b)))
+    writer = Labels(out)
+    for label in labels:  # over all lines
+        writer.write(*label)
     return out
 
 
@@ -149,6 +159,7 @@ def draw_points(rgb: RgbImage, meta: Meta, state: State, t: int) -> RgbImage:
             if np.isfinite(past[-1, n]).all():
                 dot(pixels(past[-1, n]), int(part), bool(state.track_visible[t, n]), 2 * thick)
     if state.keypoint_image is not None and state.keypoint_part is not None:
+        labels = Labels(out)
         assert state.keypoint_visible is not None
         for k, part in enumerate(state.keypoint_part):
             at = state.keypoint_image[t, k]
@@ -156,5 +167,5 @@ def draw_points(rgb: RgbImage, meta: Meta, state: State, t: int) -> RgbImage:
                 dot(pixels(at), int(part), bool(state.keypoint_visible[t, k]), 4 * thick)
                 if state.keypoint_visible[t, k]:
                     u, v = pixels(at) >> bits
-                    write(out, meta.keypoint_names[k], (int(u) + 4, int(v)))
+                    labels.write(meta.keypoint_names[k], (int(u), int(v)))
     return out

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import colorsys
 import itertools
+from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
@@ -63,6 +64,11 @@ def palette(parts: int) -> RgbImage:
     """
     rows = np.frombuffer(_palette(parts), np.uint8).reshape(-1, 3)
     return np.concatenate([np.array([NO_VALUE], np.uint8), rows])
+
+
+def css(color: Iterable[int]) -> str:
+    """Return a colour as `#rrggbb`."""
+    return "#" + "".join(f"{int(c):02x}" for c in color)
 
 
 def color_parts(part: NDArray[np.unsignedinteger], parts: int) -> RgbImage:
@@ -157,19 +163,3 @@ def flow_wheel(size: int) -> RgbImage:
     out = color_flow(vectors, 1.0)
     out[np.hypot(vectors[..., 0], vectors[..., 1]) > 1.0] = 255
     return out
-
-
-def write(image: RgbImage, text: str, at: tuple[int, int]) -> None:
-    """Put a small label into `image` [H W 3], to the right of `at` (u, v) px but inside the image.
-
-    What OpenCV's font does not have becomes `?`.
-    """
-    import cv2
-
-    text = text.encode("ascii", "replace").decode()[:40]
-    size = max(0.4, min(image.shape[:2]) / 900)
-    (w, h), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-    u = min(max(at[0] + 6, 3), max(image.shape[1] - w - 4, 3))
-    v = min(max(at[1] + h // 2, h + 3), image.shape[0] - below - 1)
-    cv2.rectangle(image, (u - 3, v - h - 3), (u + w + 2, v + below - 1), (255, 255, 255), -1)
-    cv2.putText(image, text, (u, v), cv2.FONT_HERSHEY_SIMPLEX, size, (20, 20, 20), 1, cv2.LINE_AA)

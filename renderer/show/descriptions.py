@@ -51,6 +51,18 @@ def joint_table(meta: Meta, state: State) -> dict[str, list[Any]]:
     return {"head": head + [_HEADINGS.get(c, c.replace("_", " ")) for c in columns], "rows": rows}
 
 
+def joint_ranges(meta: Meta, state: State) -> list[str]:
+    """Return for each scored joint the least and greatest position in the sequence, in ASCII."""
+    out: list[str] = []
+    for j, (name, kind) in enumerate(zip(meta.joint_names, meta.joint_types, strict=True)):
+        q = state.joint_positions[:, j]
+        if name in meta.scored_joints:
+            low, high = (f"{x:.3f}" if kind == "prismatic" else f"{math.degrees(x):.1f}"
+                         for x in (q.min(), q.max()))
+            out.append(f"{name} {low} to {high} {'m' if kind == 'prismatic' else 'deg'}")
+    return out
+
+
 def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
     """`[{"title", "rows": [(key, text)]}]` and, last, the raw metadata as `{"title", "raw"}`."""
     drawn = dict(meta.randomization)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tempfile
+import textwrap
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from ...errors import ConfigError, DatasetError, RenderError
 from ..types import Sequence
 from .annotations import draw_axes
 from .colors import NO_VALUE, RgbImage, color_depth, color_flow, color_parts
+from .descriptions import joint_ranges
 from .page import (
     color_layers,
     picture_size,
@@ -27,9 +29,11 @@ from .page import (
 _SHEET_SEQUENCES, _SHEET_FRAMES, _FILM_FRAMES = 100, 5, 300
 _SHEET_TILE, _SMALL_TILE, _FILM_TILE = 320, 200, 400
 """px: longer side of one picture; small where there are more than _SHEET_LARGE."""
-_SHEET_LARGE = 20
+_SHEET_LARGE, _MOST_LINES = 20, 4
 _GAP, _STRIP = 10, 20
-"""px between pictures; height of the strip with a picture's caption."""
+"""px between pictures; height of a line of a picture's caption."""
+_LETTER = 7
+"""px, width"""
 _PAPER, _LINE, _INK = 255, 205, 40
 """Grey levels."""
 _SHORTEST = 2.0
@@ -42,12 +46,14 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
     """Write one picture, of the format that its suffix names, and return `out`.
 
     Of one sequence it shows RGB with axes, depth, parts and flow over time (a row each); of several
-    the first frame of each, up to _SHEET_SEQUENCES. Raises a GcbenchError if there is no sequence,
+    the first frame of each, up to _SHEET_SEQUENCES. Captions name the robot, the seed and the
+    ranges of the scored joints. Raises a GcbenchError if there is no sequence,
     or the file cannot be written.
     """
     _check_suffix(out, ".png", ".jpg", ".jpeg", ".webp")
+    title = ""
     if isinstance(sequences, Sequence):
-        rows = _over_time(sequences)
+        rows, title = _over_time(sequences), ", ".join(_caption(sequences))
     else:
         shown = list(itertools.islice(sequences, _SHEET_SEQUENCES))
         few = len(shown) <= _SHEET_LARGE
@@ -56,7 +62,7 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
         rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
     if not rows:
         raise DatasetError("nothing to show: the dataset holds no sequence yet")
-    return write_file(out, _encoded(_grid(rows), out.suffix.lower()))
+    return write_file(out, _encoded(_grid(rows, title), out.suffix.lower()))
 
 
 def film_frames(sequence: Sequence) -> Iterator[RgbImage]:
@@ -137,7 +143,7 @@ _LAYER_CAPTIONS = {"normal": "normals", "coordinates": "coordinates in the parts
                   "points": "keypoints and tracks"}
 
 Tile = tuple[RgbImage, str]
-"""A picture and its caption."""
+"""A picture and its caption of one or more lines."""
 
 
 def _tiles(
@@ -176,28 +182,49 @@ def _over_time(sequence: Sequence) -> list[list[Tile]]:
 def _first(sequence: Sequence, side: int) -> Tile:
     meta = sequence.meta
     rgb = resize_rgb(sequence.rgb[0], *picture_size(meta.width, meta.height, 1, side))
-    return rgb, f"{meta.index}: {meta.asset.get('name', meta.name)}"
+    lines = _caption(sequence)
+    return rgb, "\n".join(lines if len(lines) <= _MOST_LINES else
+                          [*lines[:_MOST_LINES - 1], f"{len(lines) - _MOST_LINES + 1} more joints"])
 
 
-def _grid(rows: list[list[Tile]]) -> RgbImage:
-    """The tiles on paper, each with its caption below; pictures may differ in size."""
-    import cv2
+def _caption(sequence: Sequence) -> list[str]:
+    """Number, robot and seed of a sequence, and the range of each scored joint."""
+    meta = sequence.meta
+    robot = meta.asset.get("instance") or meta.asset.get("name", meta.name)
+    return [f"{meta.index}: {robot}, seed {meta.seed}", *joint_ranges(meta, sequence.state)]
 
+
+def _grid(rows: list[list[Tile]], title: str = "") -> RgbImage:
+    """The tiles on paper, each with its caption below, and a title above them; pictures may differ
+    in size."""
     height = max(tile.shape[0] for row in rows for tile, _ in row)
     width = max(tile.shape[1] for row in rows for tile, _ in row)
-    high, wide = height + _STRIP + _GAP, width + _GAP
-    sheet = np.full((_GAP + high * len(rows), _GAP + wide * len(rows[0]), 3), _PAPER, np.uint8)
+    lines = max(caption.count("\n") + 1 for row in rows for _, caption in row)
+    high, wide = height + lines * _STRIP + _GAP, width + _GAP
+    across = _GAP + wide * len(rows[0])
+    head = textwrap.wrap(title, max((across - 2 * _GAP) // _LETTER, 20))
+    down = _GAP + len(head) * _STRIP
+    sheet = np.full((down + high * len(rows), across, 3), _PAPER, np.uint8)
+    for k, line in enumerate(head):
+        _write(sheet, line, (_GAP, _GAP + k * _STRIP))
     for y, row in enumerate(rows):
         for x, (tile, caption) in enumerate(row):
-            top, left = _GAP + y * high, _GAP + x * wide
+            top, left = down + y * high, _GAP + x * wide
             bottom, end = top + tile.shape[0], left + tile.shape[1]
             sheet[top - 1 : bottom + 1, left - 1 : end + 1] = _LINE  # zero flow is white, as paper
             sheet[top:bottom, left:end] = tile
-            place = (left + 1, bottom + _STRIP - 6)
-            shown = caption.encode("ascii", "replace").decode()[: width // 7]
-            cv2.putText(sheet, shown, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (_INK, _INK, _INK), 1,
-                        cv2.LINE_AA)  # fmt: skip
+            for k, line in enumerate(caption.split("\n")):
+                _write(sheet, line[: width // _LETTER], (left + 1, bottom + k * _STRIP))
     return sheet
+
+
+def _write(sheet: RgbImage, text: str, at: tuple[int, int]) -> None:
+    """Write a line whose top left corner is at (u, v) px."""
+    import cv2
+
+    shown = text.encode("ascii", "replace").decode()
+    cv2.putText(sheet, shown, (at[0], at[1] + _STRIP - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.42,
+                (_INK, _INK, _INK), 1, cv2.LINE_AA)  # fmt: skip
 
 
 def _encoded(picture: RgbImage, suffix: str) -> bytes:
