@@ -56,33 +56,54 @@ def verify(
 
 
 def show(
-    path: Path, /, index: int = 0, sequences: str = "", out: Path | None = None,
+    path: Path, /, index: int | None = None, sequences: str = "", out: Path | None = None,
     contact_sheet: Path | None = None, gif: Path | None = None, mp4: Path | None = None,
-    open: bool = False,
+    rerun: bool = False, open: bool = False, allow_model: bool = False,
 ) -> tuple[object, int]:
-    """Show a sequence: a page, a contact sheet, a GIF or an MP4.
+    """Show a dataset as pages, a contact sheet, a GIF or an MP4.
+
+    A dataset gives a folder: an index, and pages of its first ten sequences, or of --sequences. The
+    same command continues an interrupted run. With --index, one sequence gives one page.
 
     Examples:
       gcbench show data/ur5 --open
       gcbench show data/ur5 --index 3 --out ur5.html
       gcbench show data/ur5 --contact-sheet ur5.png --gif ur5.gif --mp4 ur5.mp4
+      gcbench show data/ur5 --index 3 --rerun
 
     Args:
         path: A dataset, or one sequence (ZIP or folder).
         index: Number of the sequence in the dataset.
-        sequences: Instead of --index: sequences of the contact sheet, such as 0-9,15.
-        out: HTML page. Default: SEQUENCE.html in the current folder, if no other file is named.
+        sequences: Instead of --index: sequences of the pages and the contact sheet, such as
+            0-9,15.
+        out: Folder of the pages; a name in .html for the page of one sequence. Default, if no
+            other file is named: DATASET-show, or SEQUENCE.html.
         contact_sheet: PNG, JPEG or WebP of the first frames of a dataset, or of a sequence.
         gif: GIF of the images beside their ground truth.
         mp4: MP4 of the same.
+        rerun: Write DATASET-SEQUENCE.rrd, and open it in the viewer of Rerun.
         open: Open the page in the browser.
+        allow_model: Read the model of the 3D view from a path that the dataset names.
     """
-    from .. import ConfigError
+    from .. import ConfigError, open_dataset
     from .. import show as write_pictures
+    from .dataset import DATASET_FILE
+    from .export import open_rerun, record_for_rerun
+    from .runtime import say
 
-    if open and not out and (contact_sheet or gif or mp4):
+    pictures = bool(contact_sheet or gif or mp4 or rerun)
+    if open and not out and pictures:
         raise ConfigError("--open needs a page: add --out PAGE.html")
-    written = write_pictures(path, out, contact_sheet, gif, mp4, sequences or index)
+    chosen = sequences or index
+    written: list[Path] = []
+    if out or not pictures or contact_sheet or gif or mp4:
+        allowed = allow_model and (path / DATASET_FILE).is_file()
+        shown = open_dataset(path, allow_model=True) if allowed else path
+        written += write_pictures(shown, out, contact_sheet, gif, mp4, chosen)
+    if rerun:
+        written.append(record_for_rerun(path, "" if chosen is None else str(chosen), allow_model))
+        if hint := open_rerun(written[-1]):
+            say(hint)
     if open:
         webbrowser.open(written[0].resolve().as_uri())
     return "\n".join(map(str, written)), 0

@@ -17,7 +17,9 @@ _SHARED = Path(__file__).parent
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 
-def render_page(template: Path, data: Mapping[str, Any]) -> str:
+def render_page(
+    template: Path, data: Mapping[str, Any], scripts: str = "", static: str = ""
+) -> str:
     """Return the page of a template file and the values that its script reads.
 
     Names come from untrusted models, methods and files. They enter the page as JSON in which no
@@ -27,15 +29,17 @@ def render_page(template: Path, data: Mapping[str, Any]) -> str:
     Args:
         template: HTML with one inline `<script>` and the words SCRIPT_SHA256 (in the policy),
             PAGE_DATA (in an element of type application/json), and, as comments, PAGE_STYLE and
-            PAGE_SCRIPT, for what all pages share.
+            PAGE_SCRIPT, for what all pages share. PAGE_STATIC may stand in a `<noscript>`.
         data: JSON values; numbers must be finite.
+        scripts: Trusted scripts that run before that of the template.
+        static: HTML for browsers without scripts, with every name escaped.
 
     Raises:
         RenderError: the data exceed 256 MiB.
     """
     html = template.read_text(encoding="utf-8")
-    for marker, name in (("/* PAGE_STYLE */", "page.css"), ("// PAGE_SCRIPT", "page.js")):
-        html = html.replace(marker, (_SHARED / name).read_text(encoding="utf-8"))
+    html = html.replace("/* PAGE_STYLE */", shared_text("page.css"))
+    html = html.replace("// PAGE_SCRIPT", f"{shared_text('page.js')}\n{scripts}")
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     if len(text) > _MAX_BYTES:
         raise RenderError(f"the page would be larger than {_MAX_BYTES >> 20} MiB")
@@ -43,4 +47,10 @@ def render_page(template: Path, data: Mapping[str, Any]) -> str:
         text = text.replace(character, f"\\u{ord(character):04x}")
     (script,) = _SCRIPT.findall(html)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return html.replace("SCRIPT_SHA256", digest).replace("PAGE_DATA", text)
+    marks = {"SCRIPT_SHA256": digest, "PAGE_STATIC": static, "PAGE_DATA": text}
+    return re.sub("|".join(marks), lambda found: marks[found[0]], html)
+
+
+def shared_text(name: str) -> str:
+    """Return the text of a file that pages share."""
+    return (_SHARED / name).read_text(encoding="utf-8")

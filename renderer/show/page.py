@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Iterable
+from collections.abc import Sequence as Many
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from ... import __version__
 from ...errors import RenderError
 from ...robots.files import remove_leftovers, write_atomically
-from ..types import Frame, Sequence
+from ...robots.model import ArticulatedModel
+from ..types import Frame, Meta, Sequence, State
 from .annotations import draw_points, has_points, joint_axes
 from .colors import (
     NO_VALUE,
@@ -26,12 +28,15 @@ from .colors import (
     color_normals,
     color_parts,
     color_visibility,
+    css,
     depth_colors,
     flow_wheel,
     palette,
 )
 from .descriptions import joint_table, sections
-from .html import render_page
+from .html import render_page, shared_text
+from .static_html import Links, static_page
+from .view3d import three_js, view_data
 
 TEMPLATE = Path(__file__).parent / "show.html"
 PAGE_FRAMES, PAGE_SIDE, PAGE_PIXELS = 120, 640, 20_000_000
@@ -45,16 +50,30 @@ PANES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility", "normal"
 """The last three exist only if the sequence has these layers."""
 
 
-def write_page(sequence: Sequence, out: Path) -> Path:
+def write_page(
+    sequence: Sequence, out: Path, model: ArticulatedModel | None = None, links: Links = ()
+) -> Path:
     """Write the page of a sequence to `out`: one HTML file that needs no network. Return `out`.
 
     Long or large sequences are shown with fewer frames and smaller pictures; the page says so.
-    Raises RenderError if the file cannot be written.
+    The 3D view shows `model` if it is that of the sequence. Raises RenderError if the file cannot
+    be written.
     """
-    return write_file(out, render_page(TEMPLATE, page_data(sequence)).encode())
+    return write_file(out, page_html(sequence, model, links).encode())
 
 
-def page_data(sequence: Sequence) -> dict[str, Any]:
+def page_html(
+    sequence: Sequence, model: ArticulatedModel | None = None, links: Links = ()
+) -> str:
+    """Return the page of `write_page`."""
+    data = page_data(sequence, model, links)
+    scripts = f"{three_js()}\n{shared_text('view3d.js')}"
+    return render_page(TEMPLATE, data, scripts, static_page(data))
+
+
+def page_data(
+    sequence: Sequence, model: ArticulatedModel | None = None, links: Links = ()
+) -> dict[str, Any]:
     """Return everything that the page's script reads, as JSON values."""
     meta, state = sequence.meta, sequence.state
     frames = [int(t) for t in select_frames(len(sequence))]
@@ -64,17 +83,18 @@ def page_data(sequence: Sequence) -> dict[str, Any]:
     unit = far * 4 / 65535  # m; what is farther than that is shown as that far
     parts = len(meta.part_names)
     layers = layer_names(sequence)
-    images: dict[str, list[str | None]] = {name: [] for name in (*PANES[:6], *layers)}
+    panes = PANES[:6] if len(sequence) > 1 else PANES[:3]  # a single frame has no flow
+    images: dict[str, list[str | None]] = {name: [] for name in (*panes, *layers)}
     values: list[str] = []
     for t in frames:
         frame = sequence.frame(t)
-        for name, uri in _pictures(frame, (width, height), (near, far, largest), parts).items():
-            images[name].append(uri)
+        pictures = _pictures(frame, (width, height), (near, far, largest), parts)
+        for name in panes:
+            images[name].append(pictures[name])
         for name, image in color_layers(sequence, t, (width, height)).items():
             images[name].append(data_uri(image, 85 if name == "points" else None))
         values.append(data_uri(_values(frame, *grid, unit)))
-    colors = [_css(c) for c in palette(parts)]
-    scale = [180 / math.pi if kind != "prismatic" else 1.0 for kind in meta.joint_types]
+    colors = [css(c) for c in palette(parts)]
     return {
         "version": __version__,
         "name": meta.name,
@@ -88,22 +108,30 @@ def page_data(sequence: Sequence) -> dict[str, Any]:
         "images": images,
         "values": values,
         "depth": {"near": near, "far": far, "unit": unit,
-                  "colors": [_css(c) for c in depth_colors()[::15]]},
+                  "colors": [css(c) for c in depth_colors()[::15]]},
         "flow": {"largest": largest, "unit": FLOW_UNIT, "wheel": data_uri(flow_wheel(96))},
-        "nothing": _css(NO_VALUE),
-        "visibility": [{"name": text, "color": _css(c)} for text, c in VISIBILITY.values()],
+        "nothing": css(NO_VALUE),
+        "visibility": [{"name": text, "color": css(c)} for text, c in VISIBILITY.values()],
         "parts": [{"name": name, "color": color, "pixels": _integers(state.part_pixels[:, i])}
                   for i, (name, color) in enumerate(zip(meta.part_names, colors[1:], strict=True))],
-        "joints": [{"name": name, "unit": "m" if meta.joint_types[j] == "prismatic" else "°",
-                    "scored": name in meta.scored_joints,
-                    "color": colors[int(state.joint_child_part[j])],
-                    "positions": _rounded(state.joint_positions[:, j] * scale[j])}
-                   for j, name in enumerate(meta.joint_names)],
+        "joints": _joints(meta, state, colors),
         "axes": [[[a.joint, *_rounded(np.array([a.tail, a.point, a.head]).ravel())]
                   for a in joint_axes(meta, state, t)] for t in frames],
         "table": joint_table(meta, state),
+        "space": view_data(sequence, frames, model) if three_js() else None,
+        "links": [list(link) for link in links],
         "sections": sections(meta, state),
     }  # fmt: skip
+
+
+def _joints(meta: Meta, state: State, colors: Many[str]) -> list[dict[str, Any]]:
+    """Each joint's positions, in degrees or metres, and its colour, which is that of its part."""
+    scale = [180 / math.pi if kind != "prismatic" else 1.0 for kind in meta.joint_types]
+    return [{"name": name, "unit": "m" if meta.joint_types[j] == "prismatic" else "°",
+             "scored": name in meta.scored_joints,
+             "color": colors[int(state.joint_child_part[j])],
+             "positions": _rounded(state.joint_positions[:, j] * scale[j])}
+            for j, name in enumerate(meta.joint_names)]  # fmt: skip
 
 
 def layer_names(sequence: Sequence) -> list[str]:
@@ -238,10 +266,6 @@ def write_file(out: Path, content: bytes) -> Path:
     except OSError as error:
         raise RenderError(f"cannot write {out}: {error.strerror or error}") from error
     return out
-
-
-def _css(color: Iterable[int]) -> str:
-    return "#" + "".join(f"{int(c):02x}" for c in color)
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float | None]:

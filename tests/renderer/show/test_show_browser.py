@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import re
 import shutil
@@ -17,6 +18,7 @@ from gcbench.renderer.show.page import write_page
 from gcbench.renderer.types.sequence import Sequence
 
 from ...support.analytic import render
+from .test_view3d import modelled
 
 HOSTILE = '</script><img src="http://example.invalid/x" onerror="window.hacked=1"><b>\u2028&amp;'
 FLAGS = ("--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
@@ -55,7 +57,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         part_names=(*s.meta.part_names[:1], HOSTILE, *s.meta.part_names[2:]),
         scored_joints=joints[:2], observability={"joints": {HOSTILE: {HOSTILE: HOSTILE}}})
     sequence = Sequence(meta, s.state, rgb, s.depth, s.part, s.flow, s.flow_backward, s.visibility)
-    return write_page(sequence, tmp_path_factory.mktemp("page") / "page.html")
+    links = [("up", "index.html", HOSTILE), ("next", "000001.html", "000001 →")]
+    return write_page(sequence, tmp_path_factory.mktemp("page") / "page.html", None, links)
 
 
 @pytest.fixture(params=["light", "dark"])
@@ -74,7 +77,8 @@ def opened(browser: Any, file: Path, width: int, scheme: str = "light") -> Itera
     tab = context.new_page()
     said: list[str] = []
     asked: list[str] = []
-    tab.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    tab.on("console", lambda message: said.append(f"{message.type}: {message.text}")
+           if "GPU stall" not in message.text else None)  # by screenshots, without a GPU
     tab.on("pageerror", lambda error: said.append(str(error)))
     tab.on("dialog", lambda dialog: (said.append("dialog"), dialog.dismiss()))
     tab.on("request", lambda request: asked.append(request.url))
@@ -111,6 +115,14 @@ def grey(tab: Any, pane: str = "rgb") -> int:
         copy.drawImage(document.getElementById(id), 0, 0);
         return copy.getImageData(80, 60, 1, 1).data[0];
     }""", f"canvas-{pane}")
+
+
+def space(tab: Any) -> bytes:
+    """The pixels of the 3D view once it shows the slider's frame."""
+    until(tab, """document.getElementById('canvas-space').dataset.frame
+        === document.getElementById('slider').value""")
+    tab.wait_for_timeout(100)  # it is drawn in the browser's next animation frame
+    return tab.locator("#canvas-space").screenshot()
 
 
 def cursor(tab: Any) -> float:
@@ -175,6 +187,117 @@ def test_toggles(page: Any) -> None:
     larger.click()
     assert stage.bounding_box()["width"] > 1.5 * width
     assert larger.get_attribute("aria-pressed") == "true"
+
+
+def test_3d_view_moves_with_the_slider_and_turns(page: Any) -> None:
+    first = space(page)
+    page.locator("#slider").fill("3")
+    later = space(page)
+    assert later != first
+    page.locator("#slider").fill("0")
+    assert space(page) == first
+    page.locator("#show-background").uncheck()
+    assert space(page) != first
+    page.locator("#show-background").check()
+    assert space(page) == first
+    seen = {first}
+    for button in ("Nearer", "Camera's view", "Farther"):
+        page.get_by_role("button", name=button).click()
+        seen.add(space(page))
+    assert len(seen) == 4
+    page.get_by_role("button", name="Reset").click()
+    assert space(page) == first
+    box = page.locator("#canvas-space").bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 300, box["y"] + 220)
+    page.mouse.up()
+    assert space(page) not in seen
+    assert not page.locator("#model-label").is_visible(), "there is no model to show or hide"
+    assert "The model is not at hand" in page.locator("#space-note").text_content()
+
+
+def test_3d_view_of_a_model(browser: Any, tmp_path: Path) -> None:
+    s = render(width=160, height=120, frames=2)
+    rgb = [np.full((120, 160, 3), 90, np.uint8)] * 2
+    meta = dataclasses.replace(s.meta, asset={})
+    sequence = dataclasses.replace(s, meta=meta, rgb=rgb)
+    file = write_page(sequence, tmp_path / "page.html", modelled())
+    for tab in opened(browser, file, width=800):
+        first = space(tab)
+        tab.locator("#show-model").uncheck()
+        assert space(tab) != first
+        tab.locator("#show-model").check()
+        assert space(tab) == first
+
+
+def test_labels_of_axes_do_not_overlap(browser: Any, tmp_path: Path) -> None:
+    s = render(width=160, height=120, frames=2)
+    many = 20
+    names = tuple(f"vertebra_{j}_joint" for j in range(many))
+    meta = dataclasses.replace(s.meta, joint_names=names, scored_joints=names, observability={},
+                               joint_types=s.meta.joint_types[:1] * many,
+                               joint_limits=s.meta.joint_limits[:1] * many)
+    screw = np.repeat(s.state.joint_screw[:, :1], many, axis=1)
+    state = dataclasses.replace(
+        s.state, joint_screw=screw, joint_positions=np.zeros((2, many)),
+        joint_parent_part=np.ones(many, np.int64), joint_child_part=np.full(many, 2))
+    file = write_page(dataclasses.replace(s, meta=meta, state=state), tmp_path / "page.html")
+    for tab in opened(browser, file, width=1280):
+        boxes = tab.evaluate("""[...document.querySelectorAll('#axes text')].map(
+            node => node.getBBox()).map(
+            box => [box.x, box.y, box.x + box.width, box.y + box.height])""")
+        assert len(boxes) >= 12
+        high = 20 * 160 / 640
+        for a, b in itertools.combinations(boxes, 2):  # a line's box is a little higher than text
+            assert (a[0] >= b[2] or b[0] >= a[2]
+                    or a[1] >= b[3] - 0.5 * high or b[1] >= a[3] - 0.5 * high)
+
+
+def test_no_card_is_empty(browser: Any, tmp_path: Path) -> None:
+    """A single frame of an object without joints."""
+    s = render(width=160, height=120, frames=2)
+    none = np.zeros(0, np.int64)
+    state = dataclasses.replace(
+        s.state, times=s.state.times[:1], joint_positions=np.zeros((1, 0)),
+        cam_from_world=s.state.cam_from_world[:1], world_from_part=s.state.world_from_part[:1],
+        joint_screw=np.zeros((1, 0, 6)), joint_parent_part=none, joint_child_part=none,
+        part_pixels=s.state.part_pixels[:1])
+    meta = dataclasses.replace(s.meta, frames=1, joint_names=(), joint_types=(), joint_limits=(),
+                               scored_joints=(), observability={})
+    lone = Sequence(meta, state, s.rgb[:1], s.depth[:1], s.part[:1], [], [], [])
+    context = browser.new_context()
+    tab = context.new_page()
+    tab.goto(write_page(lone, tmp_path / "page.html").as_uri())
+    until(tab, "document.getElementById('canvas-part').dataset.frame === '0'")
+    assert tab.locator(".pane").count() == 3
+    assert not tab.locator(".empty:visible, #controls:visible, #curves-card:visible").count()
+    assert not tab.locator("#joints-card").is_visible()
+    assert tab.locator("#space").is_visible()
+    context.close()
+
+
+def test_images_are_visible_without_scripts(browser: Any, file: Path) -> None:
+    context = browser.new_context(java_script_enabled=False, viewport={"width": 390, "height": 800})
+    tab = context.new_page()
+    tab.goto(file.as_uri())
+    images = tab.locator("#static img")
+    assert [image.get_attribute("alt") for image in images.all()] == [
+        f"{name} of the first frame" for name in ("RGB", "Depth", "Parts", "Forward flow",
+                                                  "Visibility")]
+    for image in images.all():
+        assert image.bounding_box()["width"] > 300
+        assert image.bounding_box()["height"] > 200, "the picture itself, not its alternative text"
+    assert HOSTILE in tab.locator("noscript h1").text_content()
+    assert tab.locator("nav:visible a").all_text_contents() == [HOSTILE, "000001 →"]
+    assert not tab.locator("#bar").is_visible()
+    assert tab.locator("img[onerror], b b").count() == 0
+    context.close()
+
+
+def test_links_are_text(page: Any) -> None:
+    assert page.locator("#nav a").all_text_contents() == [HOSTILE, "000001 →"]
+    assert page.locator("#nav a[rel=next]").get_attribute("href") == "000001.html"
 
 
 def test_pointer_reads_the_values_of_the_truth(page: Any) -> None:
