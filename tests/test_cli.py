@@ -15,8 +15,10 @@ from typing import Any
 import gcbench
 import pytest
 from gcbench.__main__ import COMMANDS, main
+from gcbench.benchmark import commands
 from gcbench.benchmark.methods.registry import METHODS
 from gcbench.renderer.doctor import EXTRAS, PACKAGES
+from gcbench.renderer.generate import options
 from gcbench.renderer.runtime import command_line
 from gcbench.renderer.verify.checks import CheckResult, VerifyReport
 from gcbench.robots.appliances.generator import GENERATED
@@ -98,7 +100,7 @@ def options_in(text: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("command", "usual", "group"),
-    [("render", ["--robot", "--n", "--out"], "camera"), ("eval", ["--method", "--suite"], "limits"),
+    [("render", ["--robot", "--n", "--out"], "camera"), ("eval", ["--method", "--suite"], "limit"),
      ("train flow", ["--data", "--out"], "loss")],
 )
 def test_help_begins_with_the_usual_options(
@@ -118,6 +120,19 @@ def test_help_begins_with_the_usual_options(
     assert re.search(rf"(?m)^  {group} +{some[0]} ", more)
     for k, option in enumerate(every):  # each option is explained or named
         assert k < len(short) or re.search(rf"{option}|{option[option.find('.'):]}[ \n]", more)
+
+
+def test_every_option_of_a_group_exists(capsys: Lines) -> None:
+    for command, groups in (("render", options._GROUPS), ("eval", commands._GROUPS)):
+        with pytest.raises(SystemExit):
+            main([command, "--help", "all"])
+        assert {*" ".join(groups.values()).split()} <= {*options_in(capsys.readouterr().out)}
+
+
+def test_help_says_what_may_be_repeated(capsys: Lines) -> None:
+    with pytest.raises(SystemExit):
+        main(["robots", "fetch", "--help"])
+    assert "\nusage: gcbench robots fetch [STR ...] [--all]\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("group", ["camra", "ur5"])

@@ -17,8 +17,7 @@ _GROUPS = {
     "options": "--help --robot --n --out --sequences --seed --frames --width --height --layers "
                "--randomize --config --workers --quiet --json",
     "model": "--package --root --scale --allow-missing --animation --scored-joints",
-    "sequences": "--twin-of --vary --stream --keep-unobservable",
-    "images": "--samples --track-points",
+    "sequence": "--twin-of --vary --stream --keep-unobservable --samples --track-points",
 }
 """Options by group; those of the randomization have groups of their own."""
 

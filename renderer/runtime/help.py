@@ -43,15 +43,15 @@ def format_help(text: str, groups: Mapping[str, str], wanted: str) -> str:
         raise ConfigError(f"--help {wanted}: no group of options{suggestion(wanted, others)}; "
                           f"there are all{''.join(f', {name}' for name in others)}")
     chosen = {"": usual, "all": list(found)}.get(wanted) or [others[wanted]]
-    usage = _REPEATED.sub(r"\1 ...", " ".join(text.partition("╭")[0].split()))
-    command = usage.removeprefix("usage: ").partition(" [-h]")[0]
-    lines = [usage.replace(" [-h]", "")]
+    command, _, values = " ".join(text.partition("╭")[0].split()).partition(" [-h]")
+    lines = [command + _REPEATED.sub(r"\1 ...", values)]
     for title in chosen:
         lines += ["", f"{title}: {found[title].note}".rstrip()]
         for option in found[title].options:
             lines += _entry(*option)
     if others and not wanted:
-        lines += ["", f"more options (`{command} --help GROUP` or `--help all` explains them):"]
+        again = command.removeprefix("usage: ") + " --help"
+        lines += ["", f"more options (`{again} GROUP` or `{again} all` explains them):"]
         for name, title in others.items():
             first, *rest = (option.split()[0] for option, _ in found[title].options)
             prefix = f"--{name}" if first.startswith(f"--{name}.") else ""
