@@ -36,7 +36,7 @@ def random_object(number: int) -> ArticulatedModel:
     loose body has two prismatic joints and one revolute joint about a random axis.
     """
     rng = np.random.default_rng([zlib.crc32(b"random objects"), number])
-    links = _loose(rng) if rng.random() < _LOOSE else _chain(rng)
+    links = _loose_bodies(rng) if rng.random() < _LOOSE else _chain(rng)
     return ArticulatedModel.from_links(f"random:{number}", links, keep_order=True)
 
 
@@ -51,7 +51,7 @@ def _append(links: list[Link], parent: int, pose: Array, joint: Joint,
 def _chain(rng: np.random.Generator) -> list[Link]:
     palette = _palette(rng)
     radius = rng.uniform(0.03, 0.09)
-    foot = [_painted(_turned_shape(rng, 1.4 * radius, rng.uniform(0.05, 0.3)), palette, rng)]
+    foot = [_paint(_solid_of_revolution(rng, 1.4 * radius, rng.uniform(0.05, 0.3)), palette, rng)]
     links = [Link("part0", surfaces=tuple(foot))]
     ends = [transform(translation=_up(foot[0].vertices[:, 2].max()))]
     for _ in range(int(rng.integers(2, 7))):
@@ -83,17 +83,17 @@ def _arm(
     if rng.random() < 0.7:
         wide, long = rng.uniform(1.05, 1.6) * radius, rng.uniform(1.5, 3.2) * radius
         housing = cylinder(wide, long) if rng.random() < 0.75 else sphere(1.1 * wide)
-        shapes.append(_painted(move_surface(housing, _along(axis)), palette, rng))
+        shapes.append(_paint(move_surface(housing, _along(axis)), palette, rng))
         if axis[2] == 0 and rng.random() < 0.5:
             side = axis * rng.choice((-1.0, 1.0)) * (long / 2.0 + radius / 2.0)
     beam = _beam(rng, radius, length)
-    shapes.append(_painted(move_surface(beam, transform(translation=side)), palette, rng))
+    shapes.append(_paint(move_surface(beam, transform(translation=side)), palette, rng))
     for _ in range(int(rng.integers(0, 3))):  # details: rings and boxes
         at = transform(translation=side + _up(rng.uniform(0.1, 0.9) * length))
         detail = cylinder(1.06 * radius, rng.uniform(0.1, 0.5) * radius)
         if rng.random() < 0.4:
             detail = box([radius * x for x in rng.uniform(0.5, 2.2, 3)])
-        shapes.append(_painted(move_surface(detail, at), palette, rng))
+        shapes.append(_paint(move_surface(detail, at), palette, rng))
     return shapes, transform(translation=side + _up(length))
 
 
@@ -107,11 +107,11 @@ def _beam(rng: np.random.Generator, radius: float, length: float) -> TriangleSur
     elif kind == 2:
         made = capsule(radius, length)
     else:
-        return _turned_shape(rng, radius, length)
+        return _solid_of_revolution(rng, radius, length)
     return move_surface(made, transform(translation=_up(length / 2.0)))
 
 
-def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> TriangleSurface:
+def _solid_of_revolution(rng: np.random.Generator, radius: float, length: float) -> TriangleSurface:
     """Return a solid of revolution from the origin to `length` along z, with flat ends."""
     z = np.linspace(0.0, 1.0, 25)
     waves = np.sin(np.pi * np.arange(1, 4) * z[:, None] + rng.uniform(0, 2 * np.pi, 3))
@@ -126,7 +126,7 @@ def _turned_shape(rng: np.random.Generator, radius: float, length: float) -> Tri
     ])
 
 
-def _loose(rng: np.random.Generator) -> list[Link]:
+def _loose_bodies(rng: np.random.Generator) -> list[Link]:
     """Return loose bodies: two prismatic links without surface precede each revolute link."""
     links = [Link("part0")]
     palette = _palette(rng)
@@ -138,12 +138,12 @@ def _loose(rng: np.random.Generator) -> list[Link]:
             _append(links, above, place,
                     Joint("", JointType.PRISMATIC, axis, limits=(-reach, reach)))
         size = rng.uniform(0.03, 0.16)
-        shapes = [_painted(_beam(rng, size * rng.uniform(0.6, 1.4), size * rng.uniform(1.0, 4.0)),
+        shapes = [_paint(_beam(rng, size * rng.uniform(0.6, 1.4), size * rng.uniform(1.0, 4.0)),
                            palette, rng)]
         for _ in range(int(rng.integers(0, 3))):
             at = transform(rotation_about(_direction(rng), rng.uniform(0.0, np.pi)),
                            size * rng.uniform(-1.0, 1.0, 3))
-            shapes.append(_painted(move_surface(_beam(rng, 0.5 * size, size), at), palette, rng))
+            shapes.append(_paint(move_surface(_beam(rng, 0.5 * size, size), at), palette, rng))
         hinge = Joint("", JointType.REVOLUTE, _direction(rng), limits=(-1.5, 1.5))
         _append(links, len(links) - 1, transform(), hinge, shapes)
     return links
@@ -165,7 +165,7 @@ def _palette(rng: np.random.Generator) -> list[Material]:
     return out
 
 
-def _painted(
+def _paint(
     shape: TriangleSurface, palette: list[Material], rng: np.random.Generator
 ) -> TriangleSurface:
     return replace(shape, material=palette[rng.integers(len(palette))])

@@ -83,10 +83,10 @@ class Accessors:
 
     def _array(self, number: int) -> NDArray[np.generic]:
         if number not in self._arrays:
-            self._arrays[number] = self._decoded(number)
+            self._arrays[number] = self._decode_accessor(number)
         return self._arrays[number]
 
-    def _decoded(self, number: int) -> NDArray[np.generic]:
+    def _decode_accessor(self, number: int) -> NDArray[np.generic]:
         accessor, where = self._gltf.accessors[number], f"accessors[{number}]"
         dtype, width, count = (_COMPONENTS[accessor.component_type], _WIDTHS[accessor.type],
                                accessor.count)

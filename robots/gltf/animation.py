@@ -141,7 +141,7 @@ def read_animations(
                 raise ModelError(f"animations[{i}] has {track.values.shape[-1]} morph weights "
                                  f"a key for nodes[{track.node}], which has "
                                  f"{wide.stop - wide.start}")
-        name = _named(animation.name, i, names)
+        name = _unique_name(animation.name, i, names)
         if tracks:
             moves, stretches = _what_moves(tracks, tree, parts)
             found.append(KeyedAnimation(
@@ -150,7 +150,7 @@ def read_animations(
     return tuple(found)
 
 
-def _named(name: str, number: int, names: set[str]) -> str:
+def _unique_name(name: str, number: int, names: set[str]) -> str:
     text = "".join(c for c in name if c.isprintable()).strip()[:100]
     text = text or f"animation_{number}"
     if text in names:

@@ -65,7 +65,7 @@ def invent_joints(
     poses = forward_kinematics(model, np.zeros(0))  # the model has no joints yet
     boxes = _boxes(model, poses)
     shown = [p for p in range(1, len(model.parent)) if boxes.size(p) > 0.0]
-    chosen = _articulated(model, shown, bones, animated, meshes)
+    chosen = _find_moving_parts(model, shown, bones, animated, meshes)
     chosen = sorted(sorted(chosen, key=lambda p: (-boxes.size(p), p))[:MAX_JOINTS])
     note = "a glTF file has no joints: each bone or node that moves got one through its origin"
     if not chosen:
@@ -91,7 +91,7 @@ def invent_joints(
     return joints, note
 
 
-def _articulated(
+def _find_moving_parts(
     model: ArticulatedModel, shown: Sequence[int], bones: Collection[int],
     animated: Collection[int], meshes: Collection[int],
 ) -> list[int]:

@@ -97,7 +97,7 @@ class Materials:
             mode = "OPAQUE"
         if mode == "OPAQUE" and picture is not None and picture.shape[2] == 4:
             if id(picture) not in self._opaque:
-                self._opaque[id(picture)] = self._made(np.ascontiguousarray(picture[..., :3]))
+                self._opaque[id(picture)] = self._count(np.ascontiguousarray(picture[..., :3]))
             picture = self._opaque[id(picture)]
         r, g, b, a = np.clip(color, 0.0, 1.0).tolist()
         cutoff = None
@@ -153,9 +153,9 @@ class Materials:
             255.0 / (255.0 - dielectric))
         out = picture.copy()
         out[..., :3] = np.clip(picture[..., :3] + mirrored, 0.0, 255.0).astype(np.uint8)
-        return color, self._made(out)
+        return color, self._count(out)
 
-    def _made(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _count(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return self._textures.count(picture, "a material")
 
     def _strength(
@@ -172,7 +172,7 @@ class Materials:
             normal[..., :2] *= np.clip(strength, -100.0, 100.0)
             normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-6)
             out = (normal + 1.0) * 127.5
-        return self._made(np.round(out).astype(np.uint8))
+        return self._count(np.round(out).astype(np.uint8))
 
     def _tiling(self, texture: int) -> tuple[Tiling, Tiling]:
         sampler = self._gltf.textures[texture].sampler

@@ -128,14 +128,14 @@ class Meshes:
             displacement = np.stack([(zero if d is None else d)[source] for d in deltas])
             # whether the normals are those of the file, not computed here
             kept = normals is not None and np.abs(
-                _filled(normals[source]) - new_normals).max() < 1e-3
+                _normalize(normals[source]) - new_normals).max() < 1e-3
             if kept and any(b is not None for b in bends):
                 bend = np.stack([(zero if b is None else b)[source] for b in bends])
             else:
-                bend = _bent(positions[source], faces, displacement)
+                bend = _normal_changes(positions[source], faces, displacement)
         material, key = self._materials.material(primitive.material, uv is not None)
         return Patch(
-            positions[source], faces, _filled(new_normals), None if uv is None else uv[source],
+            positions[source], faces, _normalize(new_normals), None if uv is None else uv[source],
             material, key, None if joints is None else joints[source],
             None if weights is None else weights[source], displacement, bend,
             None if color is None else color[source])
@@ -261,7 +261,7 @@ def move_patch(patch: Patch, part_from_mesh: Array) -> Patch:
     return replace(
         patch, vertices=apply(part_from_mesh, patch.vertices),
         faces=patch.faces[:, ::-1] if mirrored else patch.faces,
-        normals=_filled(patch.normals @ np.linalg.inv(linear)))
+        normals=_normalize(patch.normals @ np.linalg.inv(linear)))
 
 
 def turn_inside_out(patch: Patch) -> Patch:
@@ -331,7 +331,7 @@ def _visual(
         made_skin, made_morph, None if patch.color is None else patch.color[used])
 
 
-def _bent(vertices: Array, faces: NDArray[np.int64], displacement: Array) -> Array:
+def _normal_changes(vertices: Array, faces: NDArray[np.int64], displacement: Array) -> Array:
     """Return [M V 3] the change of the computed vertex normals with each morph target."""
     def made(points: Array) -> Array:
         flat, area = face_normals(points, faces)
@@ -344,7 +344,7 @@ def _bent(vertices: Array, faces: NDArray[np.int64], displacement: Array) -> Arr
     return np.stack([made(vertices + d) - rest for d in displacement])
 
 
-def _filled(normals: Array) -> Array:
+def _normalize(normals: Array) -> Array:
     """Return unit normals [V 3]; zero vectors become +z."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.where(length > 1e-12, normals / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))

@@ -169,7 +169,7 @@ def plate(outline: ArrayLike, span: tuple[float, float], holes: Sequence[ArrayLi
         i, j = (i, j) if k == 0 else (j, i)  # walls of holes face inward
         walls += [np.stack([i, j, j + n], -1), np.stack([i, j + n, i + n], -1)]
     faces = np.concatenate([top[:, ::-1], top + n, *walls])
-    if not _closed(faces):
+    if not _is_closed(faces):
         raise ModelError("the loops of a plate touch, or run the wrong way")
     vertices = np.concatenate([np.insert(points, 2, z, axis=1) for z in sorted(span)])
     # cyclic permutations for x and z, a mirror for y: `move_surface` reverses its triangles
@@ -224,7 +224,7 @@ def bar(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
         a + r0 * (-np.cos(half) * u - np.sin(half) * v), at - width * v])
 
 
-def _closed(faces: NDArray[np.int64]) -> bool:
+def _is_closed(faces: NDArray[np.int64]) -> bool:
     """Return whether every edge occurs once in each direction."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     there = {(int(a), int(b)) for a, b in edges}

@@ -84,7 +84,7 @@ class CollisionChecker:
             for i, group in enumerate(self.groups.surfaces):
                 if below[t, i] and group != self.groups.group[0]:
                     return Contact(t, names[group], GROUND)
-            for a, b in self._touching(frame, self._near(frame)):
+            for a, b in self._touching_pairs(frame, self._near(frame)):
                 return Contact(t, names[a], names[b])
         return None
 
@@ -100,7 +100,7 @@ class CollisionChecker:
         pairs = self._numbers[overlapping_boxes(middle - reach, middle + reach)]
         return [(a, b) for a, b in pairs.tolist() if (a, b) not in self.ignored]
 
-    def _touching(
+    def _touching_pairs(
         self, poses: Array, pairs: Iterable[tuple[int, int]]
     ) -> Iterator[tuple[int, int]]:
         """Yield the pairs whose triangles intersect at poses [P 4 4]."""
@@ -132,7 +132,7 @@ class CollisionChecker:
                     f"{self.model.name}: more than {MAX_TESTS} pairs of its {len(self._numbers)} "
                     "moving bodies are near each other, too many to test for contact; join bodies "
                     "by fixed joints")
-            touching = self._touching(poses, near)
+            touching = self._touching_pairs(poses, near)
             often.update(touching) if k else self.ignored.update(touching)
         least = _ALWAYS * len(configurations)
         self.ignored |= {pair for pair, count in often.items() if count >= least}

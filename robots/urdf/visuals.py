@@ -67,7 +67,7 @@ def visuals_of_document(
                 raise ModelError(f"has more than {library.limits.triangles} triangles")
             own = _material(visual.material, materials, library, notes, name)
             pose = pose_or_identity(visual.origin)
-            surfaces.extend(move_surface(_dressed(s, own), pose) for s in found)
+            surfaces.extend(move_surface(_assign_material(s, own), pose) for s in found)
         visuals.extend(visuals_of_part(part, surfaces, digests))
     if not visuals:
         notes.append("the model has no visuals: there is nothing to see")
@@ -141,7 +141,7 @@ def _material(
     return Material(str(given.name or ""), color, texture=texture)
 
 
-def _dressed(s: TriangleSurface, own: Material | None) -> TriangleSurface:
+def _assign_material(s: TriangleSurface, own: Material | None) -> TriangleSurface:
     """Assign the final material: that of the mesh, else of the URDF, else the vertex colour."""
     if s.material is not None:
         material = s.material
