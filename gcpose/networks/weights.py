@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import ConfigError, MethodError
-from ...robots.files import replace_atomically
+from ...robots.files import write_atomically
 from .torch_runtime import Tensor, nn, torch
 
 _CHECKPOINT = "checkpoint.safetensors"
@@ -98,12 +98,12 @@ def write_weights(path: Path, network: nn.Module, notes: Mapping[str, str] | Non
 def _write_tensors(
     path: Path, tensors: dict[str, Tensor], notes: Mapping[str, str] | None = None
 ) -> None:
-    from safetensors.torch import save_file
+    from safetensors.torch import save
 
-    try:
-        with replace_atomically(path) as temporary:
-            save_file({k: v.detach().cpu().contiguous() for k, v in tensors.items()}, temporary,
-                      dict(notes) if notes else None)
+    data = save({k: v.detach().cpu().contiguous() for k, v in tensors.items()},
+                dict(notes) if notes else None)
+    try:  # safetensors would raise an error of its own on a full disk
+        write_atomically(path, data)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
 

@@ -59,10 +59,10 @@ class UrdfTree:
     def leader_of(self, joint: UrdfJoint) -> tuple[UrdfJoint, float, float]:
         """The joint at the end of a chain of mimics, and the multiplier and offset of its value."""
         multiplier, offset, visited = 1.0, 0.0, {joint.name}
-        while joint.mimic is not None:
-            if joint.mimic.leader not in self.joints or joint.mimic.leader in visited:
+        while joint.mimic is not None and joint.mimic.leader in self.joints:
+            if joint.mimic.leader in visited:
                 raise ModelError(f"joint {joint.name!r}: mimics {joint.mimic.leader[:80]!r}, which "
-                                 "is missing or mimics it in turn")
+                                 "mimics it in turn")
             offset += multiplier * joint.mimic.offset
             multiplier *= joint.mimic.multiplier
             joint = self.joints[joint.mimic.leader]

@@ -66,17 +66,23 @@ def _material(mesh: Any, file: str, textures: TextureDecoder) -> Material | None
     from trimesh.visual.material import SimpleMaterial
 
     given = getattr(mesh.visual, "material", None)
-    if isinstance(given, SimpleMaterial) and (given.name or given.image is not None
-                                              or "kd" in given.kwargs):
+    if not isinstance(given, SimpleMaterial):
+        return None
+    # Pillow has opened the image of a file, but not decoded it. For texture coordinates without a
+    # material, trimesh invents one with an image of no file.
+    image = getattr(given.image, "fp", None)
+    if given.image is not None and image is None:
+        return None
+    if given.name or image is not None or "kd" in given.kwargs:
         extra = given.kwargs
         color = np.asarray(extra.get("kd", [0.5, 0.5, 0.5]), np.float64).reshape(-1)
         color = np.resize(color, 3)
-        if given.image is not None:
+        if image is not None:
             color = np.ones(3)  # Kd beside map_Kd is arbitrary; only the map is used
         alpha = _alpha_of_mtl(extra)
         texture = None
-        if given.image is not None:  # which Pillow has opened, but not decoded
-            texture = textures.decode(given.image.fp.getvalue(), f"{file}: its texture")
+        if image is not None:
+            texture = textures.decode(image.getvalue(), f"{file}: its texture")
         return Material(str(given.name or ""), base_color([*color, alpha]), texture=texture)
     return None
 

@@ -96,8 +96,19 @@ def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]
         clean.append(new)
     seen = set()
     clean.extend([_clean_joint(joint, _name(joint, "joint", seen)) for joint in joints])
+    _remove_lone_mimics(clean, seen, notes)
     _add_world(clean, notes)
     return clean
+
+
+def _remove_lone_mimics(robot: Element, joints: set[str], notes: list[str]) -> None:
+    """Let a joint that mimics none of the `joints` move by itself, as other readers do."""
+    for joint in robot.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None and mimic.get("joint") not in joints:
+            notes.append(f"joint {joint.get('name')!r}: mimics {mimic.get('joint')!r}, which does "
+                         "not exist: moves by itself")
+            joint.remove(mimic)
 
 
 def _add_world(robot: Element, notes: list[str]) -> None:

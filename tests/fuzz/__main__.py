@@ -33,12 +33,12 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="with --index: keep the files in this folder")
     parser.add_argument("--corpus", action="store_true", help="check named cases")
     parser.add_argument("--faults", choices=ACTIONS, help="kill a command, or fail its disk")
-    parser.add_argument("--fault", choices=FAULTS, help="default: all")
+    parser.add_argument("--fault", choices=(*FAULTS, "disk"), help="default: all; disk: a real one")
     parser.add_argument("--at", type=int, default=0, help="number of the change; default: all")
     options = parser.parse_args()
     if options.faults:
-        faults = (options.fault,) if options.fault else FAULTS
-        return 1 if check_faults([options.faults], faults, options.at) else 0
+        faults = tuple(fault for fault in FAULTS if options.fault in (None, fault))
+        return 1 if check_faults(options.faults, faults, options.at) else 0
     if options.corpus:
         print(json.dumps(check_corpus(options.kinds), indent=1))
         return 0

@@ -9,9 +9,11 @@ import json
 import os
 import re
 import shutil
+import subprocess
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -43,8 +45,8 @@ class Action:
     argv: str
     files: Callable[[], Files]
     digest: Callable[[Sandbox], Digest]
-    step: int = 1
-    """Faults happen at each change, or at one in so many."""
+    disk: str = "work"
+    """The folder that the command fills."""
     prepare: Callable[[], None] = lambda: None
     """Called in the process before the command."""
 
@@ -145,15 +147,57 @@ ACTIONS = {
         "robots fetch toy",
         lambda: {"gcbench_toy-1.0-py3-none-any.whl": _wheel()[0]},
         _bytes_below,
+        disk="cache",
         prepare=_in_the_catalogue,
     ),
 } | {
     f"export {name}": Action(
-        f"export ../input/d --format {name} --out out --allow-model", _dataset, _bytes_below, step
+        f"export ../input/d --format {name} --out out --allow-model", _dataset, _bytes_below
     )
-    for name, step in (("kitti", 3), ("bop", 3), ("coco", 3), ("webdataset", 1), ("tapvid", 1))
+    for name in ("kitti", "bop", "coco", "webdataset", "tapvid", "hf")
 }
 """The commands that change files."""
+
+
+@contextmanager
+def mounted(folder: Path) -> Generator[Callable[[str], None]]:
+    """Mount a file system in memory; yield a function that mounts it anew with other options.
+
+    Raises CalledProcessError where that is not permitted.
+    """
+    def mount(*options: str) -> None:
+        words = ["mount", "-t", "tmpfs", "-o", *options, "tmpfs", str(folder)]
+        subprocess.run(words, check=True, capture_output=True)
+
+    mount("size=64m")
+    try:
+        yield lambda option: mount(f"remount,{option}")
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def check_disk(name: str, box: Sandbox) -> Iterator[str]:
+    """Yield what goes wrong on a real disk that is full or read-only, and in the run after it."""
+    action = ACTIONS[name]
+    command = Command(
+        tuple(action.argv.split()), (0, 2), quiet=False, fetches=True, prepare=action.prepare
+    )
+    _prepared(action, box, command)
+    expected = action.digest(box)
+    for free in (1, 2, 8, 32, None):  # blocks; None: read-only
+        box.reset()
+        with mounted(box.root / action.disk) as mount:
+            write(action.files(), box)
+            disk = os.statvfs(box.root / action.disk)
+            used = disk.f_blocks - disk.f_bfree
+            mount("ro" if free is None else f"size={(used + free) * disk.f_frsize}")
+            broken = run(command, box)
+            mount("rw,size=64m")
+            wrong = [p for p in broken.problems if not re.match(r"left .*\.part", p)]
+            wrong += ["succeeds"] * (not broken.code and free in (1, None))
+            wrong += _run_again(action, box, command, broken, expected)
+        where = "a read-only disk" if free is None else f"a disk with {free} blocks left"
+        yield from (f"{name} on {where}: {line}" for line in wrong)
 
 
 def check_action(name: str, box: Sandbox, faults: tuple[Fault, ...], at: int = 0) -> Iterator[str]:
@@ -177,7 +221,7 @@ def check_action(name: str, box: Sandbox, faults: tuple[Fault, ...], at: int = 0
                 )
             if at or changes < where or fault == "read-only":
                 break
-            where += action.step
+            where += 1
 
 
 def _prepared(action: Action, box: Sandbox, command: Command) -> Outcome:
@@ -206,12 +250,19 @@ def _with_fault(
         for p in broken.problems
         if p not in expectable and not (re.match(left, p) and not p.startswith("left a process"))
     ]
+    return wrong + _run_again(action, box, command, broken, expected), schedule.count
+
+
+def _run_again(
+    action: Action, box: Sandbox, command: Command, broken: Outcome, expected: Digest
+) -> list[str]:
+    """What goes wrong when a command continues."""
     shutil.rmtree(box.root / "tmp")
     (box.root / "tmp").mkdir()
     # a run that needed no more changes is complete: `export` would refuse to run again
-    again = run(command, box) if broken.code else replace(broken, problems=())
-    wrong += [f"afterwards: {problem}" for problem in again.problems]
+    again = run(replace(command, codes=(0,)), box) if broken.code else replace(broken, problems=())
+    wrong = [f"afterwards: {problem}" for problem in again.problems]
     if not again.code and (found := action.digest(box)) != expected:
         names = {k for k in {*found, *expected} if found.get(k) != expected.get(k)}
         wrong.append(f"afterwards: other content: {', '.join(sorted(names)[:5])}")
-    return wrong, schedule.count
+    return wrong

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import configuration, data, models
-from .actions import check_action
+from .actions import check_action, check_disk
 from .cases import Case, write
 from .corpus import CORPUS
 from .faults import Fault
@@ -141,15 +141,14 @@ def check_corpus(names: Sequence[str]) -> dict[str, list[str]]:
     return wrong
 
 
-def check_faults(names: Sequence[str], faults: tuple[Fault, ...], at: int) -> int:
-    """Print what goes wrong when faults happen while commands run; the number of lines."""
+def check_faults(name: str, faults: tuple[Fault, ...], at: int) -> int:
+    """Print what goes wrong when faults happen while a command runs; the number of lines."""
     start()
     lines = 0
     with Sandbox.temporary() as box:
-        for name in names:
-            for line in check_action(name, box, faults, at):
-                print(line, flush=True)
-                lines += 1
+        for line in check_action(name, box, faults, at) if faults else check_disk(name, box):
+            print(line, flush=True)
+            lines += 1
     return lines
 
 

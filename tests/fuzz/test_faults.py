@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .actions import ACTIONS
+from .actions import ACTIONS, mounted
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 
@@ -31,3 +31,16 @@ def test_one_fault_of_a_render(fault: str) -> None:
 def test_every_fault(name: str) -> None:
     """Kills, a full disk and a read-only one, at every change of a file."""
     faults(name)
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ACTIONS)
+def test_a_real_disk(name: str, tmp_path: Path) -> None:
+    """A disk with few blocks left, and a read-only one."""
+    try:
+        with mounted(tmp_path):
+            pass
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"no file system can be mounted here ({error})")
+    faults(name, "--fault", "disk")

@@ -192,6 +192,15 @@ def test_obj_materials_and_textures_above_the_mesh_folder(tmp_path: Path) -> Non
     assert not lib.notes
 
 
+@pytest.mark.parametrize("head", ["", "mtllib gone.mtl\nusemtl a\n"])
+def test_texture_coordinates_need_no_material(tmp_path: Path, head: str) -> None:
+    """trimesh invents an image for them, which has no file."""
+    (tmp_path / "a.obj").write_text(
+        f"{head}v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
+    (surface,) = library(tmp_path).surfaces("a.obj")
+    assert surface.material is None
+
+
 def test_a_material_file_that_is_missing_is_noted(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(obj_text("mtllib gone.mtl\n"))
     lib = library(tmp_path)

@@ -317,3 +317,14 @@ def test_a_scale_multiplies_all_lengths(tmp_path: Path) -> None:
         np.testing.assert_allclose(found[name][0], pose, atol=1e-12)
     with pytest.raises(GcbenchError, match="ur5 is in metres; --scale is for files"):
         load_robot("ur5", scale=2.0)
+
+
+def test_a_joint_that_mimics_nothing_moves_by_itself(tmp_path: Path) -> None:
+    path = tmp_path / "m.urdf"
+    path.write_text("""<robot name="m"><link name="a"/><link name="b"><visual><geometry>
+<sphere radius="1"/></geometry></visual></link><joint name="j" type="continuous"><parent link="a"/>
+<child link="b"/><axis xyz="0 0 1"/><mimic joint="gone" multiplier="2"/></joint></robot>""")
+    model = load_urdf(path)
+    assert model.notes == ("joint 'j': mimics 'gone', which does not exist: moves by itself",)
+    turned = forward_kinematics(model, np.array([0.5]))[1]
+    assert np.allclose(poses_from_urdf(path, ("j",), np.array([[0.5]]))["b"][0], turned)
