@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterable, Mapping
 from html import escape
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,9 @@ _SIDE = 160
 """px, longer side of a thumbnail"""
 _LONGEST = 200
 """Characters of a text; the end of a longer one is left out."""
-_CELL = "style='text-align:left;padding:1px 12px 1px 0;vertical-align:top'"
+_FRAME = ("border:1px solid #8888;border-radius:4px;padding:8px 12px;display:inline-block;"
+          "max-width:100%")
+_CELL = "text-align:left;padding:1px 12px 1px 0;vertical-align:top"
 
 
 def html_card(
@@ -37,20 +40,18 @@ def html_card(
             read is replaced by the reason.
         table: Rows of cells; the first is the head.
     """
-    lines = ["<div style='border:1px solid #8888;border-radius:4px;padding:8px 12px;"
-             "display:inline-block;max-width:100%'>",
-             f"<div style='font-weight:bold;margin-bottom:4px'>{_text(title)}</div>", "<table>"]
-    lines += [f"<tr><th {_CELL}>{_text(name)}</th><td {_CELL}>{_text(value)}</td></tr>"
-              for name, value in facts.items()]
-    lines.append("</table>")
-    if pictures:
-        lines += [f"<div style='margin-top:6px'>{''.join(map(_figure, pictures.items()))}</div>"]
-    tag = "th"
-    lines.append("<table>")
-    for row in table:
-        lines.append("<tr>" + "".join(f"<{tag} {_CELL}>{_text(c)}</{tag}>" for c in row) + "</tr>")
-        tag = "td"
-    return "\n".join([*lines, "</table>", "</div>"])
+    head = [_row(fact, ("th", "td")) for fact in facts.items()]
+    rows = [_row(row, repeat("td" if k else "th")) for k, row in enumerate(table)]
+    figures = map(_figure, (pictures or {}).items())
+    return (f"<div style='{_FRAME}'><div style='font-weight:bold'>{_text(title)}</div>\n"
+            f"<table>{''.join(head)}</table>\n<div>{''.join(figures)}</div>\n"
+            f"<table>{''.join(rows)}</table></div>")
+
+
+def _row(cells: Iterable[object], tags: Iterable[str]) -> str:
+    texts = (f"<{tag} style='{_CELL}'>{_text(cell)}</{tag}>"
+             for cell, tag in zip(cells, tags, strict=False))
+    return f"<tr>{''.join(texts)}</tr>"
 
 
 def _text(value: object) -> str:
