@@ -71,7 +71,7 @@ def joint_numbers(sequence: Sequence) -> Array:
 def _turn_x_to(direction: Array) -> Array:
     """Return rotations [T 3 3] whose first column is the direction [T 3]."""
     helper = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
-    z = np.cross(direction, helper)
+    z: Array = np.cross(direction, helper)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     return np.stack([direction, np.cross(z, direction), z], axis=-1)
 
