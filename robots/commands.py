@@ -8,6 +8,7 @@ def robots(json: bool = False) -> tuple[object, int]:
 
     `gcbench robots fetch` downloads their meshes, which also happens on first use. Any
     .urdf, .glb or .gltf file is a robot, too: give its path wherever a command takes a name.
+    rd:NAME is a robot of the package robot_descriptions, such as rd:panda_description.
 
     Examples:
       gcbench robots
