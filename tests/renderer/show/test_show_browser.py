@@ -274,6 +274,8 @@ def test_no_card_is_empty(browser: Any, tmp_path: Path) -> None:
     assert not tab.locator(".empty:visible, #controls:visible, #curves-card:visible").count()
     assert not tab.locator("#joints-card").is_visible()
     assert tab.locator("#space").is_visible()
+    assert "arrows" not in tab.locator("#space-note").text_content()
+    assert not tab.locator("#show-axes").is_visible()
     context.close()
 
 
