@@ -22,6 +22,7 @@ from .points import predict_places
 from .search import search_video
 from .settings import RgbSettings
 from .tracker import VideoHypothesis
+from .uncertainty import reported_deviation
 
 
 def estimate_rgb(
@@ -45,11 +46,14 @@ def estimate_rgb(
         return None
     distance = object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
-    best = search_video(evidence, scale_axes(known, 1 / distance), settings)
-    if best is None:
+    found = search_video(evidence, scale_axes(known, 1 / distance), settings)
+    if found is None:
         return None
-    angle = np.where(known.prismatic, distance * best.state.angle, best.state.angle)
-    sigma = calibrated_deviation(best, settings)
+    best, others = found
+    unit = np.where(known.prismatic, distance, 1.0)
+    angle, sigma = unit * best.state.angle, unit * reported_deviation(best, others, settings)
+    if known.line is None or known.prismatic.all():  # lengths are in units of the distance
+        sigma[1:, known.prismatic] = settings.sigma_unknown
     if not (np.isfinite(angle).all() and np.isfinite(sigma).all()):
         return None
     screw = None if known.line is None else screws_of(known.line, known.prismatic)
@@ -98,14 +102,6 @@ def scale_axes(known: JointPriors, factor: float) -> JointPriors:
     line = known.line.copy()
     line[~known.prismatic, 3:] *= factor
     return replace(known, line=line)
-
-
-def calibrated_deviation(hypothesis: VideoHypothesis, settings: RgbSettings) -> Array:
-    """Return standard deviations [T J] within which two thirds of the errors lie."""
-    out = np.zeros_like(hypothesis.state.angle)
-    sigma = np.hypot(settings.sigma_factor * hypothesis.deviation(), settings.sigma_floor)
-    out[1:] = np.minimum(sigma, settings.sigma_unknown)
-    return out
 
 
 def label_video(

@@ -16,12 +16,14 @@ from .strategies import (
     vary_door_plane,
 )
 from .tracker import VideoHypothesis, VideoTracker
+from .uncertainty import Alternative
 
 
 def search_video(
     evidence: VideoEvidence, known: JointPriors, settings: RgbSettings
-) -> VideoHypothesis | None:
-    """Return the best articulation; None where too few moving pixels are seen."""
+) -> tuple[VideoHypothesis, list[Alternative]] | None:
+    """Return the best articulation, and the other motions of the last two stages; None where too
+    few moving pixels are seen."""
     tracker, s = VideoTracker(evidence, known, settings), settings
     last = evidence.frames - 1
     keys = tuple(range(0, last + 1, s.final_key_frame_step))
@@ -45,9 +47,18 @@ def search_video(
     others = [tracker.refine_by_flow(tracker.relabel(h, many), many, 1, weights) for h in others]
     found += thread_map(
         lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach_first), others)
-    found = [tracker.relabel(h, dense) for h in best(found, s.final_kept, labels=1.0)]
-    found = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), found)
-    return min(found, key=lambda h: score_hypothesis(h, s))
+    final = [tracker.relabel(h, dense) for h in best(found, s.final_kept, labels=1.0)]
+    final = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), final)
+    chosen = min(final, key=lambda h: score_hypothesis(h, s))
+    return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
+                    if other.state is not chosen.state]
+
+
+def compare_scores(found: list[VideoHypothesis], settings: RgbSettings) -> list[Alternative]:
+    """Return the motions of one stage with their scores above the best."""
+    scores = [score_hypothesis(h, settings) for h in found]
+    return [Alternative(h.state, score - min(scores))
+            for h, score in zip(found, scores, strict=True)]
 
 
 def score_hypothesis(hypothesis: VideoHypothesis, settings: RgbSettings) -> float:

@@ -142,7 +142,11 @@ class RgbSettings:
     min_sigma: Positive = 0.004  # Least standard deviation in a score, rad.
 
     # estimate
-    sigma_factor: Positive = 15.0  # Calibration by training sequences.
-    sigma_floor: NonNegative = 0.4 * DEGREE  # Least standard deviation that is reported, rad.
+    sigma_factor: Positive = 14.0  # Reported by formal standard deviations at `sigma_cost`.
+    sigma_cost: NonNegative = 3.0  # Cost of the patches for which that factor holds.
+    sigma_misfit: NonNegative = 0.8  # Growth of the factor's logarithm by the cost of the patches.
+    sigma_excess: Positive = 0.1  # Score above the best at which another motion weighs 1/e.
+    sigma_spread: NonNegative = 0.5  # Reported by the standard deviation of other motions.
+    sigma_floor: NonNegative = 0.3 * DEGREE  # Least standard deviation that is reported, rad.
     sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
     part_stride: Count = 2  # Pixels from one to the next whose part is looked up.

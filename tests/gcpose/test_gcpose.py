@@ -26,6 +26,7 @@ def test_exact_depth_gives_the_motion(kind: str, knowledge: str) -> None:
     observation, angle, screw, part = scene(kind)
     found = GCPose().estimate(told(observation, knowledge))
     assert found.screw is not None and found.part is not None and found.sigma is not None
+    assert found.reliable is not None and found.reliable.all()
     sign = np.where(np.sum(found.screw[:, :3] * screw[:, :3], axis=1) < 0, -1, 1)
     if knowledge != "free":
         assert (sign == 1).all()
@@ -141,6 +142,7 @@ def test_nothing_to_see_is_said(fault: str, noise: float) -> None:
         assert np.isfinite(found.displacement).all() and np.isfinite(found.sigma).all()
         if fault in ("still", "empty"):
             assert (found.displacement == 0).all() and (found.sigma[1:] >= 0.5).all()
+            assert found.reliable is not None and not found.reliable.any()
 
 
 def test_normals_of_a_plane_are_its_normal() -> None:

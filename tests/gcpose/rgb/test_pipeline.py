@@ -85,8 +85,8 @@ def test_a_door_opens_without_depth() -> None:
     assert estimate.part is not None
     assert estimate.part.shape == (8, 180, 240)
     assert np.degrees(np.abs(estimate.displacement[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
-    assert estimate.sigma is not None
-    assert estimate.sigma[0] == 0
+    assert estimate.sigma is not None and estimate.reliable is not None
+    assert estimate.sigma[0] == 0 and estimate.reliable.all()
 
 
 def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None:
@@ -224,8 +224,14 @@ def test_nothing_moves_and_nothing_breaks() -> None:
     still = replace(door(0.0), axis_direction=None, cam_from_world=None)
     estimate = GCPose().estimate(still)
     assert not estimate.displacement.any()
-    assert estimate.sigma is not None
-    assert (estimate.sigma[1:] > 0.5).all()
+    assert estimate.sigma is not None and estimate.reliable is not None
+    assert (estimate.sigma[1:] > 0.5).all() and not estimate.reliable.any()
+
+
+def test_a_slide_has_no_length_without_depth() -> None:
+    estimate = GCPose().estimate(replace(door(0.3), joint_types=("prismatic",)))
+    assert estimate.sigma is not None and estimate.reliable is not None
+    assert (estimate.sigma[1:] == SETTINGS.sigma_unknown).all() and not estimate.reliable.any()
 
 
 def test_pixels_that_are_not_square_are_refused() -> None:

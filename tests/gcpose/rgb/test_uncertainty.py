@@ -1,0 +1,65 @@
+"""The standard deviation on plain video: it grows with what speaks against the estimate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from gcbench.gcpose.chain.articulation import Articulation
+from gcbench.gcpose.rgb.points import InverseDepthPoints
+from gcbench.gcpose.rgb.settings import RgbSettings
+from gcbench.gcpose.rgb.tracker import VideoHypothesis
+from gcbench.gcpose.rgb.uncertainty import Alternative, reported_deviation, spread_of_motions
+
+from ...support.ray_scenes import chain
+
+SETTINGS = RgbSettings()
+
+
+def hypothesis(cost: float = SETTINGS.sigma_cost, information: float = 1e6) -> VideoHypothesis:
+    state, at = chain()
+    none = np.zeros(0, np.int64)
+    points = InverseDepthPoints.unmeasured(none, np.zeros((0, 3)), none, np.zeros(0))
+    hessian = information * np.eye(state.angle[1:].size)
+    return VideoHypothesis(state, points, at[0], cost, hessian)
+
+
+def moved(state: Articulation, by: float) -> Articulation:
+    angle = state.angle.copy()
+    angle[-1, 0] += by
+    return replace(state, angle=angle)
+
+
+def test_the_deviation_is_that_of_the_adjustment_with_a_floor() -> None:
+    found, state = reported_deviation(hypothesis(), [], SETTINGS), hypothesis().state
+    assert found.shape == state.angle.shape
+    assert (found[0] == 0).all()
+    formal = SETTINGS.sigma_factor * 1e-3
+    assert np.allclose(found[1:], np.hypot(formal, SETTINGS.sigma_floor), rtol=1e-3)
+    unseen = reported_deviation(hypothesis(information=0.0), [], SETTINGS)
+    assert (unseen[1:] == SETTINGS.sigma_unknown).all()
+
+
+def test_patches_that_do_not_fit_raise_the_deviation() -> None:
+    last = [reported_deviation(hypothesis(cost), [], SETTINGS)[-1, 0] for cost in (2.0, 3.0, 4.0)]
+    assert last[0] < last[1] < last[2]
+
+
+def test_other_motions_count_by_how_well_they_fit() -> None:
+    state = hypothesis().state
+    same = Alternative(state, 0.0)
+    near, far = (Alternative(moved(state, 0.3), k * SETTINGS.sigma_excess) for k in (0.0, 10.0))
+    found = spread_of_motions(state, [same, near], SETTINGS.sigma_excess)
+    assert np.isclose(found[-1, 0], 0.3 / np.sqrt(3))
+    found[-1, 0] = 0.0
+    assert (found == 0).all(), "the other joints and frames agree"
+    assert spread_of_motions(state, [same, far], SETTINGS.sigma_excess).max() < 0.01
+    alone, doubted = (reported_deviation(hypothesis(), others, SETTINGS)[-1]
+                      for others in ([same], [same, near]))
+    assert doubted[0] > alone[0] and (doubted[1:] == alone[1:]).all()
+
+
+def test_an_axis_the_other_way_round_is_the_same() -> None:
+    state = hypothesis().state
+    mirrored = replace(state, twist=-state.twist, angle=-state.angle)
+    assert (spread_of_motions(state, [Alternative(mirrored, 0.0)], 1.0) == 0).all()
