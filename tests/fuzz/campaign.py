@@ -14,8 +14,8 @@ from . import configuration, data, models
 from .actions import check_action, check_disk
 from .cases import Case, write
 from .corpus import CORPUS
+from .dice import Dice
 from .faults import Fault
-from .mutations import Dice
 from .sandbox import Outcome, Sandbox, adopt_orphans, load_everything, run
 
 KINDS: dict[str, Callable[[Dice], Case]] = {

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .mutations import png
+from .binary import png
 from .sandbox import Command, Sandbox
 
 SIZE = ("--width", "32", "--height", "24")

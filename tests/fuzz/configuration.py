@@ -6,19 +6,11 @@ import dataclasses
 import json
 from typing import Any
 
+from .binary import change_bytes
 from .cases import Case, Special
-from .data import dataset_files
-from .mutations import (
-    NAMES,
-    NUMBERS,
-    Dice,
-    Raw,
-    change_bytes,
-    change_json,
-    change_tree,
-    dump_tree,
-    places,
-)
+from .data import EVALUATE, dataset_files
+from .dice import NAMES, NUMBERS, Dice, Raw
+from .mutations import change_json, change_tree, dump_tree, places
 from .sandbox import Command
 
 Content = dict[str, "bytes | Special"]
@@ -195,15 +187,7 @@ _OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("--format", "--sequences", "--out"),
     ),
     "eval": (
-        (
-            "--method",
-            "hold-still",
-            "--data",
-            "../input/d",
-            "--keep-unobservable",
-            "--results",
-            "results",
-        ),
+        EVALUATE[1:],
         (
             "--method",
             "--flow",

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..support.gltf_maker import Maker
+from .binary import make_zip, npy
 from .cases import VERIFY, Case, Special, render
 from .data import (
     EVALUATE,
@@ -27,7 +28,6 @@ from .data import (
     results_files,
 )
 from .models import BOX, GLTF, MESHES, POINTER, files_of_meshes
-from .mutations import make_zip, npy
 from .sandbox import Command
 
 Content = dict[str, "bytes | Special"]

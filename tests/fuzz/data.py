@@ -10,18 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from .binary import change_array, change_bytes, change_png, make_zip, npy
 from .cases import Case, Special, read_tree, write
-from .mutations import (
-    NAMES,
-    NUMBERS,
-    Dice,
-    change_array,
-    change_bytes,
-    change_json,
-    change_png,
-    make_zip,
-    npy,
-)
+from .dice import NAMES, NUMBERS, Dice
+from .mutations import change_json
 from .sandbox import Command, Sandbox, run
 
 Content = dict[str, "bytes | Special"]

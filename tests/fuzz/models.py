@@ -11,19 +11,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..support.gltf_maker import CORNERS, CUBE, Maker, bent_bar
+from .binary import change_bytes, change_png, png
 from .cases import VERIFY, Case, Special, render
-from .mutations import (
-    REFERENCES,
-    Dice,
-    Element,
-    change_bytes,
-    change_png,
-    change_tree,
-    change_xml,
-    dump_tree,
-    dump_xml,
-    png,
-)
+from .dice import REFERENCES, Dice
+from .mutations import Element, change_tree, change_xml, dump_tree, dump_xml
 
 Content = dict[str, "bytes | Special"]
 _SHAPES = ("box", "box", "sphere", "cylinder", "capsule", "mesh")
@@ -333,7 +324,7 @@ def files_of_meshes() -> Content:
 
 def _change_lines(dice: Dice, data: bytes, name: str) -> bytes:
     """Change lines and words of a text format."""
-    from .mutations import NAMES, NUMBERS
+    from .dice import NAMES, NUMBERS
 
     lines = data.decode().split("\n")
     for _ in range(1 + len(dice.few(3))):

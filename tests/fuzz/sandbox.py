@@ -341,6 +341,7 @@ class _Auditor:
             "/etc/mime.types",
         ]
         self.reads = _prefixes([*mine, *box.readable, *system, package, *filter(None, [numba])])
+        self.package = f"{package}/"
         self.writes = _prefixes([*mine[1:], "/dev/null", *filter(None, [numba])])
         self.programs = ["uname"]  # platform.processor()
         self.programs += ["pip"] * command.fetches + [""] * command.foreign
@@ -388,6 +389,8 @@ class _Auditor:
         else:
             real = os.path.realpath(name) + "/"
         if real == f"/proc/{os.getpid()}/clear_refs/":  # forgets the peak of the memory
+            return
+        if real.startswith(self.package) and "/__pycache__/" in real:  # what numba compiles
             return
         if not real.startswith(self.reads if what == "reads" else self.writes):
             yield f"{what} {name}"
