@@ -10,40 +10,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .dice import Dice
+from .rng import CaseRng
 
 
-def change_bytes(dice: Dice, data: bytes, name: str) -> bytes:
+def change_bytes(rng: CaseRng, data: bytes, name: str) -> bytes:
     """Damage a file: cut, overwrite, insert, repeat."""
     out = bytearray(data)
-    at = dice.randrange(len(out) + 1)
-    head = dice.randrange(min(len(out), 128) + 1)
-    how = dice.choice(["cut", "flip", "head", "insert", "remove", "repeat", "empty", "zero"])
+    at = rng.randrange(len(out) + 1)
+    head = rng.randrange(min(len(out), 128) + 1)
+    how = rng.choice(["cut", "flip", "head", "insert", "remove", "repeat", "empty", "zero"])
     if how == "cut":
         del out[at:]
     elif how == "flip":
-        for _ in range(dice.choice([1, 1, 4, 32])):
+        for _ in range(rng.choice([1, 1, 4, 32])):
             if out:
-                out[dice.randrange(len(out))] ^= 1 << dice.randrange(8)
+                out[rng.randrange(len(out))] ^= 1 << rng.randrange(8)
     elif how == "head":
-        patch = dice.choice(
+        patch = rng.choice(
             [b"\xff" * 4, bytes(4), b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", b"(((("]
         )
         out[head : head + 4] = patch
     elif how == "insert":
-        out[at:at] = dice.randbytes(dice.choice([1, 3, 64, 4096]))
+        out[at:at] = rng.randbytes(rng.choice([1, 3, 64, 4096]))
     elif how == "remove":
-        del out[at : at + dice.choice([1, 4, 100])]
+        del out[at : at + rng.choice([1, 4, 100])]
     elif how == "repeat":
-        out[at:at] = out[max(0, at - 64) : at] * dice.choice([1, 10, 100])
+        out[at:at] = out[max(0, at - 64) : at] * rng.choice([1, 10, 100])
     elif how == "zero":
-        n = dice.choice([1, 16, 1000])
+        n = rng.choice([1, 16, 1000])
         out[at : at + n] = bytes(len(out[at : at + n]))
     else:
         out = bytearray(
-            dice.choice([b"", b"\n", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"{}", b"[]"])
+            rng.choice([b"", b"\n", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"{}", b"[]"])
         )
-    dice.note(f"{name}: bytes {how} at {head if how == 'head' else at}")
+    rng.note(f"{name}: bytes {how} at {head if how == 'head' else at}")
     return bytes(out)
 
 
@@ -54,34 +54,34 @@ def png(width: int, height: int, channels: int = 3, value: int = 200) -> bytes:
     return bytes(cv2.imencode(".png", np.full(shape, value, np.uint8))[1])
 
 
-def change_png(dice: Dice, data: bytes, name: str) -> bytes:
+def change_png(rng: CaseRng, data: bytes, name: str) -> bytes:
     """Damage a PNG, or change its header with a right checksum, so that a decoder goes on."""
     import zlib
 
-    if dice.chance(0.3) or len(data) < 33:
-        return change_bytes(dice, data, name)
+    if rng.chance(0.3) or len(data) < 33:
+        return change_bytes(rng, data, name)
     width, height, bits, color, *rest = struct.unpack(">IIBBBBB", data[16:29])
-    how = dice.choice(["size", "bits", "color", "rest", "chunk", "other"])
+    how = rng.choice(["size", "bits", "color", "rest", "chunk", "other"])
     if how == "size":
         width, height = (
-            dice.choice([0, 1, 2**16, 2**31 - 1, 2**32 - 1, width, 2 * width]) for _ in range(2)
+            rng.choice([0, 1, 2**16, 2**31 - 1, 2**32 - 1, width, 2 * width]) for _ in range(2)
         )
     elif how == "bits":
-        bits = dice.choice([0, 1, 2, 4, 8, 16, 32])
+        bits = rng.choice([0, 1, 2, 4, 8, 16, 32])
     elif how == "color":
-        color = dice.choice([0, 1, 2, 3, 4, 6, 7])
+        color = rng.choice([0, 1, 2, 3, 4, 6, 7])
     elif how == "rest":
-        rest[dice.randrange(3)] = dice.choice([0, 1, 2, 255])
+        rest[rng.randrange(3)] = rng.choice([0, 1, 2, 255])
     elif how == "other":
-        dice.note(f"{name}: another PNG")
-        return png(dice.choice([1, 7, 48]), dice.choice([1, 5, 36]), dice.choice([1, 3, 4]))
+        rng.note(f"{name}: another PNG")
+        return png(rng.choice([1, 7, 48]), rng.choice([1, 5, 36]), rng.choice([1, 3, 4]))
     header = b"IHDR" + struct.pack(">IIBBBBB", width, height, bits, color, *rest)
     out = data[:8] + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
     if how == "chunk":
-        kind = dice.choice([b"tRNS", b"PLTE", b"acTL", b"zTXt", b"iCCP", b"gAMA", b"IDAT", b"eXIf"])
-        body = kind + dice.randbytes(dice.choice([0, 1, 6, 768]))
+        kind = rng.choice([b"tRNS", b"PLTE", b"acTL", b"zTXt", b"iCCP", b"gAMA", b"IDAT", b"eXIf"])
+        body = kind + rng.randbytes(rng.choice([0, 1, 6, 768]))
         out += struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
-    dice.note(f"{name}: PNG {how} {width}x{height} {bits} bit colour {color}")
+    rng.note(f"{name}: PNG {how} {width}x{height} {bits} bit colour {color}")
     return out + data[33:]
 
 
@@ -94,17 +94,17 @@ def npy(array: NDArray[Any]) -> bytes:
     return out.getvalue()
 
 
-def change_array(dice: Dice, data: bytes, name: str) -> bytes:
+def change_array(rng: CaseRng, data: bytes, name: str) -> bytes:
     """Change the values, the shape, the type or the header of an NPY file."""
-    how = dice.choice(["values", "values", "shape", "type", "header", "bytes"])
+    how = rng.choice(["values", "values", "shape", "type", "header", "bytes"])
     if how == "bytes":
-        return change_bytes(dice, data, name)
+        return change_bytes(rng, data, name)
     array = np.load(io.BytesIO(data))
     if how == "values" and array.size:
-        odd = dice.choice([np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0, -1, 1, 1e9, 2**31])
+        odd = rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0, -1, 1, 1e9, 2**31])
         with np.errstate(all="ignore"):
             flat = array.reshape(-1).copy()
-            where = slice(None) if dice.chance(0.2) else dice.randrange(len(flat))
+            where = slice(None) if rng.chance(0.2) else rng.randrange(len(flat))
             if flat.dtype.kind != "f" and not np.isfinite(odd):
                 odd = -7
             flat[where] = (
@@ -114,10 +114,10 @@ def change_array(dice: Dice, data: bytes, name: str) -> bytes:
                 if flat.dtype.kind == "f"
                 else 1
             )
-        dice.note(f"{name}: value {odd}")
+        rng.note(f"{name}: value {odd}")
         return npy(flat.reshape(array.shape))
     if how == "shape":
-        new = dice.choice(
+        new = rng.choice(
             [
                 array[:-1] if array.ndim else array,
                 array.reshape(-1),
@@ -129,7 +129,7 @@ def change_array(dice: Dice, data: bytes, name: str) -> bytes:
             ]
         )
     elif how == "type":
-        kind = dice.choice(
+        kind = rng.choice(
             ["?", "i1", "u8", "f2", "f4", ">f8", "c16", "S4", "U4", "O", "M8[s]", "V8", "g", "i8"]
         )
         with np.errstate(all="ignore"):
@@ -138,9 +138,9 @@ def change_array(dice: Dice, data: bytes, name: str) -> bytes:
                 if kind in ("S4", "U4", "M8[s]", "V8", "O")
                 else array.astype(kind)
             )
-        dice.note(f"{name}: type {kind}")
+        rng.note(f"{name}: type {kind}")
     else:
-        text = dice.choice(
+        text = rng.choice(
             [
                 "((((",
                 "{'descr': '<f8', 'fortran_order': False, 'shape': (2**40,)}",
@@ -160,22 +160,22 @@ def change_array(dice: Dice, data: bytes, name: str) -> bytes:
                 "{'descr': '<V0', 'fortran_order': False, 'shape': (1000000000000,), }",
             ]
         )
-        dice.note(f"{name}: header {text[:40]}")
+        rng.note(f"{name}: header {text[:40]}")
         body = text.encode("latin1") + b"\n"
-        version = dice.choice([b"\x01\x00", b"\x02\x00", b"\x03\x00", b"\x09\x09"])
+        version = rng.choice([b"\x01\x00", b"\x02\x00", b"\x03\x00", b"\x09\x09"])
         size = struct.pack("<H" if version[0] == 1 else "<I", len(body))
         return b"\x93NUMPY" + version + size + body + array.tobytes()
-    dice.note(f"{name}: {how} {new.dtype} {new.shape}"[:100])
+    rng.note(f"{name}: {how} {new.dtype} {new.shape}"[:100])
     return npy(new)
 
 
-def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> bytes:
-    """A ZIP of stored members; with dice, now and then one with an odd member or damage."""
+def make_zip(rng: CaseRng | None, members: dict[str, bytes], name: str = "") -> bytes:
+    """A ZIP of stored members; with rng, now and then one with an odd member or damage."""
     out = io.BytesIO()
-    odd = dice is not None and bool(members) and dice.chance(0.3)
-    target = dice.choice([*members]) if odd and dice else ""
+    odd = rng is not None and bool(members) and rng.chance(0.3)
+    target = rng.choice([*members]) if odd and rng else ""
     how = (
-        dice.choice(
+        rng.choice(
             [
                 "deflate",
                 "bzip2",
@@ -193,7 +193,7 @@ def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> by
                 "bytes",
             ]
         )
-        if odd and dice
+        if odd and rng
         else ""
     )
     methods = {
@@ -204,11 +204,11 @@ def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> by
     with zipfile.ZipFile(out, "w") as archive:
         for member, data in members.items():
             info = zipfile.ZipInfo(member, (1980, 1, 1, 0, 0, 0))
-            if member == target and dice:
+            if member == target and rng:
                 if how == "missing":
                     continue
                 if how == "rename":
-                    info.filename = dice.choice(
+                    info.filename = rng.choice(
                         [
                             "",
                             "/",
@@ -228,7 +228,7 @@ def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> by
                     )
                 info.compress_type = methods.get(how, zipfile.ZIP_STORED)
                 if how == "extra":
-                    info.extra = dice.randbytes(dice.choice([1, 4, 40]))
+                    info.extra = rng.randbytes(rng.choice([1, 4, 40]))
                 if how == "folder":
                     info.filename += "/"
             archive.writestr(info, data)
@@ -241,22 +241,22 @@ def make_zip(dice: Dice | None, members: dict[str, bytes], name: str = "") -> by
         if how == "comment":
             archive.comment = b"PK\x05\x06" + bytes(30)
     data = out.getvalue()
-    if dice is None or not how:
+    if rng is None or not how:
         return data
-    dice.note(f"{name}: ZIP {how} of {target}")
+    rng.note(f"{name}: ZIP {how} of {target}")
     if how == "bytes":
-        return change_bytes(dice, data, name)
+        return change_bytes(rng, data, name)
     fields = {"crc": (16, "<I"), "size": (24, "<I"), "flag": (8, "<H"), "offset": (42, "<I")}
     at = data.rfind(b"PK\x01\x02")
     if how in fields and at >= 0:
         entry = bytearray(data)
         shift, form = fields[how]
-        number = dice.choice([0, 1, 8, 0x800, 0xFFFF] if form == "<H" else [0, 1, 2**31, 2**32 - 1])
+        number = rng.choice([0, 1, 8, 0x800, 0xFFFF] if form == "<H" else [0, 1, 2**31, 2**32 - 1])
         struct.pack_into(form, entry, at + shift, number)
         return bytes(entry)
-    if how in methods and dice.chance(0.7):  # the compressed bytes are damaged
+    if how in methods and rng.chance(0.7):  # the compressed bytes are damaged
         entry = bytearray(data)
         start = data.find(target.encode()) + len(target)
-        entry[start : start + 4] = dice.randbytes(4)
+        entry[start : start + 4] = rng.randbytes(4)
         return bytes(entry)
     return data

@@ -14,11 +14,11 @@ from . import configuration, data, models
 from .actions import check_action, check_disk
 from .cases import Case, write
 from .corpus import CORPUS
-from .dice import Dice
 from .faults import Fault
+from .rng import CaseRng
 from .sandbox import Outcome, Sandbox, adopt_orphans, load_everything, run
 
-KINDS: dict[str, Callable[[Dice], Case]] = {
+KINDS: dict[str, Callable[[CaseRng], Case]] = {
     "urdf": models.urdf,
     "mesh": models.mesh,
     "gltf": models.gltf,
@@ -58,7 +58,7 @@ class Campaign:
 
 def make(kind: str, seed: int, index: int) -> Case:
     """The case of an index."""
-    return KINDS[kind](Dice(kind, seed, index))
+    return KINDS[kind](CaseRng(kind, seed, index))
 
 
 def attempt(case: Case, box: Sandbox) -> list[tuple[str, Outcome]]:

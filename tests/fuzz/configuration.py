@@ -9,8 +9,8 @@ from typing import Any
 from .binary import change_bytes
 from .cases import Case, Special
 from .data import EVALUATE, dataset_files
-from .dice import NAMES, NUMBERS, Dice, Raw
 from .mutations import change_json, change_tree, dump_tree, places
+from .rng import NAMES, NUMBERS, CaseRng, Raw
 from .sandbox import Command
 
 Content = dict[str, "bytes | Special"]
@@ -25,19 +25,19 @@ _SMALL: dict[str, Any] = {
 """What is asked for must be small: a fuzzed number may be large, and is then a wish, no error."""
 
 
-def configuration(dice: Dice) -> Case:
+def configuration(rng: CaseRng) -> Case:
     """A configuration file, a suite, or options of a command."""
-    return dice.choice([_file, _file, _suite, _options, _options])(dice)
+    return rng.choice([_file, _file, _suite, _options, _options])(rng)
 
 
-def _tree(dice: Dice) -> dict[str, Any]:
+def _tree(rng: CaseRng) -> dict[str, Any]:
     """All fields of a RenderConfig with their defaults, some of them changed."""
     from gcbench.renderer.scene.config import RenderConfig
 
     tree = json.loads(json.dumps(dataclasses.asdict(RenderConfig())))
     tree |= {k: v for k, v in _SMALL.items() if k != "robot"} | {"robot": _SMALL["robot"]}
-    for _ in dice.few(5):
-        change_tree(dice, tree, "config")
+    for _ in rng.few(5):
+        change_tree(rng, tree, "config")
     _restrain(tree)
     return tree
 
@@ -52,22 +52,22 @@ def _restrain(tree: Any) -> None:
                 holder[key] = large[key]
 
 
-def _file(dice: Dice) -> Case:
-    tree = _tree(dice)
-    name = dice.choice(["c.toml", "c.json", "c.json", "c.txt"])
+def _file(rng: CaseRng) -> Case:
+    tree = _tree(rng)
+    name = rng.choice(["c.toml", "c.json", "c.json", "c.txt"])
     data = _toml(tree) if name == "c.toml" else dump_tree(tree)
-    if dice.chance(0.15):
-        data = change_bytes(dice, data, name)
-    elif name == "c.json" and dice.chance(0.1):
-        data = change_json(dice, dataset_files()["d/dataset.json"], name)  # type: ignore[arg-type]
+    if rng.chance(0.15):
+        data = change_bytes(rng, data, name)
+    elif name == "c.json" and rng.chance(0.1):
+        data = change_json(rng, dataset_files()["d/dataset.json"], name)  # type: ignore[arg-type]
         data = data if b"[[[" in data else _restrained(data)
     files: Content = {"arm.urdf": dataset_files()["arm.urdf"], name: data}
-    if dice.chance(0.03):
-        files[name] = dice.choice(
+    if rng.chance(0.03):
+        files[name] = rng.choice(
             [Special("fifo"), Special("folder"), Special("link", "/dev/zero")]
         )
     argv = ("render", "--config", f"../input/{name}", "--n", "1", "--workers", "1", "--out", "out")
-    return Case(files, [Command(argv, fetches=True)], dice.steps)
+    return Case(files, [Command(argv, fetches=True)], rng.steps)
 
 
 def _restrained(data: bytes) -> bytes:
@@ -79,19 +79,19 @@ def _restrained(data: bytes) -> bytes:
     return dump_tree(tree)
 
 
-def _suite(dice: Dice) -> Case:
-    config = {k: v for k, v in _tree(dice).items() if k not in ("stream",) or dice.chance(0.2)}
+def _suite(rng: CaseRng) -> Case:
+    config = {k: v for k, v in _tree(rng).items() if k not in ("stream",) or rng.chance(0.2)}
     config.pop("keep_unobservable", None)
     entry = {"name": "a", "n": 1, **config}
     tree: dict[str, Any] = {"name": "mine", "dataset": [entry]}
-    if dice.chance(0.3):
+    if rng.chance(0.3):
         tree["defaults"] = {"seed": 5}
-    for _ in dice.few(2):
-        change_tree(dice, tree, "suite")
+    for _ in rng.few(2):
+        change_tree(rng, tree, "suite")
     _restrain(tree)
     data = _toml(tree)
-    if dice.chance(0.1):
-        data = change_bytes(dice, data, "s.toml")
+    if rng.chance(0.1):
+        data = change_bytes(rng, data, "s.toml")
     files: Content = {"arm.urdf": dataset_files()["arm.urdf"], "s.toml": data}
     argv = (
         "eval",
@@ -104,7 +104,7 @@ def _suite(dice: Dice) -> Case:
         "--suites",
         "suites",
     )
-    return Case(files, [Command(argv, (0, 1, 2), quiet=False, fetches=True)], dice.steps)
+    return Case(files, [Command(argv, (0, 1, 2), quiet=False, fetches=True)], rng.steps)
 
 
 def _toml(tree: dict[str, Any]) -> bytes:
@@ -277,37 +277,37 @@ _VALUES = (
 _LONG = ("--n", "--frames", "--width", "--workers", "--steps", "--batch")
 
 
-def _options(dice: Dice) -> Case:
-    name = dice.choice([*_OPTIONS, "render", "eval"])
+def _options(rng: CaseRng) -> Case:
+    name = rng.choice([*_OPTIONS, "render", "eval"])
     base, more = _OPTIONS[name]
     argv = [*name.split(), *base]
-    for _ in range(1 + len(dice.few(3))):
-        option = dice.choice(more)
+    for _ in range(1 + len(rng.few(3))):
+        option = rng.choice(more)
         values = [
-            dice.choice([*_VALUES, *NUMBERS, *NAMES])
-            for _ in range(dice.choice([0, 1, 1, 1, 1, 2, 3]))
+            rng.choice([*_VALUES, *NUMBERS, *NAMES])
+            for _ in range(rng.choice([0, 1, 1, 1, 1, 2, 3]))
         ]
         if option in _LONG:
             values = [v for v in values if not (v.isdecimal() and v.isascii() and 3 < len(v) < 12)]
-        how = dice.choice(["append", "append", "insert", "replace", "delete", "equals"])
+        how = rng.choice(["append", "append", "insert", "replace", "delete", "equals"])
         if how == "insert":
-            at = dice.randrange(len(name.split()), len(argv) + 1)
+            at = rng.randrange(len(name.split()), len(argv) + 1)
             argv[at:at] = [option, *values]
         elif how == "replace" and base:
-            argv[dice.randrange(len(name.split()), len(argv))] = dice.choice([*_VALUES, *NAMES])
+            argv[rng.randrange(len(name.split()), len(argv))] = rng.choice([*_VALUES, *NAMES])
         elif how == "delete" and base:
-            del argv[dice.randrange(len(name.split()), len(argv))]
+            del argv[rng.randrange(len(name.split()), len(argv))]
         elif how == "equals":
             argv.append(f"{option}={values[0] if values else ''}")
         else:
             argv += [option, *values]
         if len(argv) <= len(name.split()) and base:
             break
-    dice.note(" ".join(argv).encode("ascii", "backslashreplace").decode()[:100])
+    rng.note(" ".join(argv).encode("ascii", "backslashreplace").decode()[:100])
     words = tuple(a.replace("\0", "?").encode("utf-8", "replace").decode() for a in argv)
     codes = (0, 1, 2) if name in ("verify", "eval") else (0, 2)
     return Case(
         dict(dataset_files()),
         [Command(words, codes, quiet=name not in ("eval", "score"), fetches=True)],
-        dice.steps,
+        rng.steps,
     )

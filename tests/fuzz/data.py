@@ -12,8 +12,8 @@ import numpy as np
 
 from .binary import change_array, change_bytes, change_png, make_zip, npy
 from .cases import Case, Special, read_tree, write
-from .dice import NAMES, NUMBERS, Dice
 from .mutations import change_json
+from .rng import NAMES, NUMBERS, CaseRng
 from .sandbox import Command, Sandbox, run
 
 Content = dict[str, "bytes | Special"]
@@ -74,19 +74,19 @@ def _made() -> tuple[Content, Content]:
 # -- datasets -------------------------------------------------------------------------------------
 
 
-def dataset(dice: Dice) -> Case:
+def dataset(rng: CaseRng) -> Case:
     """A dataset with a changed description, sequence, member or file."""
     files = dict(dataset_files())
-    for _ in range(len(dice.few(2)) + 1 if dice.chance(0.97) else 0):
-        how = dice.choice(
+    for _ in range(len(rng.few(2)) + 1 if rng.chance(0.97) else 0):
+        how = rng.choice(
             ["json", "sequence", "sequence", "sequence", "sequence", "special", "file"]
         )
         if how == "json":
-            files["d/dataset.json"] = _changed_json(dice, files["d/dataset.json"], "dataset.json")
+            files["d/dataset.json"] = _changed_json(rng, files["d/dataset.json"], "dataset.json")
         elif how == "sequence":
-            _change_sequence(dice, files)
+            _change_sequence(rng, files)
         elif how == "special":
-            name = dice.choice(
+            name = rng.choice(
                 [
                     "d/dataset.json",
                     "d/sequences/000001.zip",
@@ -99,7 +99,7 @@ def dataset(dice: Dice) -> Case:
             if name == "d/sequences":
                 for other in [n for n in files if n.startswith("d/sequences/")]:
                     del files[other]
-            files[name] = dice.choice(
+            files[name] = rng.choice(
                 [
                     Special("fifo"),
                     Special("folder"),
@@ -109,13 +109,13 @@ def dataset(dice: Dice) -> Case:
                     Special("link", "nowhere"),
                 ]
             )
-            dice.note(f"{name}: {files[name]}")
+            rng.note(f"{name}: {files[name]}")
         else:
-            name = dice.choice([n for n in files if isinstance(files[n], bytes)])
+            name = rng.choice([n for n in files if isinstance(files[n], bytes)])
             data = files[name]
             assert isinstance(data, bytes)
-            files[name] = change_bytes(dice, data, name)
-    return read_dataset(files, dice.choice(READERS), dice.steps)
+            files[name] = change_bytes(rng, data, name)
+    return read_dataset(files, rng.choice(READERS), rng.steps)
 
 
 _FORMATS = ("kitti", "bop", "coco", "webdataset", "tapvid")
@@ -145,16 +145,16 @@ def read_dataset(files: Content, argv: tuple[str, ...], steps: list[str]) -> Cas
     return Case(files, [Command(argv, codes, quiet=argv[0] != "eval")], steps)
 
 
-def _changed_json(dice: Dice, data: bytes | Special, name: str) -> bytes:
+def _changed_json(rng: CaseRng, data: bytes | Special, name: str) -> bytes:
     if not isinstance(data, bytes):
         return b"{}"
     try:
-        return change_json(dice, data, name)
+        return change_json(rng, data, name)
     except (ValueError, RecursionError):  # it was changed before
-        return change_bytes(dice, data, name)
+        return change_bytes(rng, data, name)
 
 
-def _change_sequence(dice: Dice, files: Content) -> None:
+def _change_sequence(rng: CaseRng, files: Content) -> None:
     """Change a member of a sequence, or the ZIP."""
     name = "d/sequences/000001.zip"
     data = files.get(name)
@@ -164,26 +164,26 @@ def _change_sequence(dice: Dice, files: Content) -> None:
         members = {}
     if not members:
         return
-    for _ in range(1 + len(dice.few(2))):
-        how = dice.choice(["meta", "meta", "state", "state", "state", "png", "png", "zip", "bytes"])
+    for _ in range(1 + len(rng.few(2))):
+        how = rng.choice(["meta", "meta", "state", "state", "state", "png", "png", "zip", "bytes"])
         if how == "meta" and "meta.json" in members:
-            members["meta.json"] = _changed_json(dice, members["meta.json"], "meta.json")
+            members["meta.json"] = _changed_json(rng, members["meta.json"], "meta.json")
         elif how == "state" and "state.npz" in members:
-            members["state.npz"] = change_npz(dice, members["state.npz"], "state.npz")
+            members["state.npz"] = change_npz(rng, members["state.npz"], "state.npz")
         elif how == "png":
-            member = dice.choice([m for m in members if m.endswith(".png")] or ["rgb/000000.png"])
+            member = rng.choice([m for m in members if m.endswith(".png")] or ["rgb/000000.png"])
             if member in members:
-                members[member] = change_png(dice, members[member], member)
+                members[member] = change_png(rng, members[member], member)
         elif how == "bytes" and members:
-            member = dice.choice([*members])
-            members[member] = change_bytes(dice, members[member], member)
-    if dice.chance(0.1):
-        dice.note("unpacked")
+            member = rng.choice([*members])
+            members[member] = change_bytes(rng, members[member], member)
+    if rng.chance(0.1):
+        rng.note("unpacked")
         del files[name]
         for member, content in members.items():
             files[f"d/sequences/000001/{member}"] = content
         return
-    files[name] = make_zip(dice, members, "000001.zip")
+    files[name] = make_zip(rng, members, "000001.zip")
 
 
 def members_of(data: bytes | Special) -> dict[str, bytes]:
@@ -192,51 +192,51 @@ def members_of(data: bytes | Special) -> dict[str, bytes]:
         return {info.filename: archive.read(info) for info in archive.infolist()}
 
 
-def change_npz(dice: Dice, data: bytes, name: str) -> bytes:
+def change_npz(rng: CaseRng, data: bytes, name: str) -> bytes:
     """Change an array of an NPZ file, or the file."""
     try:
         members = members_of(data)
     except Exception:  # it was damaged before
-        return change_bytes(dice, data, name)
-    how = dice.choice(["array", "array", "array", "missing", "more", "zip", "bytes"])
+        return change_bytes(rng, data, name)
+    how = rng.choice(["array", "array", "array", "missing", "more", "zip", "bytes"])
     if not members:
-        return change_bytes(dice, data, name)
-    member = dice.choice([*members])
+        return change_bytes(rng, data, name)
+    member = rng.choice([*members])
     if how == "bytes":
-        return change_bytes(dice, data, name)
+        return change_bytes(rng, data, name)
     if how == "missing":
-        dice.note(f"{name}: no {member}")
+        rng.note(f"{name}: no {member}")
         del members[member]
     elif how == "more":
-        members[dice.choice(["x.npy", ".npy", "", "../x.npy", "x"])] = npy(np.zeros(3))
+        members[rng.choice(["x.npy", ".npy", "", "../x.npy", "x"])] = npy(np.zeros(3))
     elif how == "array":
         try:
-            members[member] = change_array(dice, members[member], f"{name}: {member}")
+            members[member] = change_array(rng, members[member], f"{name}: {member}")
         except Exception:  # it was damaged before
-            members[member] = change_bytes(dice, members[member], f"{name}: {member}")
-    return make_zip(dice, members, name)
+            members[member] = change_bytes(rng, members[member], f"{name}: {member}")
+    return make_zip(rng, members, name)
 
 
 # -- predictions ----------------------------------------------------------------------------------
 
 
-def predictions(dice: Dice) -> Case:
+def predictions(rng: CaseRng) -> Case:
     """A CSV or an NPZ of predictions, changed."""
     files = dict(dataset_files())
     header = {"method": "mine", "inputs": "rgbd", "knowledge": "free", "training": "none"}
-    for _ in dice.few(2):
-        key = dice.choice([*header, "version", "# x", "unknown"])
-        if dice.chance(0.2):
+    for _ in rng.few(2):
+        key = rng.choice([*header, "version", "# x", "unknown"])
+        if rng.chance(0.2):
             header.pop(key, None)
         else:
-            header[key] = dice.choice([*NAMES, "rgb", "none", "axes", "self-supervised", "9" * 400])
-        dice.note(f"{key}: {header.get(key)!a}")
-    if dice.chance(0.5):
-        name, files["p.npz"] = "p.npz", _npz(dice, header)
+            header[key] = rng.choice([*NAMES, "rgb", "none", "axes", "self-supervised", "9" * 400])
+        rng.note(f"{key}: {header.get(key)!a}")
+    if rng.chance(0.5):
+        name, files["p.npz"] = "p.npz", _npz(rng, header)
     else:
-        name, files["p.csv"] = "p.csv", _csv(dice, header)
-    if dice.chance(0.03):
-        files[name] = dice.choice(
+        name, files["p.csv"] = "p.csv", _csv(rng, header)
+    if rng.chance(0.03):
+        files[name] = rng.choice(
             [Special("fifo"), Special("folder"), Special("link", "/dev/zero")]
         )
     argv = (
@@ -255,22 +255,22 @@ def predictions(dice: Dice) -> Case:
             Command(argv, quiet=False),
             Command(("report", "results", "--no-pictures", "--out", "report"), (0,)),
         ],
-        dice.steps,
+        rng.steps,
     )
 
 
-def _csv(dice: Dice, header: dict[str, str]) -> bytes:
+def _csv(rng: CaseRng, header: dict[str, str]) -> bytes:
     lines = [f"# {key}: {text}" for key, text in header.items()]
     lines.append("sequence,frame,joint,displacement")
     lines += [f"{s:06d},{t},{j},{0.01 * t * j}" for s in (0, 1) for t in (1, 2) for j in (1, 2)]
-    for _ in dice.few(4):
-        k = dice.randrange(len(lines))
+    for _ in rng.few(4):
+        k = rng.randrange(len(lines))
         cells = lines[k].split(",")
-        how = dice.choice(["cell", "cell", "name", "delete", "copy", "quote", "more", "blank"])
+        how = rng.choice(["cell", "cell", "name", "delete", "copy", "quote", "more", "blank"])
         if how == "cell":
-            cells[dice.randrange(len(cells))] = dice.choice(NUMBERS)
+            cells[rng.randrange(len(cells))] = rng.choice(NUMBERS)
         elif how == "name":
-            cells[dice.randrange(len(cells))] = dice.choice(NAMES)
+            cells[rng.randrange(len(cells))] = rng.choice(NAMES)
         elif how == "quote":
             cells[0] = '"' + cells[0]
         elif how == "more":
@@ -281,49 +281,49 @@ def _csv(dice: Dice, header: dict[str, str]) -> bytes:
         elif how == "copy":
             lines.insert(k, lines[k])
         elif how == "blank":
-            lines[k:k] = [""] * dice.choice([1, 60])
-        dice.note(f"line {k} {how} {lines[min(k, len(lines) - 1)][:50]!a}")
+            lines[k:k] = [""] * rng.choice([1, 60])
+        rng.note(f"line {k} {how} {lines[min(k, len(lines) - 1)][:50]!a}")
     data = "\n".join(lines).encode("utf-8", "surrogatepass")
-    if dice.chance(0.05):
+    if rng.chance(0.05):
         return data.decode(errors="replace").encode("utf-16")
-    return change_bytes(dice, data, "p.csv") if dice.chance(0.1) else data
+    return change_bytes(rng, data, "p.csv") if rng.chance(0.1) else data
 
 
-def _npz(dice: Dice, header: dict[str, str]) -> bytes:
+def _npz(rng: CaseRng, header: dict[str, str]) -> bytes:
     members = {f"{key}.npy": npy(np.array(text)) for key, text in header.items() if "/" not in key}
     for name in ("000000", "000001"):
         members[f"{name}.npy"] = npy(np.arange(6.0).reshape(3, 2) * 0.01)
-        if dice.chance(0.3):
+        if rng.chance(0.3):
             members[f"{name}.screw.npy"] = npy(np.ones((2, 6)))
     data = make_zip(None, members)
-    for _ in dice.few(3):
-        data = change_npz(dice, data, "p.npz")
+    for _ in rng.few(3):
+        data = change_npz(rng, data, "p.npz")
     return data
 
 
 # -- results --------------------------------------------------------------------------------------
 
 
-def results(dice: Dice) -> Case:
+def results(rng: CaseRng) -> Case:
     """A results folder with a changed run, score table or estimate."""
     files = {**dataset_files(), **results_files()}
     mine = [*results_files()]
-    for _ in range(1 + len(dice.few(3))):
-        name = dice.choice(mine)
+    for _ in range(1 + len(rng.few(3))):
+        name = rng.choice(mine)
         data = files.get(name)
-        how = dice.random()
+        how = rng.random()
         if how < 0.04 or not isinstance(data, bytes):
-            files[name] = dice.choice(
+            files[name] = rng.choice(
                 [Special("fifo"), Special("folder"), b"", Special("link", "/dev/zero")]
             )
-            dice.note(f"{name}: {files[name]}")
+            rng.note(f"{name}: {files[name]}")
         elif name.endswith(".json"):
-            files[name] = _changed_json(dice, data, "run.json")
+            files[name] = _changed_json(rng, data, "run.json")
         elif name.endswith(".csv"):
-            files[name] = _scores(dice, data)
+            files[name] = _scores(rng, data)
         else:
-            files[name] = _estimate(dice, data)
-    argv = dice.choice(
+            files[name] = _estimate(rng, data)
+    argv = rng.choice(
         [
             ("report", "results", "--no-pictures", "--out", "report"),
             ("report", "results", "--no-pictures", "--out", "report"),
@@ -333,55 +333,55 @@ def results(dice: Dice) -> Case:
             (*EVALUATE, "--retry", "raised", "invalid"),
         ]
     )
-    return Case(files, [Command(argv, (0, 1, 2), quiet=argv[0] == "report")], dice.steps)
+    return Case(files, [Command(argv, (0, 1, 2), quiet=argv[0] == "report")], rng.steps)
 
 
-def _scores(dice: Dice, data: bytes) -> bytes:
-    if dice.chance(0.1):
-        return change_bytes(dice, data, "scores.csv")
+def _scores(rng: CaseRng, data: bytes) -> bytes:
+    if rng.chance(0.1):
+        return change_bytes(rng, data, "scores.csv")
     lines = data.decode(errors="replace").split("\n")
-    for _ in range(1 + len(dice.few(3))):
-        k = dice.randrange(len(lines))
+    for _ in range(1 + len(rng.few(3))):
+        k = rng.randrange(len(lines))
         cells = lines[k].split(",")
-        column = dice.randrange(len(cells))
-        how = dice.choice(["number", "name", "delete", "copy", "cell", "whole"])
+        column = rng.randrange(len(cells))
+        how = rng.choice(["number", "name", "delete", "copy", "cell", "whole"])
         if how == "delete":
             del lines[k]
         elif how == "copy":
-            lines[k:k] = [lines[k]] * dice.choice([1, 100])
+            lines[k:k] = [lines[k]] * rng.choice([1, 100])
         elif how == "cell":
             del cells[column]
         elif how == "whole":  # a column of all lines
-            new = dice.choice([*NUMBERS, *NAMES])
+            new = rng.choice([*NUMBERS, *NAMES])
             for i, line in enumerate(lines[1:], 1):
                 if len(parts := line.split(",")) > column:
                     parts[column] = new
                     lines[i] = ",".join(parts)
         else:
-            cells[column] = dice.choice(NUMBERS if how == "number" else NAMES)
+            cells[column] = rng.choice(NUMBERS if how == "number" else NAMES)
         if how in ("cell", "number", "name"):
             lines[k] = ",".join(cells)
-        dice.note(f"scores.csv: line {k} column {column} {how} {cells[column : column + 1]!a}")
+        rng.note(f"scores.csv: line {k} column {column} {how} {cells[column : column + 1]!a}")
         lines = lines or [""]
     return "\n".join(lines).encode("utf-8", "replace")
 
 
-def _estimate(dice: Dice, data: bytes) -> bytes:
+def _estimate(rng: CaseRng, data: bytes) -> bytes:
     try:
         members = members_of(data)
     except Exception:  # it was damaged before
-        return change_bytes(dice, data, "estimate")
-    how = dice.choice(["json", "arrays", "arrays", "bytes", "bomb"])
+        return change_bytes(rng, data, "estimate")
+    how = rng.choice(["json", "arrays", "arrays", "bytes", "bomb"])
     if how == "json":
-        members["estimate.json"] = _changed_json(dice, members["estimate.json"], "estimate.json")
+        members["estimate.json"] = _changed_json(rng, members["estimate.json"], "estimate.json")
     elif how == "arrays" and "estimate.npz" in members:
-        members["estimate.npz"] = change_npz(dice, members["estimate.npz"], "estimate.npz")
+        members["estimate.npz"] = change_npz(rng, members["estimate.npz"], "estimate.npz")
     elif how == "bomb":
         members["estimate.npz"] = bomb("displacement", (2**24, 2))
-        dice.note("estimate.npz: bomb")
+        rng.note("estimate.npz: bomb")
     else:
-        return change_bytes(dice, data, "estimate")
-    return make_zip(dice, members, "estimate")
+        return change_bytes(rng, data, "estimate")
+    return make_zip(rng, members, "estimate")
 
 
 def bomb(name: str, shape: tuple[int, ...]) -> bytes:

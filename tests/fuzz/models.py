@@ -13,8 +13,8 @@ import numpy as np
 from ..support.gltf_maker import CORNERS, CUBE, Maker, bent_bar
 from .binary import change_bytes, change_png, png
 from .cases import VERIFY, Case, Special, render
-from .dice import REFERENCES, Dice
 from .mutations import Element, change_tree, change_xml, dump_tree, dump_xml
+from .rng import REFERENCES, CaseRng
 
 Content = dict[str, "bytes | Special"]
 _SHAPES = ("box", "box", "sphere", "cylinder", "capsule", "mesh")
@@ -32,52 +32,52 @@ _OPTIONS = (
 )
 
 
-def urdf(dice: Dice) -> Case:
+def urdf(rng: CaseRng) -> Case:
     """A random robot with its meshes; some places of its URDF are changed."""
-    root = _robot(dice)
-    for _ in dice.few(4):
-        change_xml(dice, root, "m.urdf", lambda: _extra(dice))
-    files: Content = {"m/m.urdf": dump_xml(dice, root, "m.urdf"), **files_of_meshes()}
-    if dice.chance(0.1):
-        name = dice.choice([*files])
+    root = _robot(rng)
+    for _ in rng.few(4):
+        change_xml(rng, root, "m.urdf", lambda: _extra(rng))
+    files: Content = {"m/m.urdf": dump_xml(rng, root, "m.urdf"), **files_of_meshes()}
+    if rng.chance(0.1):
+        name = rng.choice([*files])
         files[name] = (
-            change_bytes(dice, data, name) if isinstance(data := files[name], bytes) else data
+            change_bytes(rng, data, name) if isinstance(data := files[name], bytes) else data
         )
-    return Case(files, [render("../input/m/m.urdf", *dice.choice(_OPTIONS)), VERIFY], dice.steps)
+    return Case(files, [render("../input/m/m.urdf", *rng.choice(_OPTIONS)), VERIFY], rng.steps)
 
 
-def mesh(dice: Dice) -> Case:
+def mesh(rng: CaseRng) -> Case:
     """A robot of one mesh, whose file, materials or textures are changed."""
-    name, change = dice.choice([*MESHES.items()])
+    name, change = rng.choice([*MESHES.items()])
     files: Content = dict(files_of_meshes())
-    for path in change(dice, files):
-        dice.note(f"changes {path}")
-    scale = dice.choice(["1 1 1", "1 1 1", "0.001 0.001 0.001", "-1 1 1", "2 1 0.5"])
+    for path in change(rng, files):
+        rng.note(f"changes {path}")
+    scale = rng.choice(["1 1 1", "1 1 1", "0.001 0.001 0.001", "-1 1 1", "2 1 0.5"])
     hand = f'<geometry><mesh filename="{name}" scale="{scale}"/></geometry>'
     files["m/m.urdf"] = POINTER.replace("HAND", hand).encode()
-    return Case(files, [render("../input/m/m.urdf", *dice.choice(_OPTIONS)), VERIFY], dice.steps)
+    return Case(files, [render("../input/m/m.urdf", *rng.choice(_OPTIONS)), VERIFY], rng.steps)
 
 
-def gltf(dice: Dice) -> Case:
+def gltf(rng: CaseRng) -> Case:
     """A glTF or GLB file with skins, morph targets, animations and textures, changed."""
-    maker = dice.choice([*GLTF.values()])()
-    text = dice.chance(0.4)
+    maker = rng.choice([*GLTF.values()])()
+    text = rng.chance(0.4)
     tree = maker.tree
-    for _ in dice.few(4):
-        if dice.chance(0.2) and maker.data:
-            maker.data = bytearray(change_bytes(dice, bytes(maker.data), "buffer"))
+    for _ in rng.few(4):
+        if rng.chance(0.2) and maker.data:
+            maker.data = bytearray(change_bytes(rng, bytes(maker.data), "buffer"))
         else:
-            change_tree(dice, tree, "m.gltf")
+            change_tree(rng, tree, "m.gltf")
     name = "m.gltf" if text else "m.glb"
     files: Content = {
         "m/link.bin": Special("link", "../../secret/secret.bin"),
         "m/image.png": png(4, 4),
         "m/data.bin": bytes(maker.data),
     }
-    data = _dump_gltf(dice, maker, text)
-    files[f"m/{name}"] = change_bytes(dice, data, name) if dice.chance(0.08) else data
-    more = dice.choice([*_OPTIONS, ("--animation", "none"), ("--animation", "walk")])
-    return Case(files, [render(f"../input/m/{name}", *more), VERIFY], dice.steps)
+    data = _dump_gltf(rng, maker, text)
+    files[f"m/{name}"] = change_bytes(rng, data, name) if rng.chance(0.08) else data
+    more = rng.choice([*_OPTIONS, ("--animation", "none"), ("--animation", "walk")])
+    return Case(files, [render(f"../input/m/{name}", *more), VERIFY], rng.steps)
 
 
 # -- URDF -----------------------------------------------------------------------------------------
@@ -97,19 +97,19 @@ def _element(tag: str, children: list[Element] | None = None, **attributes: str)
     return made
 
 
-def _numbers(dice: Dice, count: int, low: float, high: float) -> str:
-    return " ".join(f"{dice.uniform(low, high):.3g}" for _ in range(count))
+def _numbers(rng: CaseRng, count: int, low: float, high: float) -> str:
+    return " ".join(f"{rng.uniform(low, high):.3g}" for _ in range(count))
 
 
-def _geometry(dice: Dice) -> Element:
-    kind = dice.choice(_SHAPES)
+def _geometry(rng: CaseRng) -> Element:
+    kind = rng.choice(_SHAPES)
     attributes = {
-        "box": {"size": _numbers(dice, 3, 0.05, 0.4)},
-        "sphere": {"radius": _numbers(dice, 1, 0.05, 0.2)},
-        "cylinder": {"radius": _numbers(dice, 1, 0.05, 0.2), "length": _numbers(dice, 1, 0.1, 0.5)},
-        "capsule": {"radius": _numbers(dice, 1, 0.05, 0.1), "length": _numbers(dice, 1, 0.1, 0.5)},
+        "box": {"size": _numbers(rng, 3, 0.05, 0.4)},
+        "sphere": {"radius": _numbers(rng, 1, 0.05, 0.2)},
+        "cylinder": {"radius": _numbers(rng, 1, 0.05, 0.2), "length": _numbers(rng, 1, 0.1, 0.5)},
+        "capsule": {"radius": _numbers(rng, 1, 0.05, 0.1), "length": _numbers(rng, 1, 0.1, 0.5)},
         "mesh": {
-            "filename": dice.choice(
+            "filename": rng.choice(
                 [
                     "cube.obj",
                     "cube.stl",
@@ -120,23 +120,23 @@ def _geometry(dice: Dice) -> Element:
                     "./cube.stl",
                 ]
             ),
-            "scale": _numbers(dice, 3, 0.1, 0.4),
+            "scale": _numbers(rng, 3, 0.1, 0.4),
         },
     }[kind]
     return _element("geometry", [_element(kind, **attributes)])
 
 
-def _visual(dice: Dice, tag: str = "visual") -> Element:
+def _visual(rng: CaseRng, tag: str = "visual") -> Element:
     parts = [
-        _element("origin", xyz=_numbers(dice, 3, -0.2, 0.3), rpy=_numbers(dice, 3, -3, 3)),
-        _geometry(dice),
+        _element("origin", xyz=_numbers(rng, 3, -0.2, 0.3), rpy=_numbers(rng, 3, -3, 3)),
+        _geometry(rng),
     ]
-    if dice.chance(0.4):
+    if rng.chance(0.4):
         parts.append(
-            dice.choice(
+            rng.choice(
                 [
                     lambda: _element(
-                        "material", [_element("color", rgba=_numbers(dice, 4, 0, 1))], name="c"
+                        "material", [_element("color", rgba=_numbers(rng, 4, 0, 1))], name="c"
                     ),
                     lambda: _element(
                         "material", [_element("texture", filename="image.png")], name="t"
@@ -148,49 +148,49 @@ def _visual(dice: Dice, tag: str = "visual") -> Element:
     return _element(tag, parts)
 
 
-def _joint(dice: Dice, k: int, joints: int) -> Element:
-    kind = dice.choice(["revolute", "revolute", "continuous", "prismatic", "fixed", "floating"])
+def _joint(rng: CaseRng, k: int, joints: int) -> Element:
+    kind = rng.choice(["revolute", "revolute", "continuous", "prismatic", "fixed", "floating"])
     parts = [
-        _element("parent", link=f"link{dice.randrange(k)}"),
+        _element("parent", link=f"link{rng.randrange(k)}"),
         _element("child", link=f"link{k}"),
-        _element("origin", xyz=_numbers(dice, 3, -0.3, 0.5), rpy=_numbers(dice, 3, -1, 1)),
-        _element("axis", xyz=dice.choice(["0 0 1", "0 1 0", "1 0 0", _numbers(dice, 3, -1, 1)])),
+        _element("origin", xyz=_numbers(rng, 3, -0.3, 0.5), rpy=_numbers(rng, 3, -1, 1)),
+        _element("axis", xyz=rng.choice(["0 0 1", "0 1 0", "1 0 0", _numbers(rng, 3, -1, 1)])),
     ]
     if kind in ("revolute", "prismatic"):
         parts.append(
             _element(
                 "limit",
-                lower=_numbers(dice, 1, -2, 0),
-                upper=_numbers(dice, 1, 0, 2),
+                lower=_numbers(rng, 1, -2, 0),
+                upper=_numbers(rng, 1, 0, 2),
                 effort="1",
                 velocity="1",
             )
         )
-    if joints > 2 and dice.chance(0.15):
+    if joints > 2 and rng.chance(0.15):
         parts.append(
             _element(
                 "mimic",
-                joint=f"joint{dice.randrange(1, joints)}",
-                multiplier=_numbers(dice, 1, -1, 1),
+                joint=f"joint{rng.randrange(1, joints)}",
+                multiplier=_numbers(rng, 1, -1, 1),
                 offset="0",
             )
         )
     return _element("joint", parts, name=f"joint{k}", type=kind)
 
 
-def _robot(dice: Dice) -> Element:
+def _robot(rng: CaseRng) -> Element:
     """A robot that most often is right: a tree of 1 to 6 links."""
-    count = dice.choice([1, 2, 2, 3, 4, 6])
+    count = rng.choice([1, 2, 2, 3, 4, 6])
     root = _element(
         "robot",
         [_element("material", [_element("color", rgba="0.8 0.2 0.1 1")], name="shared")],
         name="m",
     )
     for k in range(count):
-        parts = [_visual(dice) for _ in range(dice.choice([0, 1, 1, 2]) if k else 1)]
-        if dice.chance(0.5):
-            parts.append(_visual(dice, "collision"))
-        if dice.chance(0.5):
+        parts = [_visual(rng) for _ in range(rng.choice([0, 1, 1, 2]) if k else 1)]
+        if rng.chance(0.5):
+            parts.append(_visual(rng, "collision"))
+        if rng.chance(0.5):
             parts.append(
                 _element(
                     "inertial",
@@ -202,20 +202,20 @@ def _robot(dice: Dice) -> Element:
                 )
             )
         root.append(_element("link", parts, name=f"link{k}"))
-    root.extend([_joint(dice, k, count) for k in range(1, count)])
+    root.extend([_joint(rng, k, count) for k in range(1, count)])
     return root
 
 
-def _extra(dice: Dice) -> Element:
+def _extra(rng: CaseRng) -> Element:
     """An element that URDFs in the wild hold."""
-    return dice.choice(
+    return rng.choice(
         [
             lambda: _element("collision"),
             lambda: _element("visual"),
-            lambda: _visual(dice),
-            lambda: _visual(dice, "collision"),
-            lambda: _joint(dice, 1, 3),
-            lambda: _element("link", [_visual(dice)], name="more"),
+            lambda: _visual(rng),
+            lambda: _visual(rng, "collision"),
+            lambda: _joint(rng, 1, 3),
+            lambda: _element("link", [_visual(rng)], name="more"),
             lambda: _element("geometry"),
             lambda: _element(
                 "collision", [_element("geometry", [_element("plane", normal="0 0 1")])]
@@ -223,8 +223,8 @@ def _extra(dice: Dice) -> Element:
             lambda: _element("visual", [_element("geometry", [_element("plane", normal="0 0 1")])]),
             lambda: _element("inertia", ixx="n/a"),
             lambda: _element("limit", velocity="${v}"),
-            lambda: _element("mesh", filename=dice.choice(REFERENCES)),
-            lambda: _element("texture", filename=dice.choice(REFERENCES)),
+            lambda: _element("mesh", filename=rng.choice(REFERENCES)),
+            lambda: _element("texture", filename=rng.choice(REFERENCES)),
             lambda: _element("transmission", [_element("type")], name="t"),
             lambda: _element("gazebo", [_element("plugin", filename="x.so")], reference="link0"),
             lambda: _element("xacro:if", value="1"),
@@ -322,96 +322,96 @@ def files_of_meshes() -> Content:
     }
 
 
-def _change_lines(dice: Dice, data: bytes, name: str) -> bytes:
+def _change_lines(rng: CaseRng, data: bytes, name: str) -> bytes:
     """Change lines and words of a text format."""
-    from .dice import NAMES, NUMBERS
+    from .rng import NAMES, NUMBERS
 
     lines = data.decode().split("\n")
-    for _ in range(1 + len(dice.few(3))):
-        k = dice.randrange(len(lines))
+    for _ in range(1 + len(rng.few(3))):
+        k = rng.randrange(len(lines))
         words = lines[k].split(" ")
-        how = dice.choice(["number", "name", "reference", "delete", "copy", "word", "long"])
+        how = rng.choice(["number", "name", "reference", "delete", "copy", "word", "long"])
         if how == "delete":
             del lines[k]
         elif how == "copy":
-            lines[k:k] = [lines[k]] * dice.choice([1, 2, 1000])
+            lines[k:k] = [lines[k]] * rng.choice([1, 2, 1000])
         elif how == "word":
-            del words[dice.randrange(len(words))]
+            del words[rng.randrange(len(words))]
             lines[k] = " ".join(words)
         elif how == "long":
-            lines[k] += " " + " ".join(["1"] * dice.choice([1, 10, 10_000]))
+            lines[k] += " " + " ".join(["1"] * rng.choice([1, 10, 10_000]))
         else:
             pool = {"number": NUMBERS, "name": NAMES, "reference": REFERENCES}[how]
-            words[dice.randrange(len(words))] = dice.choice(pool)
+            words[rng.randrange(len(words))] = rng.choice(pool)
             lines[k] = " ".join(words)
-        dice.note(f"{name}: line {k} {how} {lines[min(k, len(lines) - 1)][:40]!a}")
+        rng.note(f"{name}: line {k} {how} {lines[min(k, len(lines) - 1)][:40]!a}")
         lines = lines or [""]
     return "\n".join(lines).encode(errors="replace")
 
 
-def _text(*names: str) -> Callable[[Dice, Content], list[str]]:
+def _text(*names: str) -> Callable[[CaseRng, Content], list[str]]:
     """Changes one of some text files, or a texture."""
 
-    def change(dice: Dice, files: Content) -> list[str]:
+    def change(rng: CaseRng, files: Content) -> list[str]:
         changed = (
-            [dice.choice([n for n in names if not n.endswith(".png")])] if dice.chance(0.9) else []
+            [rng.choice([n for n in names if not n.endswith(".png")])] if rng.chance(0.9) else []
         )
         for name in changed:
             data = files[f"m/{name}"]
             assert isinstance(data, bytes)
             files[f"m/{name}"] = (
-                change_bytes(dice, data, name)
-                if dice.chance(0.15)
-                else _change_lines(dice, data, name)
+                change_bytes(rng, data, name)
+                if rng.chance(0.15)
+                else _change_lines(rng, data, name)
             )
-        if any(n.endswith(".png") for n in names) and dice.chance(0.3):
-            files["m/image.png"] = change_png(dice, png(8, 8), "image.png")
+        if any(n.endswith(".png") for n in names) and rng.chance(0.3):
+            files["m/image.png"] = change_png(rng, png(8, 8), "image.png")
         return changed
 
     return change
 
 
-def _binary_stl(dice: Dice, files: Content) -> list[str]:
-    count, corners = dice.choice([12, 12, 0, 1, 13, 2**31, 2**32 - 1]), CORNERS[CUBE].astype("<f4")
-    odd = dice.choice([0.0, 1.0, np.nan, np.inf, 1e30, 1e-30, -1e9])
-    corners[dice.randrange(12), dice.randrange(3), dice.randrange(3)] = odd
-    head = dice.choice([bytes(80), b"solid ".ljust(80), b"\xff" * 80])
+def _binary_stl(rng: CaseRng, files: Content) -> list[str]:
+    count, corners = rng.choice([12, 12, 0, 1, 13, 2**31, 2**32 - 1]), CORNERS[CUBE].astype("<f4")
+    odd = rng.choice([0.0, 1.0, np.nan, np.inf, 1e30, 1e-30, -1e9])
+    corners[rng.randrange(12), rng.randrange(3), rng.randrange(3)] = odd
+    head = rng.choice([bytes(80), b"solid ".ljust(80), b"\xff" * 80])
     body = b"".join(struct.pack("<3f", 0, 0, odd) + c.tobytes() + b"\0\0" for c in corners)
     data = head + struct.pack("<I", count) + body
-    files["m/cube.stl"] = change_bytes(dice, data, "cube.stl") if dice.chance(0.4) else data
+    files["m/cube.stl"] = change_bytes(rng, data, "cube.stl") if rng.chance(0.4) else data
     return [f"cube.stl with {count} triangles, {odd}"]
 
 
-def _collada(dice: Dice, files: Content) -> list[str]:
+def _collada(rng: CaseRng, files: Content) -> list[str]:
     root = ElementTree.fromstring(_dae())
-    for _ in range(1 + len(dice.few(3))):
+    for _ in range(1 + len(rng.few(3))):
         change_xml(
-            dice,
+            rng,
             root,
             "cube.dae",
             lambda: ElementTree.Element(
-                dice.choice(["node", "extra", "triangles", "polylist", "instance_node", "source"]),
+                rng.choice(["node", "extra", "triangles", "polylist", "instance_node", "source"]),
                 {"url": "#n", "id": "n", "count": "1"},
             ),
         )
-    files["m/cube.dae"] = dump_xml(dice, root, "cube.dae")
+    files["m/cube.dae"] = dump_xml(rng, root, "cube.dae")
     return []
 
 
-def _gltf_mesh(text: bool) -> Callable[[Dice, Content], list[str]]:
-    def change(dice: Dice, files: Content) -> list[str]:
-        maker = dice.choice([_textured, _plain])()
-        for _ in range(1 + len(dice.few(3))):
-            change_tree(dice, maker.tree, "cube")
+def _gltf_mesh(text: bool) -> Callable[[CaseRng, Content], list[str]]:
+    def change(rng: CaseRng, files: Content) -> list[str]:
+        maker = rng.choice([_textured, _plain])()
+        for _ in range(1 + len(rng.few(3))):
+            change_tree(rng, maker.tree, "cube")
         name = "m/cube.gltf" if text else "m/cube.glb"
-        data = _dump_gltf(dice, maker, text)
-        files[name] = change_bytes(dice, data, name) if dice.chance(0.15) else data
+        data = _dump_gltf(rng, maker, text)
+        files[name] = change_bytes(rng, data, name) if rng.chance(0.15) else data
         return []
 
     return change
 
 
-MESHES: dict[str, Callable[[Dice, Content], list[str]]] = {
+MESHES: dict[str, Callable[[CaseRng, Content], list[str]]] = {
     "cube.obj": _text("cube.obj", "cube.obj", "cube.mtl", "image.png"),
     "ascii.stl": _text("ascii.stl"),
     "cube.stl": _binary_stl,
@@ -486,12 +486,12 @@ GLTF: dict[str, Callable[[], Maker]] = {
 }
 
 
-def _dump_gltf(dice: Dice, maker: Maker, text: bool) -> bytes:
+def _dump_gltf(rng: CaseRng, maker: Maker, text: bool) -> bytes:
     """Like the maker's own, with values that JSON does not express."""
     blob = bytes(maker.data) + bytes(-len(maker.data) % 4)
     tree: dict[str, Any] = dict(maker.tree)
     if text:
-        uri = dice.choice(
+        uri = rng.choice(
             ["data.bin"] * 6
             + [
                 "link.bin",

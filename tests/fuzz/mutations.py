@@ -9,7 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from .binary import change_bytes
-from .dice import NAMES, NUMBERS, REFERENCES, Dice, Raw, shown, value
+from .rng import NAMES, NUMBERS, REFERENCES, CaseRng, Raw, shown, value
 
 Element = ElementTree.Element
 
@@ -26,31 +26,31 @@ def places(tree: Any, path: str = "$") -> list[tuple[Any, Any, str]]:
     return out
 
 
-def change_tree(dice: Dice, tree: Any, name: str) -> None:
+def change_tree(rng: CaseRng, tree: Any, name: str) -> None:
     """Change one place of a tree of dicts and lists."""
     found = places(tree)
     if not found:
         return
     # by depth first, so that the long lists do not take all
     depths = sorted({path.count(".") + path.count("[") for _, _, path in found})
-    depth = dice.choice(depths)
-    holder, key, path = dice.choice(
+    depth = rng.choice(depths)
+    holder, key, path = rng.choice(
         [f for f in found if f[2].count(".") + f[2].count("[") == depth]
     )
     old = holder[key]
-    how = dice.choice(["value", "value", "number", "delete", "copy", "wrap", "add", "swap"])
+    how = rng.choice(["value", "value", "number", "delete", "copy", "wrap", "add", "swap"])
     if how == "delete":
         del holder[key]
     elif how == "copy" and isinstance(holder, list):
-        holder.insert(dice.randrange(len(holder) + 1), old)
+        holder.insert(rng.randrange(len(holder) + 1), old)
     elif how == "wrap":
-        holder[key] = [old] if dice.chance(0.5) else {str(key): old}
+        holder[key] = [old] if rng.chance(0.5) else {str(key): old}
     elif how == "add" and isinstance(old, dict):
-        old[dice.choice(NAMES)] = value(dice)
+        old[rng.choice(NAMES)] = value(rng)
     elif how == "add" and isinstance(old, list):
-        old += [value(dice)] * dice.choice([1, 1, 2, 100])
+        old += [value(rng)] * rng.choice([1, 1, 2, 100])
     elif how == "swap":
-        other = dice.choice(found)
+        other = rng.choice(found)
         holder[key] = _copied(
             other[0].get(other[1])
             if isinstance(other[0], dict)
@@ -59,13 +59,13 @@ def change_tree(dice: Dice, tree: Any, name: str) -> None:
             else None
         )
     elif how == "number" and isinstance(old, int | float) and not isinstance(old, bool):
-        holder[key] = dice.choice(
+        holder[key] = rng.choice(
             [old + 1, old - 1, -old, old * 2, old * 1000, float(old), str(old)]
         )
     else:
-        holder[key] = value(dice)
+        holder[key] = value(rng)
     new = holder[key] if how != "delete" and (isinstance(holder, list) or key in holder) else "..."
-    dice.note(f"{name}: {path} {how} {shown(new)}")
+    rng.note(f"{name}: {path} {how} {shown(new)}")
 
 
 def _copied(tree: Any) -> Any:
@@ -90,24 +90,24 @@ def dump_tree(tree: Any) -> bytes:
     return re.sub(r'"@raw(\d+)@"', lambda m: raws[int(m[1])], text).encode()
 
 
-def change_json(dice: Dice, data: bytes, name: str, most: int = 3) -> bytes:
+def change_json(rng: CaseRng, data: bytes, name: str, most: int = 3) -> bytes:
     """Change some places of a JSON file, now and then its text."""
     tree = json.loads(data)
-    for _ in range(1 + len(dice.few(most - 1))):
-        change_tree(dice, tree, name)
+    for _ in range(1 + len(rng.few(most - 1))):
+        change_tree(rng, tree, name)
     out = dump_tree(tree)
-    return change_bytes(dice, out, name) if dice.chance(0.1) else out
+    return change_bytes(rng, out, name) if rng.chance(0.1) else out
 
 
 # -- XML ------------------------------------------------------------------------------------------
 
 
-def change_xml(dice: Dice, root: Element, name: str, extra: Callable[[], Element]) -> None:
+def change_xml(rng: CaseRng, root: Element, name: str, extra: Callable[[], Element]) -> None:
     """Change one place of an XML tree; `extra` makes an element that may be added."""
     elements = list(root.iter())
-    element = dice.choice(elements)
+    element = rng.choice(elements)
     parents = {child: parent for parent in elements for child in parent}
-    how = dice.choice(
+    how = rng.choice(
         [
             "number",
             "number",
@@ -123,13 +123,13 @@ def change_xml(dice: Dice, root: Element, name: str, extra: Callable[[], Element
             "deep",
         ]
     )
-    key = dice.choice([*element.attrib] or ["name"])
+    key = rng.choice([*element.attrib] or ["name"])
     if how in ("number", "text", "reference"):
         pool = {"number": NUMBERS, "text": NAMES, "reference": REFERENCES}[how]
         words = element.get(key, "").split()
-        new = dice.choice(pool)
-        if how == "number" and len(words) > 1 and dice.chance(0.7):
-            words[dice.randrange(len(words))] = new
+        new = rng.choice(pool)
+        if how == "number" and len(words) > 1 and rng.chance(0.7):
+            words[rng.randrange(len(words))] = new
             new = " ".join(words)
         element.set(key, _xml_text(new))
     elif how == "delete" and element in parents:
@@ -139,24 +139,24 @@ def change_xml(dice: Dice, root: Element, name: str, extra: Callable[[], Element
     elif how == "copy" and element in parents:
         parents[element].append(_copied_element(element))
     elif how == "move" and element in parents:
-        dice.choice(elements).append(_copied_element(element))
+        rng.choice(elements).append(_copied_element(element))
         parents[element].remove(element)
     elif how == "rename":
-        element.tag = dice.choice(
+        element.tag = rng.choice(
             [e.tag for e in elements] + ["xacro:if", "plane", "a:b", "unknown"]
         )
     elif how == "extra":
-        element.insert(dice.randrange(len(element) + 1), extra())
+        element.insert(rng.randrange(len(element) + 1), extra())
     elif how == "content":
-        element.text = _xml_text(dice.choice([*NUMBERS, *NAMES, "1 2 3 " * 50]))
+        element.text = _xml_text(rng.choice([*NUMBERS, *NAMES, "1 2 3 " * 50]))
     elif how == "deep":
-        for _ in range(dice.choice([3, 70, 600])):
+        for _ in range(rng.choice([3, 70, 600])):
             below = ElementTree.Element(element.tag, dict(element.attrib))
             element.append(below)
             element = below
     else:
         element.set("unknown", "x")
-    dice.note(f"{name}: <{element.tag[:30]}> {how} {key}={shown(element.get(key))}")
+    rng.note(f"{name}: <{element.tag[:30]}> {how} {key}={shown(element.get(key))}")
 
 
 def _xml_text(text: str) -> str:
@@ -168,17 +168,17 @@ def _copied_element(element: Element) -> Element:
     return ElementTree.fromstring(ElementTree.tostring(element))
 
 
-def dump_xml(dice: Dice, root: Element, name: str) -> bytes:
+def dump_xml(rng: CaseRng, root: Element, name: str) -> bytes:
     """The document, now and then in another encoding, with a document type, or damaged."""
     data = ElementTree.tostring(root)
-    how = dice.random()
+    how = rng.random()
     if how < 0.03:
-        dice.note(f"{name}: document type")
+        rng.note(f"{name}: document type")
         return b'<!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>' + data
     if how < 0.05:
-        dice.note(f"{name}: UTF-16")
+        rng.note(f"{name}: UTF-16")
         return data.decode().encode("utf-16")
     if how < 0.07:
-        dice.note(f"{name}: unknown encoding")
+        rng.note(f"{name}: unknown encoding")
         return b'<?xml version="1.0" encoding="rot13"?>' + data
-    return change_bytes(dice, data, name) if how < 0.15 else data
+    return change_bytes(rng, data, name) if how < 0.15 else data

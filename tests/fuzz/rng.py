@@ -15,7 +15,7 @@ class Raw(str):
     """Text that stands in a JSON file as it is, such as 1e999."""
 
 
-class Dice(random.Random):
+class CaseRng(random.Random):
     """The choices of one case; `steps` tells them to a reader."""
 
     def __init__(self, kind: str, seed: int, index: int) -> None:
@@ -175,13 +175,13 @@ _JSON_RAW = (
 )
 
 
-def value(dice: Dice) -> Any:
+def value(rng: CaseRng) -> Any:
     """A value that a reader may not expect."""
-    return dice.choice(
+    return rng.choice(
         [
             lambda: None,
-            lambda: dice.chance(0.5),
-            lambda: dice.choice(
+            lambda: rng.chance(0.5),
+            lambda: rng.choice(
                 [
                     0,
                     -1,
@@ -204,17 +204,17 @@ def value(dice: Dice) -> Any:
                     10**30,
                 ]
             ),
-            lambda: dice.choice(
+            lambda: rng.choice(
                 [0.0, -0.0, 0.5, 1.5, -1.5, 1e-12, 1e-320, 1e9, 1e20, 1e300, -1e300]
             ),
-            lambda: dice.choice(NAMES),
-            lambda: dice.choice(REFERENCES),
-            lambda: dice.choice(NUMBERS),
+            lambda: rng.choice(NAMES),
+            lambda: rng.choice(REFERENCES),
+            lambda: rng.choice(NUMBERS),
             lambda: [],
             lambda: {},
-            lambda: [value(dice) for _ in range(dice.randrange(1, 5))],
-            lambda: {dice.choice(NAMES): value(dice)},
-            lambda: Raw(dice.choice(_JSON_RAW)),
+            lambda: [value(rng) for _ in range(rng.randrange(1, 5))],
+            lambda: {rng.choice(NAMES): value(rng)},
+            lambda: Raw(rng.choice(_JSON_RAW)),
         ]
     )()
 
