@@ -59,7 +59,8 @@ def _mesh(geometry, urdf: Path) -> trimesh.Trimesh:
         c = geometry.cylinder
         return trimesh.creation.cylinder(c.radius, c.length, sections=FINE)
     if geometry.sphere is not None:
-        return trimesh.creation.uv_sphere(geometry.sphere.radius, count=[FINE // 4, FINE // 2])
+        # not uv_sphere: Embree misses its thinnest triangles, at the poles
+        return trimesh.creation.icosphere(subdivisions=6, radius=geometry.sphere.radius)
     path = _resolve(geometry.mesh.filename, urdf)
     scene = trimesh.load_scene(path, skip_materials=True)
     mesh = scene.to_mesh()

@@ -75,7 +75,7 @@ def test_the_frame_holds_every_score(tmp_path: Path) -> None:
     ("0.123456789", "-1", r"line 3: Expected `float` >= 0.0 - at `\$.value`"),
     ("pan,1,", "pan,one,", r"line 3: Expected `int`, got `str` - at `\$.joint_index`"),
     ("pan,1,", f"pan,{'9' * 400},", r"line 3: .* - at `\$.joint_index`"),
-    (",deg,", ",px,", r"line 3: Invalid enum value 'px' - at `\$.unit`"),
+    (",deg,", ",rad,", r"line 3: Invalid enum value 'rad' - at `\$.unit`"),
     (",deg,", ",s,", r"line 3: \$.unit: final_error is in deg or m, got 's'"),
     ("method,", "methods,", "line 1: the first line is not method,"),
     (",ok", "", "line 3: 18 cells instead of 19"),

@@ -67,8 +67,10 @@ def crane(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 
 @pytest.fixture(scope="module")
 def bar(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    model = bent_bar.bar(block=True)
-    with pytest.MonkeyPatch.context() as patch, renderer(model, patch, **ALL) as opened:
+    model, ranges = bent_bar.bar(block=True), SMALL.randomization
+    bare = replace(ranges, background=replace(ranges.background, room=0.0))
+    with (pytest.MonkeyPatch.context() as patch,
+          renderer(model, patch, randomization=bare, **ALL) as opened):
         return in_memory(stored(opened, tmp_path_factory.mktemp("bar")))
 
 
@@ -162,7 +164,7 @@ def test_coordinates_of_what_bends_are_those_of_the_straight_bar(bar: Sequence) 
         high = bar.part[t][v, u] == 2
         straight = local + np.where(high[:, None], bent_bar.HINGE, 0)
         skin = (np.abs(straight[:, 1:]) <= 0.0501).all(axis=1)  # the rigid block is above
-        assert skin.sum() > 1000 and (~skin).sum() > 100
+        assert skin.sum() > 900 and (~skin).sum() > 100
         pixel, z = project(bar, t, bent_bar.bent(straight[skin], angles(bar)[t]))
         # A triangle of the bent bar is flat: its inside is off the closed form by the sagitta.
         error = np.linalg.norm(pixel - np.stack([u, v], 1)[skin], axis=1)

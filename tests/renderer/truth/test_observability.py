@@ -107,7 +107,7 @@ def test_what_a_render_says_is_what_rays_see(tmp_path: Path) -> None:
 
     urdf = tmp_path / "stall.urdf"
     urdf.write_text(URDF)
-    config = RenderConfig(robot=str(urdf), seed=1, frames=4, width=160, height=120,
+    config = RenderConfig(robot=str(urdf), seed=1, twin_of="", frames=4, width=160, height=120,
                           randomization=STUDIO, keep_unobservable=True)
     render_dataset(config, 4, tmp_path / "data", workers=1, progress=False)
     robot, shares = load_robot(urdf), list[float]()
