@@ -97,10 +97,12 @@ def report(
     Examples:
       gcbench report
       gcbench report results others/results --label others=others/results --open
+      gcbench report results papers.csv          # columns method, robot, mean; std, pcp5, joint
       gcbench report results --out report --no-pictures
 
     Args:
-        results: Folders that `gcbench eval` and `gcbench score` wrote.
+        results: Folders that `gcbench eval` and `gcbench score` wrote, and CSV files with numbers
+            of papers, which are shown and not ranked.
         out: Folder of the report.
         pictures: Draw the worst and the median sequence of each row (needs a renderer).
         label: NAME=FOLDER adds NAME to the methods of a results folder.

@@ -120,6 +120,8 @@ class Leaderboard:
     """Rank of each line in its group, see `shared_ranks`."""
     unfinished: tuple[RunFolder, ...]
     """Runs without scores: stopped, or still running."""
+    published: tuple[paper.PublishedCell, ...] = paper.PUBLISHED
+    """Numbers of papers, which stand beside the lines and are not ranked."""
 
     @property
     def groups(self) -> dict[tuple[str, str], list[int]]:
@@ -145,6 +147,8 @@ class Leaderboard:
 def read_leaderboard(results: Sequence[Path], labels: Sequence[str] = ()) -> Leaderboard:
     """Read and compare all results under the folders; labels are NAME=FOLDER.
 
+    A CSV file in place of a folder holds numbers of papers (`published_numbers.read_published`).
+
     Raises:
         ConfigError: If a label is not of this form.
         DatasetError: If there are no scores, if two folders hold the same row with other scores, or
@@ -156,15 +160,18 @@ def read_leaderboard(results: Sequence[Path], labels: Sequence[str] = ()) -> Lea
         if not (is_label(name) and equals and folder):
             raise ConfigError(f"--label {label}: expected NAME=RESULTS_FOLDER")
         named[Path(folder).resolve()] = name
-    folders = [*results, *(path for path in named if path not in [r.resolve() for r in results])]
+    files = [path for path in results if path.suffix.lower() == ".csv"]
+    folders = [r for r in results if r not in files]
+    folders += [path for path in named if path not in [r.resolve() for r in folders]]
     board = build_leaderboard([
         _labelled(run, named.get(folder.resolve(), ""))
         for folder in folders for run in find_runs(folder)
     ])
     if not board.lines:
-        where = ", ".join(str(path) for path in results)
+        where = ", ".join(map(str, folders)) or "a folder: none is given"
         raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first")
-    return board
+    further = tuple(cell for file in files for cell in paper.read_published(file))
+    return replace(board, published=board.published + further)
 
 
 def build_leaderboard(folders: Iterable[RunFolder]) -> Leaderboard:

@@ -66,7 +66,9 @@ def report(
     Equal results give identical files.
 
     Args:
-        results: The return value of `evaluate` or `score`, or one or more results folders.
+        results: The return value of `evaluate` or `score`, or one or more results folders, and CSV
+            files with numbers of papers (columns method, robot, mean, and joint, std, pcp5 where
+            there are), which stand beside ours and are not ranked.
         out: Folder of the report.
         pictures: Draw the worst and the median sequence of each row (needs a renderer), of at most
             48 rows, and write pages of at most 16 worst sequences to `out`/sequences.

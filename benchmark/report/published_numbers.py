@@ -6,9 +6,21 @@ with results of this benchmark.
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
-from ..results import Row
+import msgspec
+
+from ...errors import DatasetError
+from ...robots.files import read_bounded
+from ..results import Row, is_label
+
+_MAX_BYTES = 2**20
+_Error = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
+_Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 
 
 @dataclass(frozen=True)
@@ -120,6 +132,45 @@ def counterpart(row: Row, table: int, robot: str) -> str:
     return _COUNTERPARTS.get((row.method, row.inputs, table), "") if row.knowledge == "axes" else ""
 
 
-def published_cells(table: int, robot: str | None = None) -> tuple[PublishedCell, ...]:
-    """Return the cells of a table, for one robot or for all."""
-    return tuple(p for p in PUBLISHED if p.table == table and robot in (None, p.robot))
+@dataclass(frozen=True)
+class _Line:
+    """A line of a file of numbers."""
+
+    method: str
+    robot: str
+    mean: _Error
+    joint: Annotated[int, msgspec.Meta(ge=0, le=999)] = 0
+    std: _Error | None = None
+    pcp5: _Percent | None = None
+
+
+def read_published(path: Path) -> tuple[PublishedCell, ...]:
+    """Read numbers of other papers from a CSV file.
+
+    Its columns are method, robot and mean (deg), and may be joint (1 .. J; empty or 0: all joints),
+    std (deg) and pcp5 (percent), in any order.
+
+    Raises:
+        DatasetError: Naming the file and the line that is invalid.
+    """
+    text = read_bounded(path, _MAX_BYTES, DatasetError).decode("utf-8-sig", errors="replace")
+    lines = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+    out: list[PublishedCell] = []
+    try:
+        columns, known = lines.fieldnames or (), _Line.__dataclass_fields__
+        if not {"method", "robot", "mean"} <= {*columns} <= {*known}:
+            raise ValueError(f"the first line names columns: method, robot, mean, and of "
+                             f"{', '.join([*known][3:])} those that there are")
+        for cells in lines:
+            if None in cells or None in cells.values():
+                raise ValueError(f"expected {len(columns)} cells")
+            given = {name: cell for name, cell in cells.items() if cell.strip()}
+            line = msgspec.convert(given, _Line, strict=False)
+            if not (is_label(line.method) and is_label(line.robot)):
+                raise ValueError("a name is not printable, or has over 200 characters or an @")
+            table = 2 if line.joint else 1 if line.robot in OBJECTS else 3
+            out.append(PublishedCell(
+                table, line.method, line.robot, line.joint, line.mean, line.std, line.pcp5))
+    except (ValueError, csv.Error) as error:
+        raise DatasetError(f"{path}: line {lines.line_num}: {error}") from error
+    return tuple(out)

@@ -123,11 +123,13 @@ def paper_tables(board: Leaderboard) -> list[Table]:
             objects = [item for item in mine if item[0].robot in paper.OBJECTS]
             of = f" of {suite}" if suite else ""
             if arms:
-                out.append(_by_dataset(arms, 3, f"Robots{of}", unit))
+                cells = [p for p in board.published if p.table == 3]
+                out.append(_by_dataset(arms, cells, f"Robots{of}", unit))
             if objects:
-                out.append(_by_dataset(objects, 1, f"Articulated objects{of}", unit))
+                cells = [p for p in board.published if p.table == 1]
+                out.append(_by_dataset(objects, cells, f"Articulated objects{of}", unit))
     out += [
-        _by_joint([named[k] for k in mine])
+        _by_joint([named[k] for k in mine], [p for p in board.published if p.table == 2])
         for mine in board.groups.values() if len(lines[mine[0]].joints) > 1
     ]  # fmt: skip
     return out
@@ -158,7 +160,10 @@ def format_percent(x: float) -> str:
     return f"{x:.1f} %"
 
 
-def _by_dataset(named: Sequence[tuple[Line, str]], table: int, title: str, unit: str) -> Table:
+def _by_dataset(
+    named: Sequence[tuple[Line, str]], published: Sequence[paper.PublishedCell], title: str,
+    unit: str,
+) -> Table:
     columns: list[_Column] = []
     for dataset in dict.fromkeys(line.dataset for line, _ in named):
         mine = [(line, label) for line, label in named if line.dataset == dataset]
@@ -170,14 +175,17 @@ def _by_dataset(named: Sequence[tuple[Line, str]], table: int, title: str, unit:
         if mine[0][0].robot == paper.OWI:  # the metric that CRAVES publishes
             cells = {label: format_error(best_half([*x.error.values()])) for x, label in mine}
             columns.append(_Column(head, "best half", cells))
-        columns += _reference(mine, table, mine[0][0].robot, 0, head)
+        cells_of = [p for p in published if p.robot == mine[0][0].robot]
+        columns += _reference(mine, cells_of, head)
     limit = "5°" if unit == "deg" else "5 cm"
     caption = f"Error at the last frame in {unit}, mean and standard deviation over all pairs of " \
               f"sequence and joint, and the share of pairs within {limit}."  # fmt: skip
     return _table(title, caption, columns, _ordered(named))
 
 
-def _by_joint(named: Sequence[tuple[Line, str]]) -> Table:
+def _by_joint(
+    named: Sequence[tuple[Line, str]], published: Sequence[paper.PublishedCell]
+) -> Table:
     first = named[0][0]
     columns: list[_Column] = []
     joints = dict.fromkeys((joint.index, joint.name) for line, _ in named for joint in line.joints)
@@ -187,21 +195,22 @@ def _by_joint(named: Sequence[tuple[Line, str]]) -> Table:
             for line, label in named for joint in line.joints if joint.name == name
         }  # fmt: skip
         columns.append(_Column(name, "mean ± std", cells))
-        columns += _reference(named, 2, first.robot, index, name)
+        cells_of = [p for p in published if (p.robot, p.joint) == (first.robot, index)]
+        columns += _reference(named, cells_of, name)
     caption = f"Error of each joint at the last frame in {first.unit}, mean and standard deviation."
     return _table(f"Joints of {first.dataset}", caption, columns, _ordered(named))
 
 
 def _reference(
-    named: Iterable[tuple[Line, str]], table: int, robot: str, joint: int, head: str
+    named: Iterable[tuple[Line, str]], published: Sequence[paper.PublishedCell], head: str
 ) -> list[_Column]:
-    """The paper's column of a robot: in the rows of our counterparts, or in rows of its own."""
-    printed = {p.method: p for p in paper.published_cells(table, robot) if p.joint == joint}
+    """The papers' column of a robot: in the rows of our counterparts, or in rows of its own."""
+    printed = {p.method: p for p in published}
     if not printed:
         return []
     cells = {f"{name} (paper)": _printed(p) for name, p in printed.items()}
     for line, label in named:
-        other = paper.counterpart(line.row, table, robot)
+        other = paper.counterpart(line.row, published[0].table, line.robot)
         if other in printed:
             cells[label] = cells.pop(f"{other} (paper)", _printed(printed[other]))
     return [_Column(head, "paper", cells, reference=True)]

@@ -8,13 +8,35 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from ...errors import DatasetError
-from ...renderer.dataset import Dataset, open_dataset, read_meta, sequence_paths
+from ...errors import ConfigError, DatasetError
+from ...renderer.dataset import (
+    Dataset,
+    open_dataset,
+    read_meta,
+    select_sequences,
+    sequence_name,
+    sequence_paths,
+)
+from ...renderer.runtime import command_line
 from ..protocol import truth_digest
 from .suite import Suite
 
 SUITES = Path("data") / "suites"
 """Where suites are rendered."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The sequences of each dataset to evaluate: of those named, the first observable ones."""
+
+    sequences: str = ""
+    """Numbers, such as 0-9,15; empty: all."""
+    limit: int = 0
+    """Largest number of them; 0: all."""
+    keep_unobservable: bool = False
+
+
+ALL = Selection()
 
 
 @dataclass(frozen=True)
@@ -42,15 +64,14 @@ class Data:
 
 
 def from_folders(
-    folders: Sequence[Path], keep_unobservable: bool = False, limit: int = 0,
-    allow_model: bool = False,
+    folders: Sequence[Path], selection: Selection = ALL, allow_model: bool = False
 ) -> list[Data]:
     """Open datasets; two folders of one name get their seeds as a part of the name.
 
-    Raises DatasetError if a folder is not a dataset, or two have the same name and seed.
+    Raises DatasetError if a folder is not a dataset, or two have the same name and seed, and
+    ConfigError if one lacks a selected sequence.
     """
-    out = [select(folder.resolve().name, folder, None, keep_unobservable, limit, allow_model)
-           for folder in folders]  # fmt: skip
+    out = [select(folder.resolve().name, folder, selection, allow_model) for folder in folders]
     plain = [data.name for data in out]
     out = [replace(data, name=f"{data.name}-seed-{data.dataset.config.seed}")
            if plain.count(data.name) > 1 else data for data in out]  # fmt: skip
@@ -61,47 +82,49 @@ def from_folders(
 
 
 def from_suite(
-    suite: Suite, folder: Path = SUITES, keep_unobservable: bool = False, limit: int = 0,
-    progress: bool = True,
+    suite: Suite, folder: Path = SUITES, selection: Selection = ALL, progress: bool = True
 ) -> list[Data]:
     """Open the datasets of a suite, in FOLDER/SUITE/NAME; missing sequences are rendered first.
 
-    Raises DatasetError if a folder holds another dataset, or rendering fails.
+    Raises DatasetError if a folder holds another dataset, or rendering fails, and ConfigError if a
+    dataset lacks a selected sequence.
     """
     from ...renderer.generate import render_dataset
 
     out: list[Data] = []
     for entry in suite.datasets:
-        n = min(entry.n, limit or entry.n)
-        path = folder / suite.title / entry.name
-        missing = n - len([name for name in sequence_paths(path) if int(name) < n])
+        name, path = f"{suite.title}/{entry.name}", folder / suite.title / entry.name
+        ranges = [range(min(entry.n, selection.limit or entry.n))]
+        if selection.sequences:
+            ranges = command_line.parse_ranges(selection.sequences)
+        if (last := max(r[-1] for r in ranges)) >= entry.n:
+            raise ConfigError(f"{name} has no sequence {last}; there are 0 to {entry.n - 1}")
+        wanted = [*dict.fromkeys(k for r in ranges for k in r)]
+        missing = len({sequence_name(k) for k in wanted} - {*sequence_paths(path)})
         if missing:
-            print(f"{suite.title}/{entry.name}: {missing} of {n} sequences to render",
-                  file=sys.stderr)  # fmt: skip
-        render_dataset(entry.config, n, path, progress=progress and missing > 0)
-        name = f"{suite.title}/{entry.name}"
-        out.append(select(name, path, n, keep_unobservable, limit, allow_model=True))
+            print(f"{name}: {missing} of {len(wanted)} sequences to render", file=sys.stderr)
+        render_dataset(entry.config, wanted, path, progress=progress and missing > 0)
+        here = replace(selection, sequences=",".join(map(str, wanted)))
+        out.append(select(name, path, here, allow_model=True))
     return out
 
 
 def select(
-    name: str, folder: Path, n: int | None, keep_unobservable: bool, limit: int = 0,
-    allow_model: bool = False,
+    name: str, folder: Path, selection: Selection = ALL, allow_model: bool = False
 ) -> Data:
-    """Select the observable sequences with a scored joint among 0 .. n-1 (None: all), of these the
-    first `limit` (0: all).
+    """Select the observable sequences with a scored joint.
 
-    Raises DatasetError if there are none.
+    Raises DatasetError if there are none, and ConfigError if a selected sequence is missing.
     """
     dataset, paths = open_dataset(folder, allow_model), sequence_paths(folder)
-    names = [s for s in dataset.names if n is None or int(s) < n]
+    names, limit = select_sequences(dataset, selection.sequences), selection.limit
     seen: list[str] = []
     scored: list[str] = []
     for s in names:
         if limit and len(scored) == limit:
             break
         meta = read_meta(paths[s])
-        if keep_unobservable or meta.observability.get("observable") is not False:
+        if selection.keep_unobservable or meta.observability.get("observable") is not False:
             seen.append(s)
             scored += [s] if meta.scored_joints else []
     if seen and not scored:

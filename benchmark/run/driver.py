@@ -31,7 +31,7 @@ from ..methods import (
 )
 from ..protocol import observe, shape_of
 from ..results import EstimateShape, Results, Row, Status
-from .datasets import SUITES, from_folders, from_suite
+from .datasets import SUITES, Selection, from_folders, from_suite
 from .isolation import Limits, read_declaration, run_method
 from .jobs import Job, describe_run, prepare_job
 from .schedule import Clock, cheap_first, describe_plan, interleave
@@ -67,6 +67,8 @@ class EvalConfig:
     knowledge: tuple[Knowledge | Literal["all"], ...] = ()
     """Knowledge levels to evaluate; all: each that the method supports. Default: axes; all if the
     method does not support axes."""
+    sequences: str = ""
+    """Numbers of the sequences of each dataset to evaluate, such as 0-9,15. Default: all."""
     limit: int = 0
     """Largest number of sequences of each dataset. 0: all."""
     workers: int = 0
@@ -124,12 +126,11 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     """
     limits = _limits(config)
     declared, rows, refused = _plan(config, limits)
+    selection = Selection(config.sequences, config.limit, config.keep_unobservable)
     if config.data:
-        data = from_folders(config.data, config.keep_unobservable, config.limit,
-                            config.allow_model)
+        data = from_folders(config.data, selection, config.allow_model)
     else:
-        data = from_suite(read_suite(config.suite), config.suites, config.keep_unobservable,
-                          config.limit, progress)
+        data = from_suite(read_suite(config.suite), config.suites, selection, progress)
     recorded = {
         "seconds_per_sequence": limits.timeout, "workers": limits.workers,
         "threads": limits.threads, **({"memory": limits.memory} if limits.memory else {}),

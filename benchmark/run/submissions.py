@@ -37,7 +37,7 @@ from ..results import (
     read_run,
     run_folder,
 )
-from .datasets import SUITES, Data, from_folders, from_suite
+from .datasets import SUITES, Data, Selection, from_folders, from_suite
 from .jobs import describe_run, name_unwritable, prepare_job
 from .suite import read_suite
 
@@ -153,11 +153,11 @@ def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
     file, results = config.predictions, config.results
     if file.exists() == config.template:
         raise DatasetError(f"{file}: {'exists' if config.template else 'no such file'}")
+    selection = Selection(keep_unobservable=config.keep_unobservable)
     if config.data:
-        data = from_folders(config.data, config.keep_unobservable)
+        data = from_folders(config.data, selection)
     else:
-        data = from_suite(read_suite(config.suite), config.suites, config.keep_unobservable,
-                          progress=progress)
+        data = from_suite(read_suite(config.suite), config.suites, selection, progress)
     wanted = list_targets(data)
     if config.template:
         with name_unwritable(file):

@@ -264,14 +264,15 @@ def test_an_invalid_attribution_is_refused(tmp_path: Path, wrong: dict[str, str]
 
 def test_the_papers_numbers() -> None:
     assert len(paper.PUBLISHED) == 4 * 3 + 2 + 3 * 4 + 5 * 4
-    full = {p.robot: (p.mean, p.pcp5) for p in paper.published_cells(3) if p.method == paper.FULL}
+    cells = {k: [p for p in paper.PUBLISHED if p.table == k] for k in (1, 2, 3)}
+    full = {p.robot: (p.mean, p.pcp5) for p in cells[3] if p.method == paper.FULL}
     assert full == {"ur5": (2.2132, 91.6), "ur5-textured": (1.4633, 96.5),
                     "iiwa14": (2.5158, 89.0), "irb2400": (3.1479, 93.5)}
-    ours = np.mean([p.mean for p in paper.published_cells(2) if p.method == "GC-Pose, RGB-D"])
+    ours = np.mean([p.mean for p in cells[2] if p.method == "GC-Pose, RGB-D"])
     assert ours == pytest.approx(1.96, abs=0.005)  # as its text says
-    craves = np.mean([p.mean for p in paper.published_cells(2) if p.method == "CRAVES"])
+    craves = np.mean([p.mean for p in cells[2] if p.method == "CRAVES"])
     assert craves == pytest.approx(3.03, abs=0.005)
-    own = np.mean([p.mean for p in paper.published_cells(1) if p.method == "GC-Pose"])
+    own = np.mean([p.mean for p in cells[1] if p.method == "GC-Pose"])
     assert own == pytest.approx(1.391, abs=0.001)
 
 
@@ -321,6 +322,42 @@ def test_owi_and_objects(tmp_path: Path) -> None:
     assert objects["ScrewNet (oven, trained on the other two) (paper)"] == "8.65 ± 0.21"
 
 
+def test_numbers_of_other_papers_stand_beside_ours(tmp_path: Path) -> None:
+    write_results(tmp_path / "results", GCPOSE, 0.01)
+    file = tmp_path / "papers.csv"
+    file.write_text("method,robot,mean,std,pcp5,joint\nPoser <b>,ur5,1.5,0.25,91,\n"
+                    "Poser <b>,ur5,0.5,,,1\nPoser <b>,crane,9,,,\n")
+    board = read_leaderboard([tmp_path / "results", file])
+    robots, joints = paper_tables(board)
+    rows = {row.cells[0]: row.cells for row in robots.rows}
+    assert "1.50 ± 0.25, 91.0 %" in rows["Poser <b> (paper)"]
+    assert f"{paper.FULL} (paper)" not in rows and f"{paper.NOISY} (paper)" in rows
+    (own,) = (row.cells for row in joints.rows if row.cells[0] == "Poser <b> (paper)")
+    assert [cell for cell in own[1:] if cell.strip("–- ")] == ["0.50"]
+    report([tmp_path / "results", file], tmp_path / "out", progress=False)
+    assert "Poser <b>" not in (tmp_path / "out/index.html").read_text()  # as text only
+    assert "Poser" in (tmp_path / "out/tables.tex").read_text()
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("method,mean\nA,1", "line 1: the first line names columns"),
+    ("method,robot,mean,colour\nA,ur5,1,red", "line 1: the first line names columns"),
+    ("method,robot,mean\nA,ur5,nan", r"line 2: .*\$\.mean"),
+    ("method,robot,mean\nA@B,ur5,1", "line 2: a name is not printable"),
+    ("method,robot,mean\nA,ur5,-1", r"line 2: .*\$\.mean"),
+    ("method,robot,mean\nA,ur5", "line 2: expected 3 cells"),
+    ("method,robot,mean\nA,ur5,1,2", "line 2: expected 3 cells"),
+    ("method,robot,mean,pcp5\nA,ur5,1,101", r"line 2: .*\$\.pcp5"),
+    ("method,robot,mean\n,ur5,1", r"line 2: .*method"),
+    ("", "line 0: the first line names columns"),
+])  # fmt: skip
+def test_wrong_numbers_of_papers_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "papers.csv"
+    file.write_text(text)
+    with pytest.raises(GcbenchError, match=rf"papers\.csv: {said}"):
+        paper.read_published(file)
+
+
 @pytest.mark.parametrize(("method", "robot", "name"), [
     ("screwnet microwave width=16", "microwave", "ScrewNet"),
     ("screwnet microwave", "oven", ""),
@@ -333,7 +370,7 @@ def test_a_learned_row_stands_beside_the_paper_by_what_it_has_learned_from(
 ) -> None:
     row = dataclasses.replace(GCPOSE, method=method, inputs="rgbd", knowledge="free")
     assert paper.counterpart(row, 1, robot) == name
-    assert name in {"", *(p.method for p in paper.published_cells(1, robot))}
+    assert name in {"", *(p.method for p in paper.PUBLISHED if (p.table, p.robot) == (1, robot))}
     assert paper.counterpart(row, 3, robot) == ""
 
 

@@ -25,7 +25,7 @@ from gcbench.benchmark.report.leaderboard import build_leaderboard
 from gcbench.benchmark.results.estimates import read_stored
 from gcbench.benchmark.results.rows import Result
 from gcbench.benchmark.results.runs import Results
-from gcbench.benchmark.run.datasets import from_folders
+from gcbench.benchmark.run.datasets import Selection, from_folders
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.benchmark.run.jobs import Job
 from gcbench.renderer.dataset.reader import open_dataset
@@ -201,7 +201,7 @@ def test_only_what_can_be_seen_is_scored(tmp_path: Path) -> None:
     (d,) = from_folders([folder])
     assert d.sequences == ("000000", "000002")
     assert d.left_out == 1
-    assert len(from_folders([folder], keep_unobservable=True)[0].sequences) == 3
+    assert len(from_folders([folder], Selection(keep_unobservable=True))[0].sequences) == 3
     with pytest.raises(GcbenchError, match="two datasets are called 'arm-seed-0'"):
         from_folders([folder, folder])
 

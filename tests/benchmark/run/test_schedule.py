@@ -85,6 +85,23 @@ def test_the_default_is_axes_and_a_limit_is_kept(
     assert all(len(run.sequences) == 3 for run in runs)
 
 
+def test_sequences_are_chosen_by_number(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["eval", "--method", "hold-still", "--data", str(folder),
+               "--results", str(tmp_path / "results"), "--sequences"]  # fmt: skip
+    assert main([*command, "1-2"]) == 0
+    (run,) = (f.run for f in find_runs(tmp_path / "results"))
+    assert run.sequences == ("000001", "000002")
+    assert main([*command, "2,0", "--limit", "1"]) == 0
+    (run,) = (f.run for f in find_runs(tmp_path / "results"))
+    assert run.sequences == ("000002",)
+    capsys.readouterr()
+    for wrong, said in (("0,7", f"{folder} has no sequence 7"), ("a", "give numbers and ranges")):
+        assert main([*command, wrong]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_the_exit_code_is_1_if_nothing_was_estimated(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

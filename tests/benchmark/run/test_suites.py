@@ -118,10 +118,12 @@ def test_what_is_missing_is_rendered_first(
 ) -> None:
     asked: list[tuple[str, int]] = []
 
-    def render(config: RenderConfig, n: int, out: Path, *_: object, **__: object) -> None:
-        asked.append((config.robot, n))
+    def render(
+        config: RenderConfig, wanted: list[int], out: Path, *_: object, **__: object
+    ) -> None:
+        asked.append((config.robot, len(wanted)))
         if not out.exists():
-            bench_data.make_dataset(out, n + 1, unobservable=(0,))
+            bench_data.make_dataset(out, len(wanted) + 1, unobservable=(0,))
 
     monkeypatch.setattr(generate, "render_dataset", render)
     suite = parse_suite(MINE, "mine")
@@ -135,6 +137,11 @@ def test_what_is_missing_is_rendered_first(
     one, two = data
     assert (one.name, one.sequences, one.left_out) == ("mine/one", ("000001",), 1)
     assert two.sequences == ("000001", "000002")
+    chosen = datasets.from_suite(replace(suite, datasets=suite.datasets[1:]), tmp_path,
+                                 datasets.Selection("2", keep_unobservable=True))
+    assert chosen[0].sequences == ("000002",) and asked[-1] == ("iiwa14", 1)
+    with pytest.raises(GcbenchError, match="mine/one has no sequence 2; there are 0 to 1"):
+        datasets.from_suite(suite, tmp_path, datasets.Selection("0-2"))
 
 
 def test_the_recipes_are_in_the_wheel() -> None:

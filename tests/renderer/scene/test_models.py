@@ -153,7 +153,7 @@ def test_each_sequence_says_what_it_shows(dataset: Path) -> None:
     assert [robot_of(data.config, meta) for meta in metas] == shown
     assert len({meta.asset["sha256"] for meta in metas}) == 4
     assert all(meta.scored_joints == ("door",) for meta in metas)
-    chosen = select("microwave", dataset, None, False)
+    chosen = select("microwave", dataset)
     assert [chosen.cluster(name) for name in chosen.sequences] == shown
     for meta in metas:  # for methods that know the model
         assert model_of(data.config, meta).part_names == meta.part_names
@@ -175,7 +175,7 @@ def test_one_instance_is_clustered_by_sequence(tmp_path: Path) -> None:
     category = replace(SMALL, robot="oven", vary=("motion",))
     render_dataset(category, 2, tmp_path / "b", 1, progress=False)
     for name in ("a", "b"):
-        chosen = select(name, tmp_path / name, None, False)
+        chosen = select(name, tmp_path / name)
         assert [chosen.cluster(s) for s in chosen.sequences] == ["000000", "000001"]
     (asset,) = json.loads((tmp_path / "a" / "dataset.json").read_text())["assets"]
     assert asset["name"] == "oven:17" and len(asset["sha256"]) == 64
