@@ -62,6 +62,10 @@ def read_gltf_document(data: bytes) -> GltfDocument:
     if len(text) > MAX_JSON_BYTES:
         raise ModelError(f"has more than {MAX_JSON_BYTES} bytes of JSON")
     text = text.removeprefix(b"\xef\xbb\xbf")
+    try:
+        text.decode()  # msgspec skips what it does not need without a look
+    except UnicodeDecodeError as error:
+        raise ModelError(f"is not a glTF file: its JSON is not UTF-8 ({error})") from error
     asset, notes = _check_version_and_extensions(_decode(text, _Head))
     lists = _decode(text, _Lists)
     counts = {kind: len(getattr(lists, name)) for kind, name in LISTS.items()}

@@ -162,6 +162,7 @@ def test_broken_glb(tmp_path: Path) -> None:
     refuse(path, "reaches beyond", whole[:12] + struct.pack("<I", 2**31) + whole[16:])
     refuse(path, "JSON", b"")
     refuse(path, "JSON", b"\xff\xfe\x00")
+    refuse(path, "JSON is not UTF-8", b'{"asset": {"version": "2.0"}, "extras": "\xf6"}')
     refuse(path, "expected object, got array", b"[1]")
     refuse(path, "broken", b"[" * 200_000)
     refuse(path, "JSON is broken", b'{"asset": {"version": "2.0"}, "scene": NaN}')
