@@ -54,7 +54,7 @@ def load_robot(
             `notes`.
         download: Whether files of a named robot may be downloaded on first use.
         root: Folder that a URDF may read meshes from; default: its package (the nearest folder
-            with a package.xml), else its own folder, or the one above if it is called "urdf".
+            with a package.xml), else its own folder.
         scale: Factor of all lengths of a file that is not in metres.
 
     Returns:

@@ -5,8 +5,7 @@ that of a mesh or a texture, and the file it leads to, symbolic links followed, 
 these folders:
 
 * the root that the caller gives; without one, the package of the URDF (the nearest folder at or
-  above it with a `package.xml`; else, of a folder called `urdf`, the folder above), and without a
-  package the folder of the URDF;
+  above it with a `package.xml`), and without a package the folder of the URDF;
 * for `package://NAME/...`, a folder called NAME at most three levels above the URDF, and those of
   NAME among the packages that the caller names and in ROS_PACKAGE_PATH.
 
@@ -126,9 +125,8 @@ def asset_finder(
 
 def _default_root(folder: Path) -> Path:
     """Return the package of a folder, else the folder itself."""
-    above = _above(folder, _PACKAGE_LEVELS)
-    package = above[1] if folder.name == "urdf" and len(above) > 1 else folder
-    return next((f for f in above if (f / "package.xml").is_file()), package)
+    packages = (f for f in _above(folder, _PACKAGE_LEVELS) if (f / "package.xml").is_file())
+    return next(packages, folder)
 
 
 def _above(folder: Path, levels: int) -> list[Path]:

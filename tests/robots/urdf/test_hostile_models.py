@@ -304,24 +304,12 @@ def test_the_root_is_never_the_home_or_the_file_system(
     assert references.asset_finder(Path("/m.urdf")).root == Path("/")  # its own folder, no other
 
 
-def test_a_folder_called_urdf_lies_in_its_package(tmp_path: Path) -> None:
-    """The layout of most robots: PACKAGE/urdf/robot.urdf and PACKAGE/meshes."""
-    for folder in ("arm/urdf", "arm/other", "arm/meshes"):
-        (tmp_path / folder).mkdir(parents=True)
-    for mesh in ("arm/meshes/a.obj", "b.obj"):
-        (tmp_path / mesh).write_text(OBJ)
-    (tmp_path / "arm/urdf/m.urdf").write_text(with_mesh("../meshes/a.obj"))
-    assert load_urdf(tmp_path / "arm/urdf/m.urdf").visuals
-    refuse(tmp_path / "arm/urdf/n.urdf", "leads out", with_mesh("../../b.obj"))
-    refuse(tmp_path / "arm/other/m.urdf", "leads out", with_mesh("../meshes/a.obj"))
-
-
 def test_meshes_come_from_the_package_or_a_named_folder(tmp_path: Path) -> None:
     (tmp_path / "ws/arm/meshes").mkdir(parents=True)
     (tmp_path / "ws/arm/meshes/a.obj").write_text(OBJ)
-    path = tmp_path / "ws/arm/model/m.urdf"
+    path = tmp_path / "ws/arm/urdf/m.urdf"
     text = refuse(path, "leads out of", with_mesh("../meshes/a.obj"))
-    assert f"{tmp_path}/ws/arm/model, the folder that the model may read" in text
+    assert f"{tmp_path}/ws/arm/urdf, the folder that the model may read" in text
     assert "--root DIR" in text
     assert load_urdf(path, asset_root=tmp_path / "ws/arm").visuals
     assert load_robot(path, root=tmp_path / "ws/arm").visuals
