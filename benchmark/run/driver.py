@@ -55,7 +55,7 @@ class EvalConfig:
     hf-relative say what it returns). Default: chosen by the method. Becomes part of the row's
     name."""
     weights: str = ""
-    """File of trained weights, for methods with this option (screwnet)."""
+    """File of trained weights, for methods with this option (screwnet, abbatematteo)."""
     set: tuple[str, ...] = ()
     """Settings of the method as NAME=VALUE, e.g. rgbd.candidates=800; part of the row's name."""
     suite: str = "mini"

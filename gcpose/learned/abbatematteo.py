@@ -15,7 +15,7 @@ from ..networks.abbatematteo import (
     MixtureDensityNetwork,
     mixture_width,
 )
-from ..networks.screwnet import fit_depth
+from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import torch
 from .trained import depth_of_one_joint, load_trained
 
@@ -27,6 +27,9 @@ class Abbatematteo:
     inputs: tuple[Inputs, ...] = ("rgbd",)
     knowledge: tuple[Knowledge, ...] = ("free",)
     version = "1"
+    authors = "B. Abbatematteo, S. Tellex, G. Konidaris"
+    link = "http://bigai.cs.brown.edu/2019/11/04/kinematics.html"
+    date = "2019"
 
     def __init__(self, weights: str = "", device: str = "auto") -> None:
         """Load the weights that `gcbench train abbatematteo` wrote.

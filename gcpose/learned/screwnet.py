@@ -8,7 +8,8 @@ import numpy as np
 from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
-from ..networks.screwnet import ScrewNet, fit_depth, screwnet_width
+from ..networks.depth_images import fit_depth
+from ..networks.screwnet import ScrewNet, screwnet_width
 from ..networks.torch_runtime import torch
 from .trained import depth_of_one_joint, load_trained
 

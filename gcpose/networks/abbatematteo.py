@@ -42,7 +42,7 @@ class MixtureDensityNetwork(nn.Module):
     def forward(self, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return log weights [B 20], means and deviations [B 20 22], normalised, of images.
 
-        `depth` [B H W] is as `fit_depth` gives it.
+        `depth` [B H W] is as `depth_images.fit_depth` gives it.
         """
         images = depth[:, None].expand(-1, 3, -1, -1)
         x = self.hidden(self.features(self.encoder(images)[-1].mean((2, 3))))

@@ -11,15 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .resnet import ResNet18
 from .torch_runtime import Tensor, nn
 
-DEPTH_WIDTH, DEPTH_HEIGHT = 192, 108
-"""Size of the depth images, px."""
-_DEPTH_UNIT = 12.0  # m
 SCREW_NUMBERS = 8
 """l (3), m (3), theta, d."""
 
@@ -40,7 +34,7 @@ class ScrewNet(nn.Module):
             nn.Linear(quarter // 2, SCREW_NUMBERS))
 
     def forward(self, depth: Tensor) -> Tensor:
-        """Return the screws [B T-1 8] of depth videos [B T H W] (see `fit_depth`)."""
+        """Return the screws [B T-1 8] of depth videos [B T H W] (see `depth_images.fit_depth`)."""
         batch, frames = depth.shape[:2]
         images = depth.flatten(0, 1)[:, None].expand(-1, 3, -1, -1)
         x = self.features(self.encoder(images)[-1].mean((2, 3)))
@@ -57,20 +51,3 @@ def screwnet_width(tensors: Mapping[str, Tensor]) -> int:
     """Return the width of the network that has these tensors; 0 if it is none."""
     first = tensors.get("encoder.conv1.weight")
     return 0 if first is None or first.ndim != 4 else int(first.shape[0])
-
-
-def fit_depth(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return depth images [T H W] m as the network sees them [T 108 192], in units of 12 m.
-
-    They are reduced as a whole, by the nearest pixel, with zeros beside them.
-    """
-    height, width = depth.shape[1:]
-    factor = min(DEPTH_WIDTH / width, DEPTH_HEIGHT / height)
-    w, h = max(1, round(width * factor)), max(1, round(height * factor))
-    rows = ((np.arange(h) + 0.5) * height / h).astype(np.int64)
-    columns = ((np.arange(w) + 0.5) * width / w).astype(np.int64)
-    top, left = (DEPTH_HEIGHT - h) // 2, (DEPTH_WIDTH - w) // 2
-    out = np.zeros((len(depth), DEPTH_HEIGHT, DEPTH_WIDTH), np.float32)
-    out[:, top : top + h, left : left + w] = depth[:, rows[:, None], columns]
-    out /= np.float32(_DEPTH_UNIT)
-    return out

@@ -1,4 +1,4 @@
-"""Training of the flow network. Its modules need PyTorch and are imported on use."""
+"""Training of networks. Its modules need PyTorch and are imported on use."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
 from ..networks.abbatematteo import CONFIGURATION, MixtureDensityNetwork
-from ..networks.screwnet import fit_depth
+from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import Tensor, nn, torch
 from .config import AbbatematteoTraining
 from .joint_images import JointImages, joint_numbers

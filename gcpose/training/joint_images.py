@@ -14,7 +14,7 @@ from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
 from ...renderer.types import Sequence
 from ...robots.geometry import Array, inverse, move_screw, quaternion_from_rotation
-from ..networks.screwnet import fit_depth
+from ..networks.depth_images import fit_depth
 from .screws import shuffled
 
 

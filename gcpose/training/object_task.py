@@ -11,7 +11,7 @@ from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
 from ...renderer.scene import RenderConfig
 from ...robots.appliances import CATEGORIES
-from ..networks.screwnet import DEPTH_HEIGHT
+from ..networks.depth_images import DEPTH_HEIGHT
 from ..networks.torch_runtime import nn, torch
 from .config import ObjectTraining
 from .data import PlannedDataset, find_datasets

@@ -15,7 +15,7 @@ from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
 from ...renderer.types import Sequence
 from ...robots.geometry import Array
-from ..networks.screwnet import fit_depth
+from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import Tensor, torch
 
 _PARALLEL = 1e-4  # sine of the angle below which lines count as parallel

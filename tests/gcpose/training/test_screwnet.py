@@ -25,7 +25,8 @@ torch = pytest.importorskip("torch", reason="training needs PyTorch")
 pytest.importorskip("safetensors", reason="weights need safetensors")
 
 from gcbench.gcpose.learned.screwnet import motion_of_screws  # noqa: E402
-from gcbench.gcpose.networks.screwnet import ScrewNet, fit_depth  # noqa: E402
+from gcbench.gcpose.networks.depth_images import fit_depth  # noqa: E402
+from gcbench.gcpose.networks.screwnet import ScrewNet  # noqa: E402
 from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
 from gcbench.gcpose.training import loop  # noqa: E402
 from gcbench.gcpose.training.screwnet_task import ScrewNetTask  # noqa: E402
