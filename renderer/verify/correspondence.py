@@ -24,7 +24,8 @@ def verify_correspondence(step: FrameStep, targets: FlowTargets) -> list[CheckRe
         (stored == VISIBLE) & four.same.all(0) & (four.far - four.near < FLAT * z))
     weight, index = four.weight[:, inner], four.index[:, inner]
     spread = (four.far - four.near)[inner]
-    gap = np.abs((weight * four.depth[:, inner]).sum(0) - z[inner])
+    depth = (weight * four.depth[:, inner]).sum(0)
+    gap = np.abs(depth - z[inner])
     # Half a unit is lost here and there; a surface that bends within the block stays within its
     # spread. A wire that is thinner than the block may be missed by it: what lies behind is as far
     # off as beside the wire's pixel. A few may lead to another sheet of the part: in renders of
@@ -39,7 +40,7 @@ def verify_correspondence(step: FrameStep, targets: FlowTargets) -> list[CheckRe
     # remains are the bounds of both flows, and as much again for the bend within a pixel.
     there_and_back = step.forward[pixel].T + np.einsum("bm,bmc->cm", weight, step.backward[index])
     allowed = gap + unit + 2 * spread**2 / z[inner]
-    parallax = _parallax(step, part[inner], uv[:, inner], z[inner])
+    parallax = _parallax(step, part[inner], uv[:, inner], z[inner], depth)
     error = np.maximum(0, np.hypot(*there_and_back) - parallax * allowed)
     known = np.isfinite(error) & ~elsewhere  # these count above, and in where flow is known
     places = pixel[known]
@@ -85,13 +86,19 @@ def _plausible(
                     | ((stored == OCCLUDED) & (beyond > 0.8 * tolerance - there.unit)))
 
 
-def _parallax(step: FrameStep, part: NDArray[np.int64], uv: Array, z: Array) -> Array:
-    """[M] px/m, how the way back from targets [2 M] at depth z [M] changes with that depth."""
+def _parallax(
+    step: FrameStep, part: NDArray[np.int64], uv: Array, z: Array, other: Array
+) -> Array:
+    """[M] px/m, how the way back from targets [2 M] changes from depth z [M] to the other [M].
+
+    Exact, because beside an edge these are centimetres apart.
+    """
     k, inverse = step.here.sequence.state.intrinsics, np.linalg.inv(step.motions)
     h = k @ inverse[:, :3, :3] @ np.linalg.inv(k)
     e = (inverse[:, :3, 3] @ k.T)[part].T
     ray = np.einsum("mij,jm->im", h[part], np.concatenate([uv, np.ones((1, len(part)))]))
-    return np.hypot(*((ray[:2] * e[2] - ray[2] * e[:2]) / (z * ray[2] + e[2]) ** 2))
+    scale = (z * ray[2] + e[2]) * (other * ray[2] + e[2])
+    return np.hypot(*((ray[:2] * e[2] - ray[2] * e[:2]) / scale))
 
 
 def _relief(frame: VerifiedFrame) -> Array:
