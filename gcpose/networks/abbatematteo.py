@@ -45,11 +45,13 @@ class MixtureDensityNetwork(nn.Module):
         `depth` [B H W] is as `depth_images.fit_depth` gives it.
         """
         images = depth[:, None].expand(-1, 3, -1, -1)
-        x = self.hidden(self.features(self.encoder(images)[-1].mean((2, 3))))
+        x = self.encoder(images)[-1].mean((2, 3))
+        with torch.autocast(x.device.type, enabled=False):  # small deviations, and ranges of 1
+            x = self.hidden(self.features(x.float()))
+            weight, mean, deviation = self.weight(x), self.mean(x), self.deviation(x)
         shape = (_COMPONENTS, JOINT_NUMBERS)
-        deviation = F.elu(self.deviation(x)) + 1 + _LEAST_DEVIATION
-        return (self.weight(x).log_softmax(-1), self.mean(x).unflatten(1, shape),
-                deviation.unflatten(1, shape))
+        deviation = F.elu(deviation) + 1 + _LEAST_DEVIATION
+        return weight.log_softmax(-1), mean.unflatten(1, shape), deviation.unflatten(1, shape)
 
     def likeliest(self, depth: Tensor) -> Tensor:
         """Return the mean [B 22] of the heaviest component of images [B H W], with units."""

@@ -3,7 +3,7 @@
 # pyright: basic
 from __future__ import annotations
 
-from .torch_runtime import F, Tensor, nn
+from .torch_runtime import F, Tensor, nn, torch
 
 
 class ResNet18(nn.Module):
@@ -20,6 +20,8 @@ class ResNet18(nn.Module):
             blocks = [_Block(channels, outputs, 1 if k == 1 else 2), _Block(outputs, outputs, 1)]
             self.add_module(f"layer{k}", nn.Sequential(*blocks))
             channels = outputs
+        # the order that convolutions in bfloat16 compute in
+        self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
     def forward(self, image: Tensor) -> list[Tensor]:
         """Return features at 1/2, 1/4 .. 1/32 of an image [B 3 H W]."""

@@ -86,6 +86,8 @@ class TrainConfig:
     """Processes that prepare samples (a GPU needs 8 and more) and that render; 0: samples in the
     training process, and one renderer for each core."""
     threads: int = 0  # Of the arithmetic on a CPU; default: all cores.
+    precision: Literal["bfloat16", "float32"] = "bfloat16"
+    """Of the arithmetic in training; weights are float32."""
     every: int = 1000  # Steps between two checks on the held-out data.
     minutes: float = 3.0  # Time between two checkpoints.
 
@@ -113,8 +115,6 @@ class FlowTraining(TrainConfig):
     """Width and height of the crops that are learned from, px; multiples of 16."""
     iterations: int = 4
     """Corrections that the network makes in training (6 in use, 3 when tuned to a video)."""
-    precision: Literal["bfloat16", "float32"] = "bfloat16"
-    """Of the arithmetic in training; weights are float32."""
     models: int = 300  # Objects to render if no data are given.
     robots: tuple[str, ...] = ()
     """Robots (names or files) that half of them are; the others are random."""

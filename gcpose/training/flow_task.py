@@ -19,7 +19,7 @@ from .data import PlannedDataset, plan_datasets
 from .errors import FlowErrors, flow_errors
 from .loss import flow_loss
 from .pairs import FramePair, Pairs
-from .task import Samples, Scores
+from .task import Samples, Scores, reduced_precision
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,7 @@ class FlowTask:
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         a, b, flow, part, weight = batch
-        kind = torch.bfloat16 if self.config.precision == "bfloat16" else torch.float32
-        with torch.autocast(a.device.type, kind, enabled=kind != torch.float32):
+        with reduced_precision(self.config, a.device):
             out = network(a, b, self.config.iterations)
         return flow_loss(out, flow, part, weight, progress, self.config.loss)
 

@@ -14,7 +14,7 @@ from ..networks.torch_runtime import Tensor, nn, torch
 from .config import ScrewNetTraining
 from .object_task import ObjectTask
 from .screws import DepthVideos, line_distance, screw_loss
-from .task import Samples, Scores
+from .task import Samples, Scores, reduced_precision
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,9 @@ class ScrewNetTask(ObjectTask):
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         depth, screw = batch
-        return screw_loss(network(depth), screw)
+        with reduced_precision(self.config, depth.device):
+            found = network(depth)
+        return screw_loss(found.float(), screw)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the mean errors, and the mean motion: the error of an estimate of none."""

@@ -144,7 +144,7 @@ class DoorTask(AbbatematteoTask):
 
 def test_a_short_training_learns_the_position(tmp_path: Path) -> None:
     config = AbbatematteoTraining(
-        out=tmp_path / "out", steps=220, batch=16, width=8, rate=3e-3, dropout=0.0,
+        out=tmp_path / "out", steps=400, batch=16, width=8, rate=1.5e-3, dropout=0.0,
         device="cpu", threads=1)
     loop.train(DoorTask(config))
     network = MixtureDensityNetwork(8).eval()
