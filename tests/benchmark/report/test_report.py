@@ -496,6 +496,38 @@ def test_copies_of_a_row_count_once_and_others_need_a_label(tmp_path: Path) -> N
             read_leaderboard([tmp_path / "a"], [wrong])
 
 
+def test_results_of_colleagues_merge(tmp_path: Path) -> None:
+    """Of another machine: its speed, its rounding, and its folders are others."""
+    def written(who: str, digit: int, row: Row, scale: float | None, robot: str = "x.urdf") -> Path:
+        config = {"robot": f"/home/{who}/robots/{robot}", "seed": 7, "frames": 5, "width": 640}
+        path = write_results(tmp_path / who, row, scale, "arm", config=config)
+        run = read_run(path / RUN)
+        truth = {name: f"{digit}{name}" for name in run.sequences}
+        write_run(path, dataclasses.replace(run, digests=truth, data=f"/home/{who}/data"))
+        faster = {"me": 1.0, "you": 0.25}.get(who, 1.0)
+        scores = [dataclasses.replace(r, value=r.value * faster) if "seconds" in r.metric
+                  else dataclasses.replace(r, value=r.value * (1 + 1e-9 * (faster < 1)))
+                  for r in read_scores(path / SCORES)]
+        write_scores(path / SCORES, scores)
+        return tmp_path / who
+
+    mine, newer = GCPOSE, dataclasses.replace(GCPOSE, version="2.0")
+    for who, row in (("me", mine), ("you", newer)):
+        written(who, 1, STILL, None)
+        written(who, 1, ICP, 0.02)
+        folder = written(who, 1, row, 0.01)
+    assert main(["report", str(tmp_path / "me"), str(folder), "--out", str(tmp_path / "r"),
+                 "--no-pictures", "--quiet"]) == 0
+    board = read_leaderboard([tmp_path / "me", tmp_path / "you"])
+    assert sorted(board.labels) == ["gcpose · rgbd · axes · 1.0", "gcpose · rgbd · axes · 2.0",
+                                    "hold-still", "icp · rgbd · axes"]
+    assert len({line.dataset for line in board.lines}) == 1
+    assert len(board.differences) == 6  # each pair is compared
+    for who, digit, robot in (("other-truth", 2, "x.urdf"), ("other-file", 1, "y.urdf")):
+        with pytest.raises(GcbenchError, match="are on two datasets of one name"):
+            read_leaderboard([tmp_path / "me", written(who, digit, FREE, 0.1, robot)])
+
+
 def test_two_seeds_stand_side_by_side(tmp_path: Path) -> None:
     config = {"robot": "ur5", "seed": 8, "frames": 5}
     write_results(tmp_path / "a", GCPOSE, 0.01)
