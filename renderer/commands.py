@@ -117,7 +117,8 @@ def export(
 
     kitti: optical flow (KITTI 2015) and depth. bop: poses, meshes and masks of parts. coco: masks.
     webdataset, hf: shards for training. tapvid: point tracks. rerun: recordings for the Rerun
-    viewer. observation: what a method may see. The same command continues an interrupted export.
+    viewer. screwnet: depth video and screws as the code of ScrewNet reads them. observation: what a
+    method may see. The same command continues an interrupted export.
 
     Examples:
       gcbench export data/ur5 --format kitti
@@ -126,7 +127,7 @@ def export(
 
     Args:
         dataset: Folder of a dataset.
-        format: kitti, bop, coco, webdataset, hf, tapvid, rerun or observation.
+        format: kitti, bop, coco, webdataset, hf, tapvid, rerun, screwnet or observation.
         out: Folder of the export, which must not exist. Default: DATASET-FORMAT.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
         allow_model: Read the model from a path that the dataset names, or download it.

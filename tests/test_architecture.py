@@ -303,7 +303,7 @@ def test_the_base_install_needs_no_extra() -> None:
     """Every public name is there without what the extras bring."""
     code = """
 import sys
-for name in ("torch", "safetensors", "sapien", "pycocotools", "rerun", "webdataset"):
+for name in ("torch", "safetensors", "sapien", "pycocotools", "rerun", "h5py", "webdataset"):
     sys.modules[name] = None
 import gcbench as gb
 assert all(getattr(gb, name) is not None for name in gb.__all__)

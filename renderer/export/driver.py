@@ -31,6 +31,7 @@ WRITERS: dict[str, str] = {
     "tapvid": "tapvid:TapVid",
     "rerun": "rerun:Rerun",
     "hf": "huggingface:HuggingFace",
+    "screwnet": "screwnet:ScrewNetData",
 }
 _FILE = "export.json"
 
@@ -54,7 +55,7 @@ def export_dataset(
 
     Args:
         dataset: Folder of the dataset.
-        format: "kitti", "bop", "coco", "webdataset", "hf", "tapvid" or "rerun".
+        format: "kitti", "bop", "coco", "webdataset", "hf", "tapvid", "rerun" or "screwnet".
         out: Folder of the export, which must not exist.
         sequences: Numbers and ranges of sequences, for example "0-9,15". Default: all.
         progress: Whether to show a progress bar.

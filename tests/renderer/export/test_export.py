@@ -23,6 +23,7 @@ import pytest
 import trimesh
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
+from gcbench.gcpose.networks.depth_images import fit_depth
 from gcbench.renderer.dataset.reader import Dataset, select_sequences
 from gcbench.renderer.export import kitti as export_kitti
 from gcbench.renderer.export.driver import WRITERS, export_dataset
@@ -33,7 +34,7 @@ from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.files.lock import lock_folder
 
-from ...support import analytic, bench_data
+from ...support import analytic, bench_data, one_joint
 
 SEQUENCES, FRAMES = 3, 4
 
@@ -49,13 +50,30 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return open_dataset(folder)
 
 
+@pytest.fixture(scope="module")
+def doors(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Two objects with one joint that turns there and back beyond half a turn, and one that
+    slides, in 17 frames."""
+    folder = one_joint.dataset(tmp_path_factory.mktemp("data") / "doors", 3)
+    info = json.loads((folder / "dataset.json").read_text())
+    info["config"]["frames"] = 17
+    (folder / "dataset.json").write_text(json.dumps(info))
+    for index, (joint, faster) in enumerate([("pan", 1.0), ("pan", -1.3), ("slide", 0.1)]):
+        motion = [*np.linspace(0.0, 3.3, 9), *np.linspace(3.0, -0.6, 8)]
+        moved = one_joint.moved(joint, [faster * x for x in motion])
+        (folder / f"sequences/{index:06d}.zip").unlink()
+        bench_data.save(moved, folder, index, 1.0, observable=True)
+    return open_dataset(folder)
+
+
 # -- what all formats share -------------------------------------------------------------------
 
 
 def test_every_format_is_there() -> None:
     for entry in WRITERS.values():
         module, _, name = entry.partition(":")
-        if importlib.util.find_spec("rerun") or "rerun" not in module:
+        needed = {"rerun": "rerun", "screwnet": "h5py"}.get(module, "numpy")
+        if importlib.util.find_spec(needed):
             kind = getattr(importlib.import_module(f"gcbench.renderer.export.{module}"), name)
             assert callable(kind.add) and callable(kind.finish)
 
@@ -121,12 +139,13 @@ def test_ctrl_c_leaves_nothing_behind(
 
 @pytest.mark.parametrize("format", WRITERS)
 def test_what_was_stopped_is_continued(
-    format: str, dataset: Dataset, toy: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    format: str, dataset: Dataset, toy: Dataset, doors: Dataset, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """After any sequence, with the next one half written; the files are those of a clean run."""
-    if format in ("rerun", "coco"):
-        pytest.importorskip({"rerun": "rerun", "coco": "pycocotools"}[format])
-    data = toy if format == "bop" else dataset
+    pytest.importorskip({"coco": "pycocotools", "screwnet": "h5py"}.get(format, format)
+                        if format in ("rerun", "coco", "screwnet") else "numpy")
+    data = {"bop": toy, "screwnet": doors}.get(format, dataset)
     monkeypatch.setattr("gcbench.renderer.export.webdataset.SHARD", 6)
     whole = export_dataset(data.path, format, tmp_path / "whole", progress=False).folder
     for stop in range(len(data.names)):
@@ -650,3 +669,51 @@ def test_tapvid_follows_parts(dataset: Dataset, tmp_path: Path) -> None:
                     followed += 1
                     assert hidden == occluded[n, t + 1]
     assert followed > 100
+
+
+# -- ScrewNet ---------------------------------------------------------------------------------
+
+
+def pose(values: np.ndarray) -> np.ndarray:
+    """[4 4] of x y z, qw qx qy qz."""
+    return trimesh.transformations.translation_matrix(values[:3]) @ (
+        trimesh.transformations.quaternion_matrix(values[3:]))
+
+
+def test_screwnet(doors: Dataset, tmp_path: Path) -> None:
+    """Read as the published loaders do: the labels follow from the poses."""
+    h5py = pytest.importorskip("h5py")
+    folder = export_dataset(doors.path, "screwnet", tmp_path / "s", progress=False).folder
+    assert sorted(p.name for p in folder.iterdir()) == ["complete_data.hdf5", "export.json"]
+    with h5py.File(folder / "complete_data.hdf5", "r") as file:
+        assert list(file) == ["obj_000000", "obj_000001", "obj_000002"]
+        for k, sequence in enumerate(doors):
+            found, s = file[f"obj_{k:06d}"], sequence.state
+            j = sequence.meta.joint_names.index(sequence.meta.scored_joints[0])
+            assert found.attrs["joint_type"] == sequence.meta.joint_types[j]
+            assert found.attrs["sequence"] == doors.names[k]
+            assert found["depth_imgs"].dtype == np.float32
+            np.testing.assert_array_equal(found["depth_imgs"], fit_depth(sequence.depth[:16]))
+            moving = [pose(values) for values in found["moving_frame_in_world"]]
+            body = pose(found["embedding_and_params"][-7:])
+            labels = np.array(found["global_labels"])
+            assert (len(moving), labels.shape) == (16, (15, 8))
+            parts = [int(s.joint_parent_part[j]) - 1, int(s.joint_child_part[j]) - 1]
+            between = [np.linalg.inv(placed[parts[0]]) @ placed[parts[1]]
+                       for placed in s.world_from_part[:16]]
+            np.testing.assert_allclose(np.linalg.inv(body) @ moving, between, atol=1e-9)
+            for t, (l, m, (theta, d)) in enumerate(
+                zip(labels[:, :3], labels[:, 3:6], labels[:, 6:], strict=True), 1
+            ):
+                assert 0 <= theta <= np.pi and d >= 0 and np.linalg.norm(l) == pytest.approx(1)
+                screw = trimesh.transformations.rotation_matrix(theta, l, np.cross(l, m))
+                screw[:3, 3] += d * l
+                np.testing.assert_allclose(screw, moving[t] @ np.linalg.inv(moving[0]), atol=1e-9)
+    assert (labels[:, 7] > 0.005).all() and not labels[:, 3:7].any()  # of the sliding one
+
+
+def test_screwnet_needs_one_joint_and_16_frames(dataset: Dataset, tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    with pytest.raises(GcbenchError, match="here are 4 frames, 2 scored joints; render an appli"):
+        export_dataset(dataset.path, "screwnet", tmp_path / "s", progress=False)
+    assert not list(tmp_path.iterdir())
