@@ -14,7 +14,7 @@ _GROUPS = {
     "options": "--help --method --suite --data --inputs --knowledge --limit --workers --results "
                "--quiet --json",
     "method": "--set --flow --depth --weights",
-    "limit": "--timeout --memory --retry",
+    "limit": "--timeout --memory --retry --python",
     "data": "--suites --keep-unobservable --allow-model",
 }
 """Options of `gcbench eval` by group."""

@@ -5,16 +5,19 @@ from __future__ import annotations
 from .registry import (
     Declaration,
     declaration_of,
+    is_own,
     list_methods,
     load_method,
     method_identity,
     method_source,
+    open_method,
+    options_of,
     plan_rows,
     split_oracles,
     with_options,
 )
 
 __all__ = [
-    "Declaration", "declaration_of", "list_methods", "load_method", "method_identity",
-    "method_source", "plan_rows", "split_oracles", "with_options",
+    "Declaration", "declaration_of", "is_own", "list_methods", "load_method", "method_identity",
+    "method_source", "open_method", "options_of", "plan_rows", "split_oracles", "with_options",
 ]

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-import inspect
 import json
 import re
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module, metadata
-from pathlib import Path
-from types import ModuleType
+from importlib import metadata
 from typing import Any, cast
 from urllib.parse import parse_qsl, urlencode
 
@@ -23,6 +18,7 @@ from ...renderer.runtime import dump_json, to_record
 from ...renderer.types import Inputs, Knowledge, Method, Observation
 from ..protocol import ORACLES, are_compatible
 from ..results import INPUTS, KNOWLEDGE, LABEL, Attribution, Row, is_label
+from .standalone import CannotLoadError, find_method, parameters_of
 
 GROUP = "gcbench.methods"
 """Group of the entry points of other packages: name = module:attribute."""
@@ -73,6 +69,10 @@ class Declaration:
     """Settings of the method as a JSON object; empty without settings."""
     attribution: Attribution = field(default_factory=Attribution)
     """Authors, link and date, as far as the method declares them."""
+    source: str = ""
+    """The source from which it was loaded, with the options that it takes."""
+    versions: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Of Python and NumPy, if the method runs in another Python."""
 
 
 def registered_methods() -> dict[str, str]:
@@ -138,45 +138,58 @@ def with_options(source: str, options: dict[str, str]) -> str:
     return f"{source}?{urlencode(options)}" if options else source
 
 
+def is_own(source: str) -> bool:
+    """Whether a method, with or without options, is one of gcbench's."""
+    return method_identity(source).partition("?")[0] in METHODS
+
+
 def load_method(source: str) -> Method:
     """Load and construct a method from its name or source, with options (see `with_options`).
 
     Modules are also searched in the current folder. Raises MethodError if the method is missing or
     invalid, or does not take the options.
     """
-    name, _, query = source.partition("?")
-    source, options = method_source(name), dict(parse_qsl(query))
-    where, _, attribute = source.rpartition(":")
-    module = _import_file(Path(where)) if where.endswith(".py") else _import_module(where, source)
-    found: Any = module
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            names = [n for n in vars(module) if not n.startswith("_")]
-            raise MethodError(f"{source}: {where} has no {part!r}; it has {', '.join(names)}")
-        found = getattr(found, part)
+    taken, method = open_method(source)
+    if unknown := options_of(source).keys() - options_of(taken).keys():
+        raise MethodError(f"{source} has no option --{min(unknown)}; leave it out")
+    return method
+
+
+def open_method(source: str) -> tuple[str, Method]:
+    """Load a method with those of the options in `source` that it takes.
+
+    Returns `source` with these options, and the method. Raises MethodError as `load_method`.
+    """
+    name = source.partition("?")[0]
+    where = method_source(name)
+    try:
+        found = find_method(where)
+    except CannotLoadError as error:
+        raise MethodError(str(error)) from error
+    defaults = parameters_of(found)
+    settings = ("set",) if "settings" in defaults else ()
+    options = {key: value for key, value in options_of(source).items()
+               if key in (*defaults, *settings)}
     if isinstance(found, type) or not hasattr(found, "estimate"):
         if not callable(found):
-            raise MethodError(f"{source}: not a method. {_FORM}")
-        found = _construct(cast("Callable[..., Any]", found), options, source)
-    elif options:
-        raise MethodError(f"{source} is an object and takes no --{', --'.join(options)}")
-    declaration_of(found, source)
-    return found
+            raise MethodError(f"{where}: not a method. {_FORM}")
+        found = _construct(cast("Callable[..., Any]", found), options, defaults)
+    declaration_of(found, where)
+    return with_options(name, options), found
 
 
-def _construct(method: Callable[..., Any], options: dict[str, str], source: str) -> Any:
-    try:
-        parameters = inspect.signature(method).parameters
-    except ValueError:
-        parameters = {}
+def options_of(source: str) -> dict[str, str]:
+    """Return the options that `with_options` added to the source of a method."""
+    return dict(parse_qsl(source.partition("?")[2]))
+
+
+def _construct(method: Callable[..., Any], options: dict[str, str],
+               defaults: Mapping[str, Any]) -> Any:
     arguments: dict[str, Any] = dict(options)
-    if "settings" in parameters and "set" in options:
-        changes = _parse_changes(arguments.pop("set"))
-        arguments["settings"] = parameters["settings"].default.override(changes)
-    if "segment" in parameters:
+    if "set" in options:
+        arguments["settings"] = defaults["settings"].override(_parse_changes(arguments.pop("set")))
+    if "segment" in defaults:
         arguments.setdefault("segment", _segment)
-    if unknown := [name for name in arguments if name not in parameters]:
-        raise MethodError(f"{source} has no option --{unknown[0]}; leave it out")
     return method(**arguments)
 
 
@@ -236,8 +249,11 @@ def plan_rows(
 ) -> list[Row]:
     """Return the rows to evaluate: the requested inputs and knowledge, by default all supported.
 
+    A method without images, or without knowledge, is beside all others: requests do not concern it.
     Raises MethodError for an unsupported request.
     """
+    inputs = () if declared.inputs == ("none",) else inputs
+    knowledge = () if declared.knowledge == ("none",) else knowledge
     for requested, supported, what in (
         (inputs, declared.inputs, "inputs"),
         (knowledge, declared.knowledge, "knowledge"),
@@ -259,29 +275,3 @@ def plan_rows(
     if oracles and all(row.inputs == "none" for row in rows):
         raise MethodError(f"{declared.name} gets no images; leave out @{'+'.join(oracles)}")
     return rows
-
-
-def _import_module(name: str, source: str) -> ModuleType:
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)  # last, so that files here hide no installed package
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name and (name == error.name or name.startswith(error.name + ".")):
-            raise MethodError(f"{source}: no module {error.name!r}") from error
-        raise MethodError(f"{source} needs the package {error.name!r}; install it") from error
-
-
-def _import_file(path: Path) -> ModuleType:
-    path = path.expanduser().resolve()
-    if not path.is_file():
-        raise MethodError(f"{path}: no such file")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise MethodError(f"{path}: not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(path.stem, module)  # dataclasses need it
-    sys.path.append(str(path.parent))
-    spec.loader.exec_module(module)
-    return module

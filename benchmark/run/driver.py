@@ -23,8 +23,10 @@ from ...robots.catalog import is_category
 from ...robots.model import ArticulatedModel
 from ..methods import (
     Declaration,
+    is_own,
     method_identity,
     method_source,
+    options_of,
     plan_rows,
     split_oracles,
     with_options,
@@ -54,8 +56,10 @@ class EvalConfig:
     hf:MODEL (a folder or OWNER/NAME on the Hugging Face hub, read by transformers; hf-metric and
     hf-relative say what it returns). Default: chosen by the method. Becomes part of the row's
     name."""
-    weights: str = ""
-    """File of trained weights, for methods with this option (screwnet, abbatematteo)."""
+    weights: tuple[str, ...] = ()
+    """Trained weights, for methods with this option (screwnet, abbatematteo): a file that
+    gcbench train wrote, or the name of weights that come with gcbench. METHOD=WEIGHTS is for one
+    of the methods. Each makes a row."""
     set: tuple[str, ...] = ()
     """Settings of the method as NAME=VALUE, e.g. rgbd.candidates=800; part of the row's name."""
     suite: str = "mini"
@@ -80,6 +84,9 @@ class EvalConfig:
     """Time limit per sequence, s."""
     memory: float = 0.0
     """Largest private memory of each process of a method, GiB. 0: no limit."""
+    python: str = ""
+    """Python interpreter, or a script that runs one, for methods that are not gcbench's. It needs
+    NumPy, and not gcbench."""
     retry: tuple[Status, ...] = ()
     """Statuses whose existing estimates are computed again. With ok, estimates of another
     version of the method or the dataset are replaced too."""
@@ -139,8 +146,8 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         if not d.dataset.allow_model and any(row.knowledge == "model" for _, row in rows):
             check_model_paths(d.dataset.config)
     jobs = cheap_first([
-        prepare_job(describe_run(row, source, d, recorded, declared[source].settings,
-                                 declared[source].attribution), d, config.results, config.retry)
+        prepare_job(describe_run(row, source, d, recorded, declared[source]), d, config.results,
+                    config.retry)
         for source, row in rows
         for d in data
     ])  # fmt: skip
@@ -163,38 +170,64 @@ def _limits(config: EvalConfig) -> Limits:
     if min(config.workers, config.limit, config.memory) < 0 or not config.timeout > 0:
         raise ConfigError("--timeout must be more than 0; --workers, --limit, --memory 0 or more")
     workers = config.workers or min(cpu_count(), 4)
-    return Limits(workers, max(1, cpu_count() // workers), config.timeout, config.memory)
+    if config.python and all(is_own(split_oracles(method)[0]) for method in config.method):
+        raise ConfigError("--python is for methods that are not gcbench's; leave it out")
+    return Limits(workers, max(1, cpu_count() // workers), config.timeout, config.memory,
+                  config.python)
 
 
 def _plan(
     config: EvalConfig, limits: Limits
 ) -> tuple[dict[str, Declaration], list[tuple[str, Row]], dict[str, str]]:
     """Return the declaration of each method by its identity, (identity, row) of each row, and why
-    the other methods cannot be loaded. Raises MethodError if none can."""
-    options = {k: v for k, v in (("flow", config.flow), ("depth", config.depth),
-                                 ("weights", config.weights), ("set", " ".join(config.set))) if v}
-    for name, _ in map(split_oracles, config.method):
-        method_source(name)  # fail on an unknown name before a process starts
-    named = dict.fromkeys((with_options(method_identity(method), options), oracles)
-                          for method, oracles in map(split_oracles, config.method))
-    declared: dict[str, Declaration] = {}
+    the other methods cannot be loaded. Raises MethodError if none can, or if none has an option."""
+    named = _with_options(config)
+    found: dict[str, Declaration] = {}
     refused: dict[str, str] = {}
     for source in dict.fromkeys(source for source, _ in named):
         try:
-            declared[source] = read_declaration(source, limits)
+            one = read_declaration(source, limits)
+            plan_rows(one, (), config.inputs, _knowledge(config, one))
+            found[source] = one
         except MethodError as error:
             refused[source] = str(error)
-    if not declared:
+    if not found:
         raise MethodError("; ".join(refused.values()))
     for reason in refused.values():
         say(reason)
+    declared = {one.source: one for one in found.values()}
+    given, taken = ({option for source in sources for option in options_of(source).items()}
+                    for sources in (dict(named), (*declared, *refused)))
+    for name, value in sorted(given - taken):
+        raise MethodError(f"no method here has the option --{name} (for {value}); leave it out")
     rows = [
-        (source, row)
-        for source, oracles in named if source in declared
-        for row in plan_rows(declared[source], oracles, config.inputs,
-                             _knowledge(config, declared[source]))
+        (found[source].source, row)
+        for source, oracles in named if source in found
+        for row in plan_rows(found[source], oracles, config.inputs,
+                             _knowledge(config, found[source]))
     ]  # fmt: skip
-    return declared, rows, refused
+    return declared, list(dict.fromkeys(rows)), refused
+
+
+def _with_options(config: EvalConfig) -> list[tuple[str, tuple[str, ...]]]:
+    """Return each method with all options that are meant for it, and its oracles; once for each of
+    its weights. Raises MethodError for an unknown method."""
+    methods = [split_oracles(method) for method in config.method]
+    options = {"flow": config.flow, "depth": config.depth, "set": " ".join(config.set)}
+    out: dict[tuple[str, tuple[str, ...]], None] = {}
+    for method, oracles in methods:
+        method_source(method)  # fail on an unknown name before a process starts
+        mine: list[str] = []
+        for weights in config.weights:
+            target, _, its = weights.partition("=")
+            if not its or target not in dict(methods):
+                mine.append(weights)
+            elif target == method:
+                mine.append(its)
+        for weights in mine or [""]:
+            given = {k: v for k, v in {**options, "weights": weights}.items() if v}
+            out[with_options(method_identity(method), given), oracles] = None
+    return list(out)
 
 
 def _knowledge(config: EvalConfig, declared: Declaration) -> tuple[Knowledge, ...]:

@@ -19,7 +19,7 @@ from typing import Generic, TypeVar
 from ...errors import DatasetError, MethodError
 from ...renderer.runtime import WorkerPool, WorkerSettings, to_record
 from ...renderer.types import Observation
-from ..methods import Declaration
+from ..methods import Declaration, is_own
 from ..results import EstimateShape, Status, Stored, dump_stored
 from .handover import pack_observation, send_observation
 from .method_worker import DONE, PROBLEM, READY, STARTED
@@ -46,6 +46,8 @@ class Limits:
     """Time limit of `estimate`, s."""
     memory: float = 0.0
     """Private memory of each process, GiB; 0: no limit."""
+    python: str = ""
+    """Interpreter for methods that are not gcbench's; empty: that of this process."""
 
 
 def read_declaration(source: str, limits: Limits) -> Declaration:
@@ -133,10 +135,11 @@ class _Reader(Generic[Task]):
 
 
 def _settings(source: str, limits: Limits) -> WorkerSettings:
+    python = "" if is_own(source) else limits.python
     return WorkerSettings(
-        "gcbench.benchmark.run.method_worker:serve", (source, limits.threads), limits.workers,
-        _LIFETIME, START_LIMIT, dict.fromkeys(_THREADS, str(limits.threads)), foreign=True,
-        memory=int(limits.memory * 2**30) or None,
+        "gcbench.benchmark.run.method_worker:serve", (source, limits.threads, python),
+        limits.workers, _LIFETIME, START_LIMIT, dict.fromkeys(_THREADS, str(limits.threads)),
+        foreign=True, memory=int(limits.memory * 2**30) or None,
     )
 
 

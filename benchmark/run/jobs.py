@@ -16,7 +16,7 @@ from ...renderer.dataset import environment
 from ...renderer.runtime import cpu_count, dump_json
 from ...renderer.scene import differences
 from ...robots.files import remove_leftovers, write_atomically
-from ..methods import method_identity
+from ..methods import Declaration, method_identity
 from ..protocol import score_sequence, shape_of, truth_digest
 from ..results import (
     ESTIMATES,
@@ -150,14 +150,19 @@ def name_unwritable(path: Path) -> Generator[None]:
 
 
 def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
-                 settings: Mapping[str, Any], attribution: Attribution | None = None) -> Run:
-    """Return the record that `run.json` stores for a row on a dataset, with this environment."""
-    info = data.dataset.info
+                 declared: Declaration | None = None) -> Run:
+    """Return the record that `run.json` stores for a row on a dataset, with this environment.
+
+    `declared` is the method's declaration; predictions have none.
+    """
+    info, environment = data.dataset.info, _describe_environment()
+    if declared and declared.versions:
+        environment["method"] = declared.versions
     return Run(
         row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
         assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
-        environments=(_describe_environment(),), settings=settings, digests=data.digests,
-        attribution=attribution or Attribution(),
+        environments=(environment,), settings=declared.settings if declared else {},
+        digests=data.digests, attribution=declared.attribution if declared else Attribution(),
     )  # fmt: skip
 
 

@@ -10,96 +10,90 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-import time
-import traceback
-from contextlib import suppress
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import GcbenchError
 from ...renderer.runtime import receive_tasks
 
 if TYPE_CHECKING:
-    from ...renderer.types import Method, Observation
+    from ...renderer.types import Observation
+    from ..methods import Declaration, standalone
     from ..results import EstimateShape, Stored
 
 READY, STARTED, DONE, PROBLEM = b"R", b"S", b"D", b"P"
 
 
-def serve(connection: Connection, source: str, threads: int) -> None:
+def serve(connection: Connection, source: str, threads: int, python: str) -> None:
     """Load the method and estimate until the connection closes: the process's target."""
     try:
-        _serve(connection, source, threads)
+        _serve(connection, source, threads, python)
     except GcbenchError as error:
         connection.send_bytes(PROBLEM + _encode(str(error)))
     except BrokenPipeError:
         pass  # the parent process has ended
     except BaseException as error:
-        last = traceback.format_exc(limit=-6)
-        connection.send_bytes(PROBLEM + _encode(f"{source}: {_describe(error)}\n{last}"))
+        from ..methods import standalone
+
+        connection.send_bytes(PROBLEM + _encode(f"{source}: {standalone.describe_error(error)}"))
 
 
-def _serve(connection: Connection, source: str, threads: int) -> None:
-    import cv2
-
-    cv2.setNumThreads(threads)
-    from ..methods import declaration_of, load_method
+def _serve(connection: Connection, source: str, threads: int, python: str) -> None:
     from ..results import dump_stored
     from .handover import receive_observation
 
-    method = load_method(source)
-    declaration = json.dumps(asdict(declaration_of(method, source)))
+    declared, estimate = _load(source, threads, python)
+    declaration = json.dumps(asdict(declared))
     for name in ("PWD", "OLDPWD"):
         os.environ.pop(name, None)
     os.chdir(tempfile.gettempdir())  # an empty folder, which the pool removes
     connection.send_bytes(READY + declaration.encode())
     for observation, shape in receive_tasks(connection, receive_observation):
         connection.send_bytes(STARTED)
-        connection.send_bytes(DONE + dump_stored(_attempt(method, observation, shape)))
+        connection.send_bytes(DONE + dump_stored(_attempt(estimate, observation, shape)))
 
 
-def _attempt(method: Method, observation: Observation, shape: EstimateShape) -> Stored:
+def _load(
+    source: str, threads: int, python: str
+) -> tuple[Declaration, Callable[[Observation], standalone.Attempt]]:
+    """Return the declaration of a method, and what runs it, here or in another Python."""
+    import cv2
+
+    from ..methods import declaration_of, open_method, standalone, with_options
+    from .other_python import OtherPython
+
+    cv2.setNumThreads(threads)
+    if python:
+        other = OtherPython(python, source, threads)
+        taken = with_options(source.partition("?")[0], other.options)
+        declared = declaration_of(other, taken)
+        return replace(declared, source=taken, versions=other.versions), other.attempt
+    taken, method = open_method(source)
+    return replace(declaration_of(method, taken), source=taken), partial(standalone.attempt, method)
+
+
+def _attempt(
+    estimate: Callable[[Observation], standalone.Attempt], observation: Observation,
+    shape: EstimateShape,
+) -> Stored:
     """Run the method and return its estimate or its failure as a storable record."""
+    from ..methods import standalone
     from ..results import InvalidEstimateError, Stored, validate_estimate
 
-    _forget_peak()
-    started = time.perf_counter()
-    try:
-        value = method.estimate(observation)
-    except BaseException as error:
-        last = traceback.format_exc(limit=-6)
-        return Stored("raised", f"{_describe(error)}\n{last}")
-    seconds = time.perf_counter() - started
-    try:
-        return Stored("ok", "", seconds, peak_memory(), validate_estimate(value, shape))
-    except InvalidEstimateError as error:
-        return Stored("invalid", str(error), seconds, peak_memory())
-    except BaseException as error:
-        reason = f"reading what it returned raised {_describe(error)}"
-        return Stored("invalid", reason, seconds, peak_memory())
-
-
-def peak_memory() -> float | None:
-    """Return the peak memory since `_forget_peak`, MiB; None if the system does not report it."""
-    with suppress(OSError, ValueError, IndexError):
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024.0
-    return None
-
-
-def _forget_peak() -> None:
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def _describe(error: BaseException) -> str:
-    try:
-        return f"{type(error).__name__}: {error}"
-    except BaseException:  # a foreign class may raise anything
-        return f"{type(error).__name__} (its message cannot be printed)"
+    status, reason, seconds, memory, value = estimate(observation)
+    if status == "raised":
+        return Stored("raised", reason)
+    if status == "ok":
+        try:
+            return Stored("ok", "", seconds, memory, validate_estimate(value, shape))
+        except InvalidEstimateError as error:
+            reason = str(error)
+        except BaseException as error:
+            reason = f"reading what it returned raised {standalone.name_error(error)}"
+    return Stored("invalid", reason, seconds, memory)
 
 
 def _encode(text: str) -> bytes:

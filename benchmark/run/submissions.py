@@ -166,7 +166,7 @@ def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
     found = read_predictions(file, wanted)
     folders: list[RunFolder] = []
     for d in data:
-        run = describe_run(found.row, SOURCE, d, {}, {})
+        run = describe_run(found.row, SOURCE, d, {})
         check_source(run, results)
         job = prepare_job(run, d, results, retry=STATUSES)
         for key, target in wanted.items():

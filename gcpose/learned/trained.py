@@ -15,6 +15,9 @@ from ...renderer.types import Observation
 from ..networks.torch_runtime import Tensor, device_named, nn, torch
 from ..networks.weights import read_notes, read_tensors, read_weights
 
+TRAINED = Path(__file__).parents[1] / "weights"
+"""Folder of the weights that come with gcbench: METHOD-NAME.safetensors."""
+
 
 @dataclass(frozen=True)
 class Trained:
@@ -36,15 +39,14 @@ def load_trained(
     name: str, weights: str, device: str,
     width_of: Callable[[Mapping[str, Tensor]], int], make: Callable[[int], nn.Module],
 ) -> Trained:
-    """Load the network `name` of any width from the file that `gcbench train` wrote.
+    """Load the network `name` of any width: from the file that `gcbench train` wrote, or by the
+    name of weights that come with gcbench.
 
     Raises:
-        ConfigError: If the file is missing or has no weights of this network.
+        ConfigError: If there are no such weights, or they are not of this network.
     """
     recipe = f"gcbench train {name} --out {name}, then --weights {name}/{name}.safetensors"
-    if not weights:
-        raise ConfigError(f"{name} needs weights: {recipe}")
-    path = Path(weights)
+    path = find_weights(name, weights, recipe)
     width = width_of(read_tensors(path))
     if not 8 <= width <= 64:
         raise ConfigError(f"{path}: no weights of {name}; make them with {recipe}")
@@ -54,6 +56,22 @@ def load_trained(
     objects = read_notes(path).get("objects", "unknown objects")[:100]
     label = objects.replace(", ", "+") + (f" width={width}" if width < 64 else "")
     return Trained(network, device_named(device), objects, label)
+
+
+def find_weights(method: str, weights: str, recipe: str) -> Path:
+    """Return the file of weights that come with gcbench by their name, or the file itself.
+
+    Raises:
+        ConfigError: If there is none; it lists the names.
+    """
+    files = TRAINED.glob(f"{method}-*.safetensors")
+    shipped = {file.stem[len(method) + 1 :]: file for file in files}
+    path = shipped.get(weights, Path(weights))
+    if weights and path.is_file():
+        return path
+    missing = f"no file and no weights of gcbench: {weights}; " if weights else ""
+    names = f"--weights {' or '.join(sorted(shipped))}, or your own: " if shipped else ""
+    raise ConfigError(f"{missing}{method} needs weights: {names}{recipe}")
 
 
 def depth_of_one_joint(observation: Observation, name: str) -> NDArray[np.float32]:

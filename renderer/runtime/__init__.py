@@ -7,12 +7,13 @@ from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_r
 from .npz import ANY_SIZE, ArraySpec, dump_npy, parse_npy, parse_npz
 from .progress import Bar, frame_bar, say
 from .streams import named_rng
+from .supervisor import end_like
 from .workers import WorkerPool, WorkerSettings, cpu_count, hide_main, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
     "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "WorkerPool",
-    "WorkerSettings", "cpu_count", "dump_json", "dump_npy", "frame_bar", "hide_main", "named_rng",
-    "open_archive", "parse_json", "parse_npy", "parse_npz", "parse_toml", "read_record",
-    "receive_tasks", "say", "to_record", "uninterrupted",
+    "WorkerSettings", "cpu_count", "dump_json", "dump_npy", "end_like", "frame_bar", "hide_main",
+    "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz", "parse_toml",
+    "read_record", "receive_tasks", "say", "to_record", "uninterrupted",
 ]

@@ -10,6 +10,7 @@ supervisor kills all of its descendants, and then ends as the foreign code did.
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import os
 import resource
 import signal
@@ -21,6 +22,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import NoReturn
 
 _SUBREAPER, _DEATH_SIGNAL = 36, 1  # of prctl
 _END_LIMIT = 5.0  # s
@@ -60,8 +62,13 @@ def supervise(
     while ended != child:
         ended, status = os.waitpid(-1, 0)
     _kill_descendants(child)
-    code = os.waitstatus_to_exitcode(status)
+    end_like(os.waitstatus_to_exitcode(status))
+
+
+def end_like(code: int) -> NoReturn:
+    """End this process at once as another one did: exit with `code`, or die of signal -`code`."""
     if code < 0:
+        faulthandler.disable()
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         with suppress(OSError):
             signal.signal(-code, signal.SIG_DFL)

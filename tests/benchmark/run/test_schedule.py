@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def jobs(folder: Path, tmp_path: Path) -> list[Job]:
     (data,) = from_folders([folder])
-    return [prepare_job(describe_run(row, row.name, data, {}, {}), data, tmp_path)
+    return [prepare_job(describe_run(row, row.name, data, {}), data, tmp_path)
             for row in (FOREIGN, RGB, RGBD)]  # fmt: skip
 
 

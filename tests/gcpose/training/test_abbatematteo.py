@@ -206,7 +206,7 @@ def test_the_command_trains_and_eval_takes_the_weights(
     with pytest.raises(GcbenchError, match=r"abbatematteo .*sees one joint"):
         method.estimate(replace(seen, n_joints=2))
 
-    run = EvalConfig(method=("abbatematteo",), weights=str(weights), data=(data,),
+    run = EvalConfig(method=("abbatematteo",), weights=(str(weights),), data=(data,),
                      results=tmp_path / "results")
     (scored,) = evaluate(run, progress=False).runs
     assert {r.status for r in scored.results()} == {"ok"}

@@ -285,7 +285,7 @@ def test_the_command_trains_and_eval_takes_the_weights(
     with pytest.raises(GcbenchError, match="needs depth"):
         method.estimate(replace(seen, depth=None))
 
-    run = EvalConfig(method=("screwnet",), weights=str(weights), data=(data,),
+    run = EvalConfig(method=("screwnet",), weights=(str(weights),), data=(data,),
                      results=tmp_path / "results")
     (scored,) = evaluate(run, progress=False).runs
     assert {r.status for r in scored.results()} == {"ok"}
@@ -297,7 +297,7 @@ def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     with pytest.raises(GcbenchError, match="needs weights: gcbench train screwnet"):
         load_method("screwnet")
     none = tmp_path / "none.safetensors"
-    for path, said in ((SHIPPED, "no weights of screwnet"), (none, "no such file")):
+    for path, said in ((SHIPPED, "no weights of screwnet"), (none, "no file and no weights")):
         with pytest.raises(GcbenchError, match=said):
             load_method(with_options("screwnet", {"weights": str(path)}))
     broken = ScrewNet(8)
@@ -305,6 +305,22 @@ def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     write_weights(tmp_path / "nan.safetensors", broken)
     with pytest.raises(GcbenchError, match=r"features\.bias is not finite"):
         load_method(with_options("screwnet", {"weights": str(tmp_path / "nan.safetensors")}))
+
+
+def test_weights_that_come_with_gcbench_have_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcbench.gcpose.learned.trained.TRAINED", tmp_path)
+    for name in ("screwnet-oven", "screwnet-all-classes", "abbatematteo-box"):
+        write_weights(tmp_path / f"{name}.safetensors", ScrewNet(8), {"objects": name})
+    for name in ("oven", "all-classes"):
+        method = load_method(with_options("screwnet", {"weights": name}))
+        assert method.name == f"screwnet screwnet-{name} width=8"
+    listed = "screwnet needs weights: --weights all-classes or oven, or your own: gcbench train"
+    with pytest.raises(GcbenchError, match=rf"^{listed}"):
+        load_method("screwnet")
+    with pytest.raises(GcbenchError, match=rf"^no file and no weights of gcbench: box; {listed}"):
+        load_method(with_options("screwnet", {"weights": "box"}))
 
 
 def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
