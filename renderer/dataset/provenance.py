@@ -14,7 +14,7 @@ import msgspec
 
 from ... import __version__
 from ...errors import DatasetError
-from ...robots.files import write_atomically
+from ...robots.files import create_atomically, write_atomically
 from ..runtime import dump_json, read_record, to_record
 from ..scene import RenderConfig, config_tree
 from ..types import FORMAT, Meta
@@ -102,8 +102,8 @@ def read_provenance(dataset: Path) -> Provenance:
     return Provenance(file.config, file.generator, environments, file.assets, file.counts)
 
 
-def write_provenance(dataset: Path, provenance: Provenance) -> None:
-    """Write or replace `dataset.json`."""
+def write_provenance(dataset: Path, provenance: Provenance, create: bool = False) -> bool:
+    """Write or replace `dataset.json`; with `create`, return False if there is one."""
     first, *others = provenance.environments
     tree = {
         "format": FORMAT,
@@ -115,7 +115,10 @@ def write_provenance(dataset: Path, provenance: Provenance) -> None:
         **first,
         "other_environments": others,
     }
+    if create:
+        return create_atomically(dataset / DATASET_FILE, dump_json(tree))
     write_atomically(dataset / DATASET_FILE, dump_json(tree))
+    return True
 
 
 @dataclass(frozen=True)

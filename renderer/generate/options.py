@@ -2,7 +2,7 @@
 
 # No `annotations` from the future here: tyro evaluates those of the local class.
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
 from pathlib import Path
@@ -11,11 +11,12 @@ from typing import Annotated, Any, Literal
 from ...errors import ConfigError
 from ..runtime import command_line
 from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolve
+from .shards import parse_shard
 
 _MOST = 1_000_000  # sequences of one run
 _GROUPS = {
-    "options": "--help --robot --n --out --sequences --seed --frames --width --height --layers "
-               "--randomize --config --workers --quiet --json",
+    "options": "--help --robot --n --out --sequences --shard --seed --frames --width --height "
+               "--layers --randomize --config --workers --quiet --json",
     "model": "--package --root --scale --allow-missing --animation --scored-joints",
     "sequence": "--twin-of --vary --stream --keep-unobservable --samples --track-points",
 }
@@ -27,7 +28,7 @@ class RenderOptions:
     """What `gcbench render` hands to `render_dataset`, and what it prints."""
 
     config: RenderConfig
-    n: int | Sequence[int]
+    n: int | Collection[int]
     out: Path
     workers: int | None
     quiet: bool
@@ -50,6 +51,10 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         """Number of sequences in the dataset."""
         sequences: Annotated[str, quiet] = ""
         """Numbers of the sequences to render, such as 0-9,15, in place of --n."""
+        shard: Annotated[str, quiet] = ""
+        """Render a share of the --n sequences, such as 3/64 (those 3, 67, ...). Several machines
+        that share the folder may render one dataset at the same time. auto: as the variables of
+        Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
         out: Annotated[Path | None, quiet] = None
         """Folder of the dataset. Default: data/ROBOT."""
         workers: Annotated[int | None, quiet] = None
@@ -57,9 +62,10 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         randomize: Literal["full", "none"] = "full"
         """none: a plain studio, in which only the motion (and the object of a kind) is random."""
         config: Annotated[Path | None, quiet] = None
-        """TOML or JSON file of options (any but --n, --sequences, --out, --workers, --quiet,
-        --json and --randomize, with _ for -), with tables such as `[randomization.camera]`, or a
-        dataset.json. Options on the command line override the file."""
+        """TOML or JSON file of options (any but --n, --sequences, --shard, --out, --workers,
+        --quiet, --json and --randomize, with _ for -), with tables such as
+        `[randomization.camera]`, or a dataset.json. Options on the command line override the
+        file."""
         randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
 
     base = RenderConfig()
@@ -72,8 +78,10 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     options: Any = command_line.parse_options(args, "render", Render, doc, default, _GROUPS)
     config = resolve(RenderConfig(**{name: getattr(options, name) for name in names}))
     out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
-    n = options.n
+    n = parse_shard(options.shard, options.n) if options.shard else options.n
     if options.sequences:
+        if options.shard:
+            raise ConfigError("--shard and --sequences exclude each other; give one of them")
         if command_line.option_value(args, "--n") is not None:
             raise ConfigError("--n and --sequences exclude each other; give one of them")
         ranges = command_line.parse_ranges(options.sequences)

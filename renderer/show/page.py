@@ -261,7 +261,7 @@ def data_uri(picture: RgbImage, quality: int | None = None) -> str:
 def write_file(out: Path, content: bytes) -> Path:
     """Write a file whole or not at all, and return its path; RenderError if that fails."""
     try:
-        remove_leftovers(out.parent, out.name)
+        remove_leftovers(out.parent, (out.name,))
         write_atomically(out, content)
     except OSError as error:
         raise RenderError(f"cannot write {out}: {error.strerror or error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .atomic import (
+    create_atomically,
     create_folder_atomically,
     remove_leftovers,
     replace_atomically,
@@ -11,7 +12,7 @@ from .atomic import (
 )
 from .bounded import MAX_FILE_BYTES, hash_files, read_bounded
 from .download import WheelFiles, cache_folder
-from .lock import LOCK, lock_folder
+from .lock import LOCK, lock_briefly, lock_folder
 from .paths import (
     MATERIALS,
     TEXTURES,
@@ -25,8 +26,8 @@ from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
     "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
-    "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_folder_atomically",
-    "hash_files", "lock_folder", "new_element", "parse_xml", "read_bounded", "refuse_doctype",
-    "remove_leftovers", "replace_atomically", "show_progress", "temporary_name", "write_atomically",
-    "xml_bytes",
+    "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_atomically",
+    "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder", "new_element",
+    "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers", "replace_atomically",
+    "show_progress", "temporary_name", "write_atomically", "xml_bytes",
 ]

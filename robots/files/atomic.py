@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Container, Generator
 from contextlib import contextmanager, suppress
-from glob import escape
 from pathlib import Path
+from secrets import token_hex
 
 from ...errors import ModelError
 from .lock import is_free, lock_folder
@@ -19,7 +20,7 @@ _STALE = 24 * 3600.0
 """s: age of the scratch folder of a killed process."""
 _LOCKED = 1.0
 """s: age at which a running process has locked its scratch folder."""
-_TEMPORARY = re.compile(r"\..+\.(?P<pid>\d+)\.tmp")
+_TEMPORARY = re.compile(r"\.(?P<name>.+)\.(?P<pid>\d+)\.tmp")
 
 
 @contextmanager
@@ -45,6 +46,27 @@ def write_atomically(path: Path, data: bytes) -> None:
     """Create or replace a file; a reader sees the old one or the new one, whole."""
     with replace_atomically(path) as temporary:
         temporary.write_bytes(data)
+
+
+def create_atomically(path: Path, data: bytes) -> bool:
+    """Create a file, whole; return False if it exists, also if another process was faster."""
+    # in containers on several machines, processes have the same numbers
+    temporary = temporary_name(path.with_name(f"{path.name}.{token_hex(8)}"))
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.link(temporary, path)  # unlike a rename, this replaces nothing
+    except FileExistsError:
+        return False
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
+            raise
+        temporary.replace(path)  # there are no hard links here
+    finally:
+        temporary.unlink(missing_ok=True)
+    return True
 
 
 def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], None]) -> Path:
@@ -87,14 +109,15 @@ def _remove_old_scratch(folder: Path) -> None:
                 shutil.rmtree(part, ignore_errors=True)
 
 
-def remove_leftovers(folder: Path, name: str = "") -> None:
+def remove_leftovers(folder: Path, names: Container[str] | None = None) -> None:
     """Delete the temporary files in `folder` of processes that no longer run.
 
-    With a `name`, only those of the file of that name.
+    With `names`, only those of the files of these names.
     """
-    for path in folder.glob(f".{escape(name)}.*.tmp" if name else ".*.tmp"):
+    for path in folder.glob(".*.tmp"):
         match = _TEMPORARY.fullmatch(path.name)
-        if match and not is_alive(int(match["pid"])):
+        if (match and (names is None or match["name"] in names)
+                and not is_alive(int(match["pid"]))):
             path.unlink(missing_ok=True)
 
 

@@ -1,12 +1,12 @@
-"""A lock that admits one writer to a folder."""
+"""Locks of folders: one writer, or several that share the work."""
 
 from __future__ import annotations
 
 import errno
 import fcntl
 import os
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO, cast
 
@@ -16,11 +16,15 @@ LOCK = ".lock"
 
 
 @contextmanager
-def lock_folder(out: Path) -> Generator[None]:
-    """Lock the folder `out` for this process while the block runs, or raise ConfigError."""
+def lock_folder(out: Path, shared: bool = False) -> Generator[Callable[[], bool]]:
+    """Lock the folder `out` for this process while the block runs, or raise ConfigError.
+
+    Shared locks exclude only those that are not. The block gets a function that makes the lock
+    exclusive, and returns whether no other process has it; False where nobody can tell.
+    """
     with _open(out / LOCK, "a+") as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError as error:
             file.seek(0)
             raise ConfigError(f"another gcbench is writing to {out} (process "
@@ -32,17 +36,39 @@ def lock_folder(out: Path) -> Generator[None]:
         file.truncate(0)
         file.write(f"{os.getpid()}\n")
         file.flush()
+        yield lambda: _is_alone(file)
+
+
+@contextmanager
+def lock_briefly(folder: Path) -> Generator[None]:
+    """Wait until no other block of this function runs for a folder.
+
+    Where the file system has no locks, the block runs at once.
+    """
+    there = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(there, fcntl.LOCK_EX)
         yield
+    finally:
+        os.close(there)
 
 
 def is_free(folder: Path) -> bool:
     """Whether the lock of a folder exists and no process holds it; False if nobody can tell."""
     try:
         with _open(folder / LOCK, "r") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
+            return _is_alone(file)
     except (OSError, ConfigError):
         return False
+
+
+def _is_alone(file: TextIO) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def _open(path: Path, mode: str) -> TextIO:

@@ -1,0 +1,171 @@
+"""The folder of a dataset while it is rendered: its lock, its `dataset.json`, what kills left.
+
+Runs that render shards write to a folder at the same time. The first that has loaded the model
+creates `dataset.json`; the others compare theirs with it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ...errors import ConfigError
+from ...robots.files import LOCK, lock_briefly, lock_folder, remove_leftovers
+from ..dataset import (
+    DATASET_FILE,
+    SEQUENCES_FOLDER,
+    Provenance,
+    new_provenance,
+    read_meta,
+    read_provenance,
+    sequence_counts,
+    sequence_name,
+    sequence_paths,
+    write_provenance,
+)
+from ..runtime import dump_json, say
+from ..scene import RenderConfig, config_tree, differences, draws_of, parse_config
+from .shards import Shard
+
+
+@contextmanager
+def open_folder(out: Path, config: RenderConfig, shard: Shard | None) -> Generator[DatasetFolder]:
+    """Create and lock the folder of a dataset; leave none behind if it gets no sequence.
+
+    Raises:
+        ConfigError: If the folder holds another dataset, or another run writes to it.
+    """
+    created = [folder for folder in (out, *out.parents) if not folder.exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        with lock_folder(out, shared=shard is not None) as is_alone:
+            try:
+                yield DatasetFolder(out, config, shard, is_alone)
+            finally:
+                if shard is None or is_alone():
+                    _remove_without_sequences(out, created)
+    except OSError:  # also when the lock cannot be written
+        if shard is None:
+            _remove_without_sequences(out, created)
+        raise
+
+
+def _remove_without_sequences(out: Path, created: list[Path]) -> None:
+    """Remove a dataset's folder, and its parents, that were created and have no sequence."""
+    if created and not sequence_paths(out):
+        for file in (out / DATASET_FILE, out / LOCK):
+            file.unlink(missing_ok=True)
+        for folder in (out / SEQUENCES_FOLDER, *created):
+            with suppress(OSError):  # something else is in it
+                folder.rmdir()
+
+
+class DatasetFolder:
+    """A dataset that a run writes to."""
+
+    def __init__(
+        self, out: Path, config: RenderConfig, shard: Shard | None, is_alone: Callable[[], bool]
+    ) -> None:
+        """Remove what killed processes have left, and read `dataset.json`.
+
+        Raises:
+            ConfigError: If the folder holds another dataset.
+        """
+        self.out, self._shard, self._is_alone = out, shard, is_alone
+        self.remove_leftovers()
+        self.config = _with_old_draws(out, config)
+        """The configuration; for an older dataset, with its draws"""
+        self._provenance = self._read()
+
+    def remove_leftovers(self) -> None:
+        """Remove what killed processes have left; of other shards, nothing."""
+        names = self._shard and {f"{sequence_name(i)}.zip" for i in self._shard}
+        if names is None:
+            remove_leftovers(self.out)
+        remove_leftovers(self.out / SEQUENCES_FOLDER, names)
+
+    def add_model(self, asset: Mapping[str, Any]) -> None:
+        """Compare a model with that of the dataset; record it before the first sequence is there.
+
+        Raises:
+            ConfigError: If it is another one.
+        """
+        now = json.loads(dump_json(asset))
+        with lock_briefly(self.out):
+            if self._shard:  # another run may have created it, or have added its environment
+                self._provenance = self._read()
+            there = self._provenance.assets[0] if self._provenance.assets else now
+            # datasets of the first edition have no hashes of meshes and textures
+            changed = differences(
+                there, {k: v for k, v in now.items() if k != "files" or k in there})
+            if changed:
+                raise ConfigError(f"{self.out} was rendered with other model files "
+                                  f"({'; '.join(changed)}); choose another --out folder")
+            assets = self._provenance.assets or (now,)
+            written = self._write(replace(self._provenance, assets=assets, counts=None))
+        if not written:
+            self.add_model(asset)
+
+    def finish(self) -> dict[str, Any]:
+        """Return the counts of what is on disk; `dataset.json` says so from now on.
+
+        A run with a shard counts its own. The last one of a whole dataset counts it.
+        """
+        paths = sequence_paths(self.out)
+        own = self._shard and {sequence_name(i) for i in self._shard}
+        counts = sequence_counts(
+            read_meta(path) for name, path in paths.items() if own is None or name in own)
+        if self._shard is None:
+            self._write(replace(self._provenance, counts=counts))
+        elif len(paths) >= self._shard.n and self._is_alone():
+            whole = sequence_counts(map(read_meta, paths.values()))
+            self._write(replace(self._read(), counts=whole))
+        return counts
+
+    def _write(self, provenance: Provenance) -> bool:
+        """Create or replace `dataset.json`, if it says anything else.
+
+        Return False if another run has created it in this moment.
+        """
+        self._provenance = provenance
+        there = (self.out / DATASET_FILE).exists()
+        return (there and read_provenance(self.out) == provenance) or write_provenance(
+            self.out, provenance, create=self._shard is not None and not there)
+
+    def _read(self) -> Provenance:
+        """What the dataset is, or will be. Raises ConfigError if it is another one."""
+        out, here = self.out, new_provenance(self.config)
+        started = sequence_paths(out) or (self._shard and (out / DATASET_FILE).exists())
+        if not started:  # what failed before its first sequence binds nobody
+            return here
+        if not (out / DATASET_FILE).exists():
+            raise ConfigError(
+                f"{out} holds sequences but no {DATASET_FILE}; choose another --out folder")
+        there = read_provenance(out)
+        # A field that is newer than the dataset has its default there.
+        old = parse_config(there.config, str(out / DATASET_FILE))
+        # The folder that meshes are read from does not count: an old dataset has none.
+        changed = differences({**config_tree(old), "root": here.config["root"]}, here.config)
+        changed += differences({"generator": there.generator}, {"generator": here.generator})
+        if changed:
+            raise ConfigError(
+                f"{out} holds a dataset of another configuration ({'; '.join(changed)}); "
+                "choose another --out folder, or delete this one"
+            )
+        if here.environments[0] not in there.environments:
+            return replace(there, environments=(*there.environments, *here.environments))
+        return there
+
+
+def _with_old_draws(out: Path, config: RenderConfig) -> RenderConfig:
+    """The config; for a dataset in `out` that is older than `twin_of`, with its draws."""
+    if (sequence_paths(out) and (out / DATASET_FILE).exists()
+            and "twin_of" not in read_provenance(out).config
+            and config.twin_of == draws_of(config.robot)):
+        say(f"{out} continues with the draws of the version that began it")
+        return replace(config, twin_of="")
+    return config
