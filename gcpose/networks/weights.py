@@ -90,9 +90,16 @@ def read_notes(path: Path) -> dict[str, str]:
         raise ConfigError(f"{path}: no safetensors file ({reason})") from None
 
 
-def write_weights(path: Path, network: nn.Module, notes: Mapping[str, str] | None = None) -> None:
-    """Write the tensors of a network, and notes on them, to a safetensors file, atomically."""
-    _write_tensors(path, dict(network.state_dict()), notes)
+def write_weights(
+    path: Path, network: nn.Module, notes: Mapping[str, str] | None = None, half: bool = False
+) -> None:
+    """Write the tensors of a network, and notes on them, to a safetensors file, atomically.
+
+    With `half`, filters and matrices are written in half precision.
+    """
+    large = {k for k, p in network.named_parameters() if half and p.ndim > 1}
+    tensors = {k: v.half() if k in large else v for k, v in network.state_dict().items()}
+    _write_tensors(path, tensors, notes)
 
 
 def _write_tensors(

@@ -88,6 +88,7 @@ class TrainConfig:
     threads: int = 0  # Of the arithmetic on a CPU; default: all cores.
     precision: Literal["bfloat16", "float32"] = "bfloat16"
     """Of the arithmetic in training; weights are float32."""
+    half: bool = False  # Write the file of weights in half precision (the checkpoint is not).
     every: int = 1000  # Steps between two checks on the held-out data.
     minutes: float = 3.0  # Time between two checkpoints.
 

@@ -53,7 +53,8 @@ class _Run:
     def save(self, at: Checkpoint) -> None:
         """Write weights and checkpoint; a run that is killed between them repeats some steps."""
         config, name = self.task.config, self.task.name
-        write_weights(config.out / f"{name}.safetensors", self.network, self.task.notes())
+        write_weights(config.out / f"{name}.safetensors", self.network, self.task.notes(),
+                      config.half)
         write_checkpoint(config.out, self.network, self.optimizer, at)
 
     def write(self, at: Checkpoint, **record: Any) -> None:

@@ -270,6 +270,11 @@ def test_the_command_trains_and_eval_takes_the_weights(
     assert float(rows["hold-still"][0]) == pytest.approx(np.degrees(0.5), rel=0.01)
     weights = out / "screwnet.safetensors"
     assert read_notes(weights) == {"objects": "arm"}
+    assert all(t.dtype != torch.float16 for t in read_tensors(weights).values())
+    assert main(f"{line.replace('--steps 1', '--steps 2')} --half".split()) == 0
+    kinds = {t.ndim > 1: t.dtype for t in read_tensors(weights).values() if t.is_floating_point()}
+    assert kinds == {True: torch.float16, False: torch.float32}
+    capsys.readouterr()
 
     method = load_method(with_options("screwnet", {"weights": str(weights)}))
     assert method.name == "screwnet arm width=8"
