@@ -29,7 +29,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     "look at data": {"show": renderer.show, "verify": renderer.verify},
     "evaluate methods": {
         "eval": benchmark.evaluate, "score": benchmark.score, "report": benchmark.report,
-        "methods": benchmark.methods, "suites": benchmark.suites,
+        "publish": benchmark.publish, "methods": benchmark.methods, "suites": benchmark.suites,
     },
     "more": {
         "doctor": renderer.doctor, "train flow": gcpose.train_flow,

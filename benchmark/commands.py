@@ -1,4 +1,4 @@
-"""The commands `gcbench eval`, `score`, `report`, `methods` and `suites`."""
+"""The commands `gcbench eval`, `score`, `report`, `publish`, `methods` and `suites`."""
 
 import sys
 import webbrowser
@@ -88,17 +88,19 @@ def _describe(results: "Results", pages: Sequence[Path], json: bool) -> tuple[ob
 def report(
     results: tuple[Path, ...] = (Path("results"),), /, out: Path = Path("report"),
     pictures: bool = True, label: tuple[str, ...] = (), allow_model: bool = False,
-    open: bool = False, quiet: bool = False, json: bool = False,
+    published: str = "", open: bool = False, quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Write a leaderboard: a page, CSV, Markdown and LaTeX.
 
-    Methods that do not differ significantly share a rank.
+    Methods that do not differ significantly share a rank. Published rows of the suite `standard`
+    stand beside yours; they are ranked with them where the sequences are the same.
 
     Examples:
       gcbench report
       gcbench report results others/results --label others=others/results --open
       gcbench report results papers.csv          # columns method, robot, mean; std, pcp5, joint
       gcbench report results --out report --no-pictures
+      gcbench report results --published none
 
     Args:
         results: Folders that `gcbench eval` and `gcbench score` wrote, and CSV files with numbers
@@ -107,17 +109,58 @@ def report(
         pictures: Draw the worst and the median sequence of each row (needs a renderer).
         label: NAME=FOLDER adds NAME to the methods of a results folder.
         allow_model: Read models from paths that the datasets name, or download them.
+        published: Folder of published rows; none hides them. Default: those of this package.
         open: Open the page in the browser.
         quiet: Show no progress: print the result and errors only.
         json: Print the names of the files as one JSON document.
     """
-    from .. import report as write_report
+    from .report import PUBLISHED_ROWS, published_lines, read_leaderboard, write_report
 
-    written = write_report(results, out, pictures, not quiet, label, allow_model)
+    beside = [] if published == "none" else published_lines(Path(published or PUBLISHED_ROWS))
+    board = read_leaderboard(results, label, beside)
+    written = write_report(board, out, pictures, not quiet, allow_model)
     if open:
         webbrowser.open(written[0].resolve().as_uri())
-    named = dict(zip(("page", "markdown", "csv", "latex"), written, strict=True))
+    named = dict(zip(("page", "markdown", "csv", "latex", "tables"), written, strict=True))
     return named if json else "\n".join(map(str, written)), 0
+
+
+def publish(
+    results: tuple[Path, ...] = (Path("results"),), /, to: Path | None = None,
+    check: bool = False, draw: int = 2, json: bool = False,
+) -> tuple[object, int]:
+    """Store estimates on a suite and their scores in compact form, for the published leaderboard.
+
+    Sequences are added to a published row of the same version of the method. Without --to, the
+    files of this installation are changed: use a checkout, and commit them. With --check, nothing
+    is written: the scores of all published rows are computed again from their estimates, and the
+    truth of a few sequences of each dataset is drawn again. The exit code is 1 if one differs.
+
+    Examples:
+      gcbench publish results
+      gcbench publish --check
+
+    Args:
+        results: Folders that `gcbench eval` and `gcbench score` wrote.
+        to: Folder of published rows. Default: those of this package.
+        check: Check the published rows.
+        draw: Number of sequences of each dataset whose truth is drawn again; -1: all.
+        json: Print the result as one JSON document.
+    """
+    from .report import PUBLISHED_ROWS
+    from .run import check_published
+    from .run import publish as publish_results
+
+    if not check:
+        written = publish_results(results, to or PUBLISHED_ROWS)
+        return {"files": written} if json else "\n".join(map(str, written)), 0
+    found = check_published(to or PUBLISHED_ROWS, draw)
+    code = 1 if found.problems else 0
+    if json:
+        return vars(found), code
+    lines = [f"{found.rows} rows, {found.sequences} estimates scored again; truth of {found.drawn} "
+             f"sequences drawn again: {len(found.problems)} differ"]
+    return "\n".join([*lines, *(f"not drawn: {s}" for s in found.skipped), *found.problems]), code
 
 
 def methods(json: bool = False) -> tuple[object, int]:

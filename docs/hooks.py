@@ -21,6 +21,8 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     markdown = re.sub(r"(?m)^<!-- test: .*? -->\n", "", markdown)
     if "<!-- commands -->" in markdown:
         markdown = markdown.replace("<!-- commands -->", command_reference())
+    if "<!-- published rows -->" in markdown:
+        markdown = markdown.replace("<!-- published rows -->", published_rows())
     markdown = re.sub(r"<!-- notebook (\S+) -->", lambda m: notebook_text(m[1]), markdown)
     return re.sub(r"<!-- settings (\S+) -->", lambda m: settings_table(m[1]), markdown)
 
@@ -106,6 +108,42 @@ def _options(body: str) -> list[tuple[str, str, str]]:
         cells = f"`{option}`", _prose(match[1]), f"`{value}`" if value else ""
         out.append(tuple(cell.replace("|", "\\|") for cell in cells))  # type: ignore[arg-type]
     return out
+
+
+# -- published rows ---------------------------------------------------------------------------
+
+
+def published_rows() -> str:
+    """Markdown of the published leaderboard, and of what measured it, from the committed rows."""
+    from gcbench.benchmark.report.formats import markdown_table
+    from gcbench.benchmark.report.leaderboard import build_leaderboard
+    from gcbench.benchmark.report.published_rows import (
+        PUBLISHED_ROWS,
+        PublishedTruth,
+        published_files,
+        published_lines,
+        read_row,
+    )
+    from gcbench.benchmark.report.tables import leaderboard_tables, paper_tables, suite_tables
+
+    board = build_leaderboard([], published_lines(PUBLISHED_ROWS))
+    out: list[str] = []
+    parts = {"All datasets": suite_tables(board), "Datasets": leaderboard_tables(board),
+             "Tables in the form of the paper": paper_tables(board)}
+    for title, tables in parts.items():
+        out += [f"## {title}", "", tables[0].caption, ""]
+        for k, table in enumerate(tables):
+            out += [f"### {table.title}", ""]
+            out += [table.caption, ""] if k and table.groups else []
+            out += [*markdown_table(table), ""]
+    truths = dict[str, PublishedTruth]()
+    rows = [read_row(path, PUBLISHED_ROWS, truths) for path in published_files(PUBLISHED_ROWS)]
+    made = dict.fromkeys(
+        f"| {row.run.row.title} | {row.run.row.version} | {row.date} | {e.get('gcbench', '')} | "
+        f"{e.get('cpu', '')}, {e.get('cores', '')} cores | `{row.command}` |"
+        for row in rows for e in row.run.environments)
+    head = ["| row | version | date | gcbench | machine | command |", "|---|---|---|---|---|---|"]
+    return "\n".join([*out, "## How each row was measured", "", *head, *made])
 
 
 # -- notebooks --------------------------------------------------------------------------------

@@ -32,20 +32,23 @@ def score_sequence(
     the sequence).
     """
     truth = truth_of(sequence)
-    row = run.row
-    blank = Result(
-        method=row.name, version=row.version, inputs=row.inputs, knowledge=row.knowledge,
-        oracles="+".join(row.oracles), training=row.training, dataset=run.dataset,
-        robot=str(run.config.get("robot", "")), sequence=name, cluster=cluster or name,
-        joint="", joint_index=0, joint_type="", frame=-1, metric="", value=0.0, unit="", sign="",
-        status=stored.status,
-    )  # fmt: skip
-    out = joint_results(truth, stored.estimate, row.knowledge in AXES_KNOWN, blank)
+    out = score_motion(truth, stored, run, name, cluster)
+    shared = _part_miou(sequence, truth, stored.estimate)
+    if shared is not None and np.isfinite(shared):
+        out.append(replace(_blank(stored, run, name, cluster), metric="part_miou", value=shared))
+    return out
+
+
+def score_motion(
+    truth: Truth, stored: Stored, run: Run, name: str, cluster: str | None = None
+) -> list[Result]:
+    """Compute every metric but `part_miou`, which alone needs images; see `score_sequence`."""
+    blank = _blank(stored, run, name, cluster)
+    out = joint_results(truth, stored.estimate, run.row.knowledge in AXES_KNOWN, blank)
     whole = {
         "seconds": (stored.seconds, "s"),
-        "seconds_per_frame": (stored.seconds and stored.seconds / len(sequence), "s"),
+        "seconds_per_frame": (stored.seconds and stored.seconds / len(truth.displacement), "s"),
         "peak_memory": (stored.peak_memory, "MiB"),
-        "part_miou": (_part_miou(sequence, truth, stored.estimate), ""),
     }
     out += [
         replace(blank, metric=metric, value=value, unit=unit)
@@ -53,6 +56,18 @@ def score_sequence(
         if value is not None and np.isfinite(value)
     ]
     return out
+
+
+def _blank(stored: Stored, run: Run, name: str, cluster: str | None) -> Result:
+    """Return what the results of one sequence share."""
+    row = run.row
+    return Result(
+        method=row.name, version=row.version, inputs=row.inputs, knowledge=row.knowledge,
+        oracles="+".join(row.oracles), training=row.training, dataset=run.dataset,
+        robot=str(run.config.get("robot", "")), sequence=name, cluster=cluster or name,
+        joint="", joint_index=0, joint_type="", frame=-1, metric="", value=0.0, unit="", sign="",
+        status=stored.status,
+    )  # fmt: skip
 
 
 def joint_results(

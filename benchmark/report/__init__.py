@@ -3,7 +3,27 @@
 from __future__ import annotations
 
 from .formats import leaderboard_records, leaderboard_text
-from .leaderboard import build_leaderboard
-from .page import report
+from .leaderboard import build_leaderboard, read_leaderboard
+from .page import report, write_report
+from .published_rows import (
+    PUBLISHED_ROWS,
+    PublishedRow,
+    PublishedTruth,
+    pack_estimates,
+    pack_truth,
+    published_files,
+    published_lines,
+    read_row,
+    read_truth,
+    row_path,
+    score_published,
+    truth_path,
+    write_record,
+)
 
-__all__ = ["build_leaderboard", "leaderboard_records", "leaderboard_text", "report"]
+__all__ = [
+    "PUBLISHED_ROWS", "PublishedRow", "PublishedTruth", "build_leaderboard", "leaderboard_records",
+    "leaderboard_text", "pack_estimates", "pack_truth", "published_files", "published_lines",
+    "read_leaderboard", "read_row", "read_truth", "report", "row_path", "score_published",
+    "truth_path", "write_record", "write_report",
+]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from ..protocol import PCP5
 from .leaderboard import Leaderboard
@@ -16,9 +16,11 @@ from .tables import Table, leaderboard_tables, suite_tables
 
 CSV_COLUMNS = ("dataset", "method", "inputs", "knowledge", "sequences", "joints", "mean", "std",
                "ci_low", "ci_high", "median", "p90", "pcp5", "coverage", "seconds_per_frame",
-               "unit")  # fmt: skip
-"""Columns of the CSV: pcp5 and coverage are percent, mean to p90 are in `unit`, and `joints` is the
-number of (sequence, joint) pairs."""
+               "unit", "published")  # fmt: skip
+"""Columns of the CSV: pcp5 and coverage are percent, mean to p90 are in `unit`, `joints` is the
+number of (sequence, joint) pairs, and `published` the date of a published row (empty: your own)."""
+TABLE_COLUMNS = ("table", "row", "group", "column", "value", "source")
+"""Columns of the CSV of tables in the paper's form; source is "paper" for numbers of papers."""
 _CONTROLS = re.compile(
     r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\u200b-\u200f\u202a-\u202e\u2066-\u2069]"
 )
@@ -64,7 +66,7 @@ def leaderboard_records(board: Leaderboard) -> list[dict[str, str | int | float 
         interval = (s.ci_low, s.ci_high) if line.has_interval else (None, None)
         values = (line.dataset, row.name, row.inputs, row.knowledge, s.sequences, s.joints,
                   s.mean, s.std, *interval, s.median, s.p90, s.pcp[PCP5], s.coverage,
-                  line.means.get("seconds_per_frame"), line.unit)
+                  line.means.get("seconds_per_frame"), line.unit, line.published)
         records.append(dict(zip(CSV_COLUMNS, values, strict=True)))
     return records
 
@@ -107,15 +109,46 @@ def to_text(tables: Iterable[Table], without: tuple[str, ...] = ()) -> str:
     return "\n".join(out[1:])
 
 
-def to_markdown(title: str, tables: Sequence[Table], version: str) -> str:
-    """Return a document of tables with one caption, that of the first table."""
+def to_markdown(parts: Mapping[str, Sequence[Table]], version: str) -> str:
+    """Return a document with a section for each part, which begins with its first caption."""
+    out: list[str] = []
+    for title, tables in parts.items():
+        out += [f"# {escape_markdown(title)}", "", *(table.caption for table in tables[:1])]
+        for k, table in enumerate(tables):
+            out += ["", f"## {escape_markdown(table.title)}", ""]
+            out += [table.caption, ""] if k and table.groups else []
+            out += markdown_table(table)
+        out.append("")
+    return "\n".join([*out, f"Made by gcbench {version}.", ""])
+
+
+def markdown_table(table: Table) -> list[str]:
+    """Return the lines of a table; the upper row of its head becomes a part of each cell below."""
     rules = {"l": ":---", "c": ":---:", "r": "---:"}
-    out = [f"# {escape_markdown(title)}", "", *(table.caption for table in tables[:1])]
+    head = [f"{escape_markdown(group)} {column}".strip() for group, column in _columns(table)]
+    rows = [_md_row(map(escape_markdown, row.cells)) for row in table.rows]
+    return [_md_row(head), _md_row(rules[a] for a in table.align), *rows]
+
+
+def tables_csv(tables: Iterable[Table]) -> str:
+    """Return a line for each cell of tables in the paper's form, with the columns TABLE_COLUMNS."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(TABLE_COLUMNS)
     for table in tables:
-        out += ["", f"## {escape_markdown(table.title)}", "", _md_row(table.columns)]
-        out.append(_md_row(rules[align] for align in table.align))
-        out += [_md_row(map(escape_markdown, row.cells)) for row in table.rows]
-    return "\n".join([*out, "", f"Made by gcbench {version}.", ""])
+        for row in table.rows:
+            for (group, column), cell, grey in list(zip(
+                _columns(table), row.cells, table.reference, strict=True))[1:]:
+                paper = "paper" if grey or row.reference else ""
+                values = (table.title, row.cells[0], group, column, cell, paper)
+                writer.writerow(map(escape_csv, values))
+    return text.getvalue()
+
+
+def _columns(table: Table) -> list[tuple[str, str]]:
+    """Return the text in the upper and in the lower row of the head of each column."""
+    groups = [text for text, span in table.groups for _ in range(span)] or [""] * len(table.columns)
+    return list(zip(groups, table.columns, strict=True))
 
 
 def to_latex(tables: Iterable[Table], version: str) -> str:
@@ -129,6 +162,13 @@ def to_latex(tables: Iterable[Table], version: str) -> str:
     for table in tables:
         out += ["", *_latex_table(table)]
     return "\n".join([*out, ""])
+
+
+def latex_figure(file: str, caption: str) -> str:
+    """Return a `figure*` of an image beside the document."""
+    return "\n".join(["", r"\begin{figure*}", r"  \centering",
+                      rf"  \includegraphics[width=\textwidth]{{{file}}}",
+                      rf"  \caption{{{escape_latex(caption)}}}", r"\end{figure*}", ""])
 
 
 def _latex_table(table: Table) -> list[str]:

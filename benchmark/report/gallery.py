@@ -76,6 +76,8 @@ def select_pictures(lines: Sequence[Line]) -> list[Picture]:
     before: Counter[tuple[str, str]] = Counter()
     place: list[tuple[int, int]] = []
     for number, line in enumerate(lines):
+        if line.published:  # its images are not here
+            continue
         place.append((before[line.group], number))
         before[line.group] += 1
     for number in sorted(number for _, number in sorted(place)[:MAX_LINES]):

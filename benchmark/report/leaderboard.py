@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...errors import ConfigError, DatasetError
 from ...renderer.scene import differences as config_differences
 from ..protocol import PCP_DEGREES, pcp_thresholds
-from ..results import SCORES, Result, Row, Run, RunFolder, find_runs, is_label
+from ..results import SCORES, Result, Row, RunFolder, find_runs, is_label
 from . import published_numbers as paper
 from .calibration import Calibration, calibrate
+from .copies import dataset_title, without_copies
 from .statistics import (
     MIN_CLUSTERS,
     SEED,
@@ -42,8 +41,6 @@ CONDITIONS = ("displacement", "pixels", "distance")
 """Metrics of the truth that errors are shown against; scores of earlier versions lack the last two.
 """
 
-
-_OF_MACHINE = ("peak_memory", "seconds", "seconds_per_frame")
 
 
 @dataclass(frozen=True)
@@ -85,6 +82,15 @@ class Line:
     """Value of each of CONDITIONS of each (sequence, joint) that has one."""
     failed: Mapping[str, str]
     """Status of each sequence that failed."""
+    published: str = ""
+    """Date of a published row, a reference beside the user's own; else empty."""
+    extent: str = ""
+    """Number of sequences of each dataset of a published row, as "n = 20"."""
+
+    @property
+    def sequences(self) -> frozenset[str]:
+        """Names of the sequences that are scored."""
+        return frozenset(sequence for sequence, _ in self.error)
 
     @property
     def row(self) -> Row:
@@ -122,7 +128,8 @@ class Leaderboard:
     """Paired difference a - b of two lines (by position, a < b) of one group, if they share enough
     clusters for an interval."""
     ranks: tuple[int, ...]
-    """Rank of each line in its group, see `shared_ranks`."""
+    """Rank of each line in its group, see `shared_ranks`; 0 of a published line on other sequences
+    than the lines that it stands beside."""
     unfinished: tuple[RunFolder, ...]
     """Runs without scores: stopped, or still running."""
     published: tuple[paper.PublishedCell, ...] = paper.PUBLISHED
@@ -140,19 +147,25 @@ class Leaderboard:
     def labels(self) -> list[str]:
         """Method, inputs and knowledge of each line, and the version where these are not unique."""
         plain = [
-            " · ".join([x.row.name, *(w for w in (x.row.inputs, x.row.knowledge) if w != "none")])
+            " · ".join([
+                x.row.name, *(w for w in (x.row.inputs, x.row.knowledge) if w != "none"),
+                *([f"published, {x.extent}"] if x.published else []),
+            ])
             for x in self.lines
-        ]
+        ]  # fmt: skip
         number = Counter((x.group, label) for x, label in zip(self.lines, plain, strict=True))
         twice = {label for (_, label), n in number.items() if n > 1}
         return [f"{label} · {line.row.version}" if label in twice else label
                 for line, label in zip(self.lines, plain, strict=True)]  # fmt: skip
 
 
-def read_leaderboard(results: Sequence[Path], labels: Sequence[str] = ()) -> Leaderboard:
+def read_leaderboard(
+    results: Sequence[Path], labels: Sequence[str] = (), published: Iterable[Line] = ()
+) -> Leaderboard:
     """Read and compare all results under the folders; labels are NAME=FOLDER.
 
     A CSV file in place of a folder holds numbers of papers (`published_numbers.read_published`).
+    `published` are lines of published rows, which stand beside the others.
 
     Raises:
         ConfigError: If a label is not of this form.
@@ -168,40 +181,62 @@ def read_leaderboard(results: Sequence[Path], labels: Sequence[str] = ()) -> Lea
     files = [path for path in results if path.suffix.lower() == ".csv"]
     folders = [r for r in results if r not in files]
     folders += [path for path in named if path not in [r.resolve() for r in folders]]
-    board = build_leaderboard([
-        _labelled(run, named.get(folder.resolve(), ""))
-        for folder in folders for run in find_runs(folder)
-    ])
-    if not board.lines:
+    runs = [_labelled(run, named.get(folder.resolve(), ""))
+            for folder in folders for run in find_runs(folder)]  # fmt: skip
+    board = build_leaderboard(runs, published)
+    if all(line.published for line in board.lines):
         where = ", ".join(map(str, folders)) or "a folder: none is given"
         raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first")
     further = tuple(cell for file in files for cell in paper.read_published(file))
     return replace(board, published=board.published + further)
 
 
-def build_leaderboard(folders: Iterable[RunFolder]) -> Leaderboard:
-    """Summarize and compare runs. Raises DatasetError as `read_leaderboard` does."""
+def build_leaderboard(
+    folders: Iterable[RunFolder], published: Iterable[Line] = ()
+) -> Leaderboard:
+    """Summarize and compare runs, and lines of published rows beside them.
+
+    A published line on another dataset of the same name is left out. Raises DatasetError as
+    `read_leaderboard` does.
+    """
     folders = list(folders)
-    scored = _without_copies(f for f in folders if (f.path / SCORES).exists())
-    lines = [line for folder in scored for line in _lines_of(folder)]
+    scored = without_copies(f for f in folders if (f.path / SCORES).exists())
+    lines = [line for folder in scored for line in lines_of(folder, folder.results())]
+    configs = {line.dataset: line.run.run.config for line in lines}
+    lines += [line for line in published if not config_differences(
+        configs.get(line.dataset, line.run.run.config), line.run.run.config)]
     lines.sort(key=lambda line: (
-        line.dataset.rpartition("/")[0], paper.paper_order(line.robot), *line.group,
-        line.summary.mean, line.row.folder,
+        line.dataset not in configs, line.dataset.rpartition("/")[0],
+        paper.paper_order(line.robot), *line.group, line.summary.mean, line.row.folder,
+        line.published,
     ))  # fmt: skip
     unfinished = tuple(f for f in folders if not (f.path / SCORES).exists())
     differences: dict[tuple[int, int], Difference] = {}
     board = Leaderboard(tuple(lines), differences, (), unfinished)
+    ranked = {k for mine in board.groups.values() for k in _ranked(lines, mine)}
     for mine in board.groups.values():
+        mine = [k for k in mine if k in ranked]
         found = compare_rows([(lines[k].error, lines[k].cluster) for k in mine])
         differences |= {(mine[a], mine[b]): d for (a, b), d in found.items()}
-    return Leaderboard(
-        board.lines, differences, tuple(shared_ranks(len(lines), differences)), unfinished
-    )
+    ranks = shared_ranks(len(lines), differences)
+    return replace(board, ranks=tuple(r * (k in ranked) for k, r in enumerate(ranks)))
 
 
-def _lines_of(folder: RunFolder) -> list[Line]:
-    """The lines of one run: one for each unit in which its joints move."""
-    results = sorted(folder.results(), key=_position)  # the order in the file changes no number
+def _ranked(lines: Sequence[Line], mine: Sequence[int]) -> list[int]:
+    """Return those of a group that can be ranked: the user's own, and the published lines on the
+    same sequences. Where there are none of the user's, the sequences of most published lines count,
+    if they suffice for an interval.
+    """
+    own = [k for k in mine if not lines[k].published]
+    number = Counter(lines[k].sequences for k in own or mine)
+    same = max(number, key=lambda names: (
+        len(names) >= MIN_CLUSTERS, number[names], len(names), sorted(names)))
+    return [k for k in mine if k in own or lines[k].sequences == same]
+
+
+def lines_of(folder: RunFolder, results: Iterable[Result]) -> list[Line]:
+    """Return the lines of one run from its scores: one for each unit in which its joints move."""
+    results = sorted(results, key=_position)  # the order in the file changes no number
     finals: dict[str, list[Result]] = defaultdict(list)
     for r in results:
         if r.metric == "final_error":
@@ -262,14 +297,6 @@ def _summary(
     )
 
 
-def dataset_title(run: Run) -> str:
-    """Return SUITE/NAME of a dataset of a suite; else the name of the folder, and the seed."""
-    seed = run.config.get("seed")
-    if "/" in run.dataset or seed is None:
-        return run.dataset
-    return f"{run.dataset.removesuffix(f'-seed-{seed}')}, seed {seed}"
-
-
 def _labelled(folder: RunFolder, label: str) -> RunFolder:
     """Add a label to the name of the method."""
     row = folder.run.row
@@ -277,52 +304,3 @@ def _labelled(folder: RunFolder, label: str) -> RunFolder:
         return folder
     row = replace(row, method=f"{row.method} ({label})")
     return replace(folder, run=replace(folder.run, row=row))
-
-
-def _without_copies(folders: Iterable[RunFolder]) -> list[RunFolder]:
-    """Keep one of several folders with the same row and scores, also of other machines.
-
-    Raises DatasetError if the scores differ, or if two datasets of one title differ.
-    """
-    kept: dict[tuple[Row, str], RunFolder] = {}
-    first: dict[str, RunFolder] = {}
-    for folder in folders:
-        run, title = folder.run, dataset_title(folder.run)
-        like = first.setdefault(title, folder)
-        if changes := _dataset_differences(like.run, run):
-            raise DatasetError(
-                f"{like.path} and {folder.path} are on two datasets of one name ({changes[0]}); "
-                "report them separately"
-            )
-        other = kept.setdefault((run.row, title), folder)
-        if other.path != folder.path and not _same_scores(other, folder):
-            raise DatasetError(
-                f"{other.path} and {folder.path} are the same row with other scores; give one a "
-                "label: --label NAME=RESULTS_FOLDER"
-            )
-    return list(kept.values())
-
-
-def _dataset_differences(one: Run, other: Run) -> list[str]:
-    """Return what differs in the configurations of two datasets.
-
-    Colleagues have the files of a dataset in other folders; then the truth decides.
-    """
-    common = one.digests.keys() & other.digests.keys()
-    if common and all(one.digests[name] == other.digests[name] for name in common):
-        return config_differences(_without_folders(one.config), _without_folders(other.config))
-    return config_differences(one.config, other.config)
-
-
-def _without_folders(tree: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: _without_folders(value) if isinstance(value, Mapping)
-            else re.split(r"[/\\]", value)[-1] if isinstance(value, str) else value
-            for key, value in tree.items()}
-
-
-def _same_scores(one: RunFolder, other: RunFolder) -> bool:
-    """Whether two runs have the same scores but for the machine: its speed and its rounding."""
-    a, b = ([r for r in folder.results() if r.metric not in _OF_MACHINE] for folder in (one, other))
-    return ([replace(r, robot="", value=0.0) for r in a]
-            == [replace(r, robot="", value=0.0) for r in b]
-            and np.allclose([r.value for r in a], [r.value for r in b], 1e-6, 1e-9, True))

@@ -16,7 +16,9 @@ from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
 from ..results import EstimateShape, Results, RunFolder, read_stored
 from .calibration import LEVELS
 from .conditions import error_by_condition
-from .formats import leaderboard_csv, one_line, to_latex, to_markdown
+from .copies import dataset_title
+from .figure import CAPTION, FIGURE, draw_figure
+from .formats import latex_figure, leaderboard_csv, one_line, tables_csv, to_latex, to_markdown
 from .gallery import Picture, draw_pictures, select_pictures, write_pages
 from .leaderboard import (
     CURVE_THRESHOLDS,
@@ -24,13 +26,13 @@ from .leaderboard import (
     Leaderboard,
     Line,
     build_leaderboard,
-    dataset_title,
     read_leaderboard,
 )
 from .provenance import provenance
+from .published_rows import PUBLISHED_ROWS, published_lines
 from .tables import leaderboard_tables, paper_tables, suite_tables
 
-FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex")
+FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex", "tables.csv")
 _TEMPLATE = Path(__file__).parent / "report.html"
 _MAX_FAILURES = 200
 """Largest number of failures on the page."""
@@ -61,9 +63,12 @@ def report(
 ) -> list[Path]:
     """Write a report of results: one static page, and tables as Markdown, CSV and LaTeX.
 
-    With pictures, pages of the sequences with the largest errors are written beside it.
+    With pictures, pages of the sequences with the largest errors are written beside it, and an
+    image in the form of the paper's figure 3.
 
-    Equal results give identical files.
+    Equal results give identical files. The published rows of this package stand beside those of
+    results folders, and are ranked where the sequences are the same; the return value of `evaluate`
+    or `score` is reported alone.
 
     Args:
         results: The return value of `evaluate` or `score`, or one or more results folders, and CSV
@@ -78,7 +83,8 @@ def report(
         allow_model: Whether to read models from paths that the datasets name, or to download them.
 
     Returns:
-        The paths of the page, the Markdown, the CSV and the LaTeX file.
+        The paths of the page, the Markdown, the CSV and the LaTeX file, and of the tables in the
+        paper's form as CSV.
 
     Raises:
         DatasetError: If there are no scores or they cannot be combined, or `out` is not writable.
@@ -86,28 +92,43 @@ def report(
     Example:
         >>> import gcbench as gb
         >>> [path.name for path in gb.report("results", "report", progress=False)]
-        ['index.html', 'leaderboard.md', 'leaderboard.csv', 'tables.tex']
+        ['index.html', 'leaderboard.md', 'leaderboard.csv', 'tables.tex', 'tables.csv']
     """
     if isinstance(results, Results):
         board = build_leaderboard(results.runs)
     else:
         folders = [results] if isinstance(results, str | Path) else results
-        board = read_leaderboard([Path(folder) for folder in folders], labels)
-    out = Path(out)
+        beside = published_lines(PUBLISHED_ROWS)
+        board = read_leaderboard([Path(folder) for folder in folders], labels, beside)
+    return write_report(board, Path(out), pictures, progress, allow_model)
+
+
+def write_report(
+    board: Leaderboard, out: Path, pictures: bool, progress: bool, allow_model: bool
+) -> list[Path]:
+    """Write the report of a leaderboard; see `report`."""
     chosen = select_pictures(board.lines) if pictures else []
     found = draw_pictures(board.lines, chosen, progress, allow_model)
     found = write_pages(board.lines, found, out, progress)
+    figure = draw_figure(board.lines, board.labels, found)
     contents = (
         report_page(board, found),
-        to_markdown("Leaderboard", suite_tables(board) + leaderboard_tables(board), __version__),
+        to_markdown({"Leaderboard": suite_tables(board) + leaderboard_tables(board),
+                     "Tables in the paper's form": paper_tables(board)}, __version__)
+        + (f"\n![{CAPTION}]({FIGURE})\n" if figure else ""),
         leaderboard_csv(board),
-        to_latex(paper_tables(board), __version__),
+        to_latex(paper_tables(board), __version__) + (latex_figure(FIGURE, CAPTION) * bool(figure)),
+        tables_csv(paper_tables(board)),
     )
     try:
         out.mkdir(parents=True, exist_ok=True)
         remove_leftovers(out)
         for name, text in zip(FILES, contents, strict=True):
             write_atomically(out / name, text.encode())
+        if figure:
+            write_atomically(out / FIGURE, figure)
+        else:
+            (out / FIGURE).unlink(missing_ok=True)  # of an earlier report
     except OSError as error:
         raise DatasetError(f"cannot write to {out}: {error.strerror or error}") from error
     return [out / name for name in FILES]
@@ -127,7 +148,7 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
         "facts": _facts(lines),
         "groups": [_group([lines[k] for k in mine]) for mine in groups.values()],
         "lines": [
-            _line(k, line, label, list(groups).index(line.group))
+            {**_line(k, line, label, list(groups).index(line.group)), "ranked": board.ranks[k] > 0}
             for k, (line, label) in enumerate(zip(lines, board.labels, strict=True))
         ],
         "pairs": {
@@ -171,6 +192,8 @@ def _line(number: int, line: Line, label: str, group: int) -> dict[str, Any]:
         "training": one_line(row.training),
         "version": one_line(row.version),
         "oracles": ", ".join(row.oracles),
+        "published": line.published,
+        "extent": line.extent,
         "authors": one_line(line.run.run.attribution.authors),
         "link": line.run.run.attribution.link,
         "date": line.run.run.attribution.date,
@@ -242,8 +265,9 @@ def _failures(board: Leaderboard) -> list[_Failure]:
         out.append((one_line(run.row.title), one_line(dataset_title(run)), "", "unfinished",
                     f"{done} of {len(run.sequences)} sequences estimated and none scored; the same "
                     "gcbench eval continues it"))  # fmt: skip
-    for folder in {str(line.run.path): line.run for line in board.lines}.values():
-        mine = [line for line in board.lines if line.run.path == folder.path]
+    own = [line for line in board.lines if not line.published]
+    for folder in {str(line.run.path): line.run for line in own}.values():
+        mine = [line for line in own if line.run.path == folder.path]
         bad = {name: status for line in mine for name, status in line.failed.items()}
         scored = {name for line in mine for name, _ in line.error}
         bad |= {name: "not scored" for name in folder.run.sequences if name not in scored}

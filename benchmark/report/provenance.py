@@ -7,8 +7,9 @@ from typing import Any
 
 from ... import __version__
 from ..results import Run
+from .copies import dataset_title
 from .formats import one_line
-from .leaderboard import Line, dataset_title
+from .leaderboard import Line
 from .statistics import DRAWS, SEED
 
 Section = tuple[str, list[tuple[str, str]]]
@@ -30,6 +31,7 @@ _CONFIG = ("robot", "seed", "stream", "frames", "width", "height", "keep_unobser
 
 def provenance(lines: Sequence[Line]) -> list[Section]:
     """Return the sections of a report about the origin of its numbers, without doubles."""
+    lines = sorted(lines, key=lambda line: bool(line.published))  # own folders are named first
     runs = list({str(line.run.path): line.run.run for line in lines}.values())
     methods = {_method(run) for run in runs}
     datasets = {dataset_title(run): [*_dataset(run)] for run in reversed(runs)}
@@ -58,7 +60,7 @@ def _method(run: Run) -> tuple[str, str]:
 
 
 def _dataset(run: Run) -> Iterator[tuple[str, str]]:
-    yield "folder", run.data
+    yield "folder", run.data or "none: published rows"
     yield "sequences", str(len(run.sequences))
     if run.left_out:
         yield "left out", f"{run.left_out}, unobservable or without a scored joint"

@@ -22,6 +22,8 @@ MIN_CLUSTERS = 5
 """Smallest number of sequences (or objects) of an interval; fewer say too little."""
 _LEVEL = 0.95
 _AT_ONCE = 2**21  # drawn numbers in memory
+_ROUNDING = 2e-5
+"""Differences below this, deg or m, are none: published errors are rounded."""
 
 
 SequenceJoint = tuple[str, str]
@@ -144,6 +146,7 @@ def paired_difference(
     if not common:
         return Difference(0, 0, float("nan"), float("nan"), float("nan"))
     delta = np.array([a[pair] - b[pair] for pair in common])
+    delta[np.abs(delta) < _ROUNDING] = 0.0
     groups = [(cluster or {}).get(p, p[0]) for p in common]
     low, high = bootstrap_mean(delta, groups, rng)
     return Difference(len(common), len(set(groups)), float(delta.mean()), low, high)

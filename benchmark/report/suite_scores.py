@@ -21,7 +21,7 @@ class SuiteScore:
     of: int
     """Number of datasets of the suite in the results."""
     mean_rank: float
-    """Mean of the ranks in each dataset and unit."""
+    """Mean of the ranks in each dataset and unit; NaN if it is not ranked in all of them."""
     mean: float
     """Mean over the datasets of the mean final errors, deg; without prismatic joints."""
     interval: tuple[float, float] | None
@@ -46,7 +46,8 @@ def suite_scores(board: Leaderboard) -> list[SuiteScore]:
         if len(datasets) > 1:
             scores = [_score(board, suite, label, mine, len(datasets))
                       for label, mine in rows.items()]  # fmt: skip
-            out += sorted(scores, key=lambda s: (not s.is_complete, s.mean_rank, s.mean))
+            out += sorted(scores, key=lambda s: (
+                not s.is_complete, np.isnan(s.mean_rank), s.mean_rank, s.mean))
     return out
 
 
@@ -57,7 +58,7 @@ def _score(board: Leaderboard, suite: str, label: str, mine: list[int], of: int)
         interval = percentile_interval(np.mean([_draws(line) for line in angles], axis=0))
     return SuiteScore(
         suite, label, len({board.lines[k].dataset for k in mine}), of,
-        float(np.mean([board.ranks[k] for k in mine])),
+        float(np.mean([board.ranks[k] or np.nan for k in mine])),
         float(np.mean([line.summary.mean for line in angles])) if angles else float("nan"),
         interval,
     )

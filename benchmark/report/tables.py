@@ -60,7 +60,8 @@ def suite_tables(board: Leaderboard) -> list[Table]:
             ("method", "datasets", "mean rank", "mean (deg)", "95 % interval"), "lrrrr",
             tuple(
                 TableRow((
-                    s.label, f"{s.datasets} of {s.of}", f"{s.mean_rank:.2f}",
+                    s.label, f"{s.datasets} of {s.of}",
+                    MISSING if math.isnan(s.mean_rank) else f"{s.mean_rank:.2f}",
                     format_error(s.mean), format_interval(s.interval),
                 ))
                 for s in scores if s.suite == suite
@@ -80,7 +81,8 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
              "median", "P90", f"PCP@{'5°' if unit == 'deg' else '5 cm'}", "coverage", "s / frame"),
             "rll" + 9 * "r",
             tuple(_leaderboard_row(board, k)
-                  for k in sorted(mine, key=lambda k: (board.ranks[k], board.lines[k].summary.mean))
+                  for k in sorted(mine, key=lambda k: (
+                      not board.ranks[k], board.ranks[k], board.lines[k].summary.mean))
             ),
         )
         for (_, unit), mine in board.groups.items()
@@ -90,8 +92,9 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
 def _leaderboard_row(board: Leaderboard, k: int) -> TableRow:
     line = board.lines[k]
     s, seconds = line.summary, line.means.get("seconds_per_frame")
+    label = board.labels[k] + (" (best sign)" if line.best_sign else "")
     return TableRow((
-        str(board.ranks[k]), board.labels[k] + (" (best sign)" if line.best_sign else ""),
+        str(board.ranks[k] or MISSING), label,
         line.row.training, str(s.sequences), format_error(s.mean),
         format_interval((s.ci_low, s.ci_high) if line.has_interval else None),
         format_error(s.std), format_error(s.median), format_error(s.p90),
@@ -124,10 +127,10 @@ def paper_tables(board: Leaderboard) -> list[Table]:
             of = f" of {suite}" if suite else ""
             if arms:
                 cells = [p for p in board.published if p.table == 3]
-                out.append(_by_dataset(arms, cells, f"Robots{of}", unit))
+                out.append(_by_dataset(arms, cells, f"Robots{of}", unit, 3))
             if objects:
                 cells = [p for p in board.published if p.table == 1]
-                out.append(_by_dataset(objects, cells, f"Articulated objects{of}", unit))
+                out.append(_by_dataset(objects, cells, f"Articulated objects{of}", unit, 1))
     out += [
         _by_joint([named[k] for k in mine], [p for p in board.published if p.table == 2])
         for mine in board.groups.values() if len(lines[mine[0]].joints) > 1
@@ -162,7 +165,7 @@ def format_percent(x: float) -> str:
 
 def _by_dataset(
     named: Sequence[tuple[Line, str]], published: Sequence[paper.PublishedCell], title: str,
-    unit: str,
+    unit: str, number: int,
 ) -> Table:
     columns: list[_Column] = []
     for dataset in dict.fromkeys(line.dataset for line, _ in named):
@@ -178,7 +181,8 @@ def _by_dataset(
         cells_of = [p for p in published if p.robot == mine[0][0].robot]
         columns += _reference(mine, cells_of, head)
     limit = "5°" if unit == "deg" else "5 cm"
-    caption = f"Error at the last frame in {unit}, mean and standard deviation over all pairs of " \
+    caption = f"In the form of table {number} of the GC-Pose paper. " \
+              f"Error at the last frame in {unit}, mean and standard deviation over all pairs of " \
               f"sequence and joint, and the share of pairs within {limit}."  # fmt: skip
     return _table(title, caption, columns, _ordered(named))
 
@@ -197,7 +201,11 @@ def _by_joint(
         columns.append(_Column(name, "mean ± std", cells))
         cells_of = [p for p in published if (p.robot, p.joint) == (first.robot, index)]
         columns += _reference(named, cells_of, name)
-    caption = f"Error of each joint at the last frame in {first.unit}, mean and standard deviation."
+    real = [p for p in published if (p.robot, p.joint) == (first.robot, 0)]
+    columns += _reference(named, real, "real images, all joints")
+    form = "In the form of table 2 of the GC-Pose paper. " if first.robot == paper.OWI else ""
+    caption = f"{form}Error of each joint at the last frame in {first.unit}, mean and standard " \
+              "deviation."  # fmt: skip
     return _table(f"Joints of {first.dataset}", caption, columns, _ordered(named))
 
 

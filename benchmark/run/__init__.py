@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from .driver import EvalConfig, evaluate
 from .observation_files import export_observations
+from .publishing import check_published, publish
 from .submissions import ScoreConfig, score, score_predictions
 from .suite import list_suites
 
 __all__ = [
-    "EvalConfig", "ScoreConfig", "evaluate", "export_observations", "list_suites", "score",
-    "score_predictions",
+    "EvalConfig", "ScoreConfig", "check_published", "evaluate", "export_observations",
+    "list_suites", "publish", "score", "score_predictions",
 ]

@@ -16,6 +16,7 @@ from typing import Any
 import gcbench
 import pytest
 from gcbench.__main__ import COMMANDS, main
+from gcbench.benchmark.report.published_rows import PUBLISHED_ROWS, published_lines
 from gcbench.renderer.runtime import command_line
 
 from ..test_architecture import LAYERS
@@ -289,6 +290,14 @@ def test_the_reference_has_every_command_and_option(hooks: ModuleType) -> None:
         assert listed == options, command
         for row in re.findall(r"(?m)^\| `.*$", section):
             assert len(re.split(r"(?<!\\)\|", row)) == 5, row
+
+
+def test_the_leaderboard_shows_every_published_row(hooks: ModuleType) -> None:
+    page = hooks.on_page_markdown((DOCS / "benchmark/leaderboard.md").read_text())
+    lines = published_lines(PUBLISHED_ROWS)
+    assert lines and all(f"\n| {line.row.title} | {line.row.version} | " in page for line in lines)
+    assert "### Robots of standard" in page and "### Articulated objects of standard" in page
+    assert "| ur5 mean ± std | ur5 PCP@5° | ur5 paper |" in page
 
 
 def test_an_option_s_meaning_and_default_are_told_apart(hooks: ModuleType) -> None:

@@ -1,0 +1,73 @@
+"""Runs that are the same: datasets of one name, and copies of a row in several folders."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import DatasetError
+from ...renderer.scene import differences as config_differences
+from ..results import Row, Run, RunFolder
+
+_OF_MACHINE = ("peak_memory", "seconds", "seconds_per_frame")
+
+
+def dataset_title(run: Run) -> str:
+    """Return SUITE/NAME of a dataset of a suite; else the name of the folder, and the seed."""
+    seed = run.config.get("seed")
+    if "/" in run.dataset or seed is None:
+        return run.dataset
+    return f"{run.dataset.removesuffix(f'-seed-{seed}')}, seed {seed}"
+
+
+def without_copies(folders: Iterable[RunFolder]) -> list[RunFolder]:
+    """Keep one of several folders with the same row and scores, also of other machines.
+
+    Raises DatasetError if the scores differ, or if two datasets of one title differ.
+    """
+    kept: dict[tuple[Row, str], RunFolder] = {}
+    first: dict[str, RunFolder] = {}
+    for folder in folders:
+        run, title = folder.run, dataset_title(folder.run)
+        like = first.setdefault(title, folder)
+        if changes := _dataset_differences(like.run, run):
+            raise DatasetError(
+                f"{like.path} and {folder.path} are on two datasets of one name ({changes[0]}); "
+                "report them separately"
+            )
+        other = kept.setdefault((run.row, title), folder)
+        if other.path != folder.path and not _same_scores(other, folder):
+            raise DatasetError(
+                f"{other.path} and {folder.path} are the same row with other scores; give one a "
+                "label: --label NAME=RESULTS_FOLDER"
+            )
+    return list(kept.values())
+
+
+def _dataset_differences(one: Run, other: Run) -> list[str]:
+    """Return what differs in the configurations of two datasets.
+
+    Colleagues have the files of a dataset in other folders; then the truth decides.
+    """
+    common = one.digests.keys() & other.digests.keys()
+    if common and all(one.digests[name] == other.digests[name] for name in common):
+        return config_differences(_without_folders(one.config), _without_folders(other.config))
+    return config_differences(one.config, other.config)
+
+
+def _without_folders(tree: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _without_folders(value) if isinstance(value, Mapping)
+            else re.split(r"[/\\]", value)[-1] if isinstance(value, str) else value
+            for key, value in tree.items()}
+
+
+def _same_scores(one: RunFolder, other: RunFolder) -> bool:
+    """Whether two runs have the same scores but for the machine: its speed and its rounding."""
+    a, b = ([r for r in folder.results() if r.metric not in _OF_MACHINE] for folder in (one, other))
+    return ([replace(r, robot="", value=0.0) for r in a]
+            == [replace(r, robot="", value=0.0) for r in b]
+            and np.allclose([r.value for r in a], [r.value for r in b], 1e-6, 1e-9, True))

@@ -1,0 +1,256 @@
+"""Publish results: store estimates on a suite and their scores in compact form, and check them."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl, urlencode
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DatasetError, GcbenchError
+from ...renderer.dataset import Dataset
+from ...renderer.scene import (
+    MotionSampler,
+    Streams,
+    config_tree,
+    differences,
+    draw_camera,
+    model_source,
+    parse_config,
+)
+from ...robots.model import joint_screws
+from ..protocol import shape_of, truth_of
+from ..report import (
+    PUBLISHED_ROWS,
+    PublishedRow,
+    PublishedTruth,
+    pack_estimates,
+    pack_truth,
+    published_files,
+    read_row,
+    read_truth,
+    row_path,
+    score_published,
+    truth_path,
+    write_record,
+)
+from ..results import Run, RunFolder, Stored, find_runs, read_stored
+from .datasets import ALL, select
+from .suite import SuiteDataset, builtin_suites, read_suite
+
+_LARGEST = {"displacement": 1e-5, "screw": 1e-4, "origin": 1e-4}
+"""Largest difference of published truth to truth that is drawn again: single precision, rad, m."""
+
+
+def publish(results: Sequence[Path], folder: Path = PUBLISHED_ROWS) -> list[Path]:
+    """Add the estimates of results on built-in suites to published rows; return the files.
+
+    Sequences are added to a row of the same version of the method, so that several people can
+    measure parts of it; a row of another version is replaced.
+
+    Raises:
+        DatasetError: If there are no such results, a run is not finished, its data are missing,
+            changed or not those of the suite, or its sequences differ in frames or joints.
+    """
+    datasets = {f"{suite.title}/{dataset.name}": dataset
+                for suite in map(read_suite, builtin_suites()) for dataset in suite.datasets}
+    runs = [run for run in find_runs(results) if run.run.dataset in datasets]
+    if not runs:
+        raise DatasetError("no results on a built-in suite to publish; run "
+                           "`gcbench eval --suite standard --method NAME` first")
+    return [_publish(run, datasets[run.run.dataset], folder) for run in runs]
+
+
+def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
+    run = found.run
+    if changes := differences(config_tree(entry.config), run.config):
+        raise DatasetError(f"{found.path}: not the data of the suite ({changes[0]})")
+    data = select(run.dataset, Path(run.data), ALL).dataset
+    run = replace(run, sequences=tuple(sorted(run.sequences, key=int)))
+    stored = [read_stored(found.estimate_path(name), shape_of(data[name]))
+              for name in run.sequences]
+    truth = _add_truth(found, data, folder)
+    write_record(truth_path(folder, run.dataset), truth)
+    path = row_path(folder, run.row, run.dataset)
+    new = _pack(run, stored, truth)
+    if path.exists():
+        new = _join(read_row(path, folder, {}), new)
+    write_record(path, score_published(new, truth))
+    return path
+
+
+def _pack(run: Run, stored: Sequence[Stored], truth: PublishedTruth) -> PublishedRow:
+    run = replace(run, source=_without_folders(run.source), config={}, assets=(), digests={},
+                  settings={}, data="", left_out=0)
+    return PublishedRow(
+        run, datetime.datetime.now(datetime.timezone.utc).date().isoformat(), _command(run),
+        tuple(s.status for s in stored),
+        arrays=pack_estimates(stored, truth.frames, len(truth.joint_names)),
+    )
+
+
+def _join(old: PublishedRow, new: PublishedRow) -> PublishedRow:
+    """Add the sequences of `new` to `old`, if the method is the same; else return `new`."""
+    if (old.run.row, old.run.source) != (new.run.row, new.run.source):
+        return new
+    both = {name: (row, k) for row in (old, new) for k, name in enumerate(row.run.sequences)}
+    names = tuple(sorted(both, key=int))
+    there = [e for e in old.run.environments if e not in new.run.environments]
+    run = replace(new.run, sequences=names, environments=(*there, *new.run.environments))
+    return replace(
+        new, run=run, command=_command(run),
+        status=tuple(both[name][0].status[both[name][1]] for name in names),
+        arrays={key: np.stack([both[name][0].arrays[key][both[name][1]] for name in names])
+                for key in new.arrays},
+    )  # fmt: skip
+
+
+def _without_folders(source: str) -> str:
+    """Return the identity of a method with the names of files in place of their paths."""
+    name, mark, query = source.partition("?")
+    options = [(key, value.rpartition("/")[2]) for key, value in parse_qsl(query)]
+    return name.rpartition("/")[2] + mark + urlencode(options)
+
+
+def _command(run: Run) -> str:
+    """Return the command that measures a row on a suite."""
+    row, (source, _, query) = run.row, run.source.partition("?")
+    words = ["gcbench", "eval", "--method", source + "".join(row.name.partition("@")[1:])]
+    for name, value in parse_qsl(query):
+        words += [f"--{name}", *value.split()]
+    words += ["--suite", run.dataset.rpartition("/")[0].partition("-")[0]]
+    words += ["--inputs", row.inputs, "--knowledge", row.knowledge]
+    return shlex.join([*words, "--sequences", _ranges([int(name) for name in run.sequences])])
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Return increasing numbers as in "0-9,15"."""
+    starts = [n for n in numbers if n - 1 not in numbers]
+    ends = [n for n in numbers if n + 1 not in numbers]
+    return ",".join(str(a) if a == b else f"{a}-{b}" for a, b in zip(starts, ends, strict=True))
+
+
+def _add_truth(found: RunFolder, data: Dataset, folder: Path) -> PublishedTruth:
+    """Return the published truth of a dataset with that of the sequences of a run."""
+    run, path = found.run, truth_path(folder, found.run.dataset)
+    old = read_truth(path) if path.exists() else None
+    names = sorted({*run.sequences} - {*(old.sequences if old else ())})
+    if not names and old:
+        return old
+    cluster = select(run.dataset, data.path, ALL).cluster
+    truths = [truth_of(data[name]) for name in names]
+    alike = {(t.joint_names, t.joint_types, len(t.displacement)) for t in truths}
+    if old:
+        alike.add((old.joint_names, old.joint_types, old.frames))
+    if len(alike) > 1:
+        raise DatasetError(f"{data.path}: its sequences differ in frames or joints; rows on it "
+                           "cannot be published")
+    joints, types, frames = alike.pop()
+    attempts = [sum(data[name].meta.observability["refused"].values()) for name in names]
+    new = PublishedTruth(
+        config_tree(data.config), run.assets, joints, types, frames, tuple(names), tuple(attempts),
+        tuple(cluster(name) for name in names), pack_truth(truths))
+    if not old:
+        return new
+    joined = {field: (*getattr(old, field), *getattr(new, field))
+              for field in ("sequences", "attempts", "clusters")}
+    arrays = {key: np.concatenate([old.arrays[key], new.arrays[key]]) for key in new.arrays}
+    return replace(old, **joined, arrays=arrays)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What `check_published` looked at, and what it found."""
+
+    rows: int = 0
+    """Rows on a dataset whose scores were computed again."""
+    sequences: int = 0
+    """Estimates of these."""
+    drawn: int = 0
+    """Sequences whose truth was drawn again."""
+    skipped: tuple[str, ...] = ()
+    """Datasets whose model is not here."""
+    problems: tuple[str, ...] = ()
+    """One line for each row or truth that is not what it says."""
+
+
+def check_published(folder: Path = PUBLISHED_ROWS, draw: int = 2, seed: int = 0) -> Checked:
+    """Check that scores are those of the estimates, and that the truth is that of the suite.
+
+    The truth follows from the configuration and the number of a sequence: its motion and camera
+    are drawn again, without images, of at most `draw` sequences of each dataset, which `seed`
+    chooses. -1 draws all.
+
+    Raises DatasetError if a file is damaged.
+    """
+    truths: dict[str, PublishedTruth] = {}
+    problems: list[str] = []
+    rows = [(path, read_row(path, folder, truths)) for path in published_files(folder)]
+    for path, row in rows:
+        again = score_published(row, truths[row.run.dataset])
+        same = np.allclose(again.arrays["error"], row.arrays["error"], 1e-5, 1e-6)
+        if not same or not _is_close([dataclasses.asdict(s) for s in again.scores],
+                                     [dataclasses.asdict(s) for s in row.scores]):
+            problems.append(f"{path}: its scores are not those of its estimates")
+    skipped: list[str] = []
+    drawn = 0
+    for dataset, truth in sorted(truths.items()):
+        order = np.random.default_rng(seed).permutation(len(truth.sequences))
+        chosen = order if draw < 0 else order[:draw]
+        try:
+            for k, found in _draw_again(truth, chosen):
+                drawn += 1
+                problems += [
+                    f"{truth_path(folder, dataset)}: sequence {truth.sequences[k]}: its {name} is "
+                    "not that of the suite" for name, largest in _LARGEST.items()
+                    if not np.allclose(found[name], truth.arrays[name][k], 1e-5, largest)
+                ]
+        except GcbenchError as error:  # a model that is not here and cannot be downloaded
+            skipped.append(f"{dataset}: {error}")
+    return Checked(len(rows), sum(len(row.status) for _, row in rows), drawn, tuple(skipped),
+                   tuple(problems))
+
+
+def _draw_again(
+    truth: PublishedTruth, which: NDArray[np.int64]
+) -> Iterator[tuple[int, dict[str, NDArray[np.float64]]]]:
+    """Yield displacement [T J], screw [J 6] and origin [J 3] of sequences, as in `Truth`."""
+    config = parse_config(dict(truth.config), "published truth")
+    source = sampler = None
+    for k in map(int, which):
+        index, attempt = int(truth.sequences[k]), truth.attempts[k]
+        last, source = source, model_source(config, index, source)
+        if sampler is None or source is not last:
+            sampler = MotionSampler(source.model, source.scored, config, source.fixed_motion)
+        streams = Streams(config, index)
+        motion = sampler.draw(streams.rng("motion", attempt))
+        camera = draw_camera(
+            streams.rng("camera", attempt), config.randomization.camera, config.width,
+            config.height, sampler.outline(motion.posed, slice(1)), motion.floor)
+        names = source.model.joint_names
+        joints = [names.index(name) for name in truth.joint_names]
+        poses = camera.cam_from_world @ motion.world_from_part[:1]
+        q = motion.trajectory.positions[:, joints]
+        yield k, {
+            "displacement": q - q[:1],
+            "screw": joint_screws(source.model, poses)[0, joints],
+            "origin": poses[0, source.model.joint_child[joints], :3, 3],
+        }
+
+
+def _is_close(a: Any, b: Any) -> bool:
+    """Return whether two trees are equal but for rounding."""
+    if isinstance(a, Mapping):
+        return a.keys() == b.keys() and all(_is_close(a[key], b[key]) for key in a)
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(_is_close, a, b))
+    if isinstance(a, float) and isinstance(b, float):
+        return bool(np.isclose(a, b, 1e-6, 1e-9))
+    return a == b

@@ -1,0 +1,266 @@
+"""Published rows: what is stored is what was measured, and what is shown is what is stored."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gcbench import GcbenchError
+from gcbench.__main__ import main
+from gcbench.benchmark.protocol.truth import truth_of
+from gcbench.benchmark.report.leaderboard import build_leaderboard, read_leaderboard
+from gcbench.benchmark.report.published_rows import (
+    PUBLISHED_ROWS,
+    pack_truth,
+    published_files,
+    published_lines,
+    read_row,
+    read_truth,
+    score_published,
+    truth_path,
+    write_record,
+)
+from gcbench.benchmark.results.runs import Results
+from gcbench.benchmark.run import publishing
+from gcbench.benchmark.run.driver import EvalConfig, evaluate
+from gcbench.benchmark.run.publishing import check_published, publish
+from gcbench.benchmark.run.suite import read_suite
+from gcbench.renderer.scene.config_files import config_tree
+
+from ...support import bench_data
+
+METHODS = Path(__file__).parents[2] / "support/bad_methods.py"
+SUITE = """
+name = "small"
+[[dataset]]
+name = "arm"
+n = 6
+robot = "owi535"
+frames = 4
+width = 48
+height = 36
+"""
+
+
+@pytest.fixture
+def evaluated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Results]:
+    """Evaluates a method on sequences of a suite of one dataset, which needs no renderer."""
+    monkeypatch.setenv("CALLS", str(tmp_path / "calls"))
+    suite = tmp_path / "small.toml"
+    suite.write_text(SUITE)
+    data = bench_data.make_dataset(tmp_path / "suites/small/arm", 6)
+    config = read_suite(suite).datasets[0].config
+    provenance = json.loads((data / "dataset.json").read_text())
+    (data / "dataset.json").write_text(json.dumps(provenance | {"config": config_tree(config)}))
+    monkeypatch.setattr(publishing, "builtin_suites", lambda: (str(suite),))
+    monkeypatch.setattr("gcbench.renderer.generate.render_dataset", lambda *_, **__: None)
+
+    def run(method: str, results: str, sequences: str = "", name: str = "small") -> Results:
+        return evaluate(EvalConfig(
+            method=(method,), suite=str(tmp_path / f"{name}.toml"), suites=tmp_path / "suites",
+            results=tmp_path / results, sequences=sequences, workers=1), progress=False)
+
+    return run
+
+
+def test_a_published_row_has_the_scores_of_the_evaluation(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    for method in ("hold-still", f"{METHODS}:Raises"):
+        evaluated(method, "results")
+    folder = tmp_path / "published"
+    files = publish([tmp_path / "results"], folder)
+    assert files == sorted(files) == published_files(folder)
+    own = build_leaderboard(publishing.find_runs(tmp_path / "results")).lines
+    lines = published_lines(folder)
+    by_name = {line.row.name: line for line in lines}
+    assert len(by_name) == len(own) == 2
+    for line in own:
+        shown = by_name[line.row.name]
+        assert shown.published and shown.extent == "n = 6"
+        assert shown.summary.sequences == 6 and shown.summary.coverage == line.summary.coverage
+        assert shown.summary.mean == pytest.approx(line.summary.mean, rel=1e-6)
+        assert shown.error == pytest.approx(line.error, rel=1e-6)
+        assert shown.drift == pytest.approx(line.drift, rel=1e-6)
+        assert (shown.failed, shown.cluster, shown.sign) == (line.failed, line.cluster, line.sign)
+        for name, values in line.conditions.items():
+            assert shown.conditions[name] == pytest.approx(values, rel=1e-6)
+    before = [path.read_bytes() for path in files]
+    publish([tmp_path / "results"], folder)
+    assert [path.read_bytes() for path in files] == before, "published again, nothing changes"
+    assert not any(b"/tmp" in data or str(tmp_path).encode() in data for data in before)
+
+
+def test_sequences_are_added_to_a_row_of_the_same_version(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    for results, sequences in (("a", "0-2"), ("b", "4,5"), ("all", "")):
+        evaluated("hold-still", results, sequences)
+    parts, whole = tmp_path / "parts", tmp_path / "whole"
+    (path,) = publish([tmp_path / "a"], parts)
+    assert read_row(path, parts, {}).command.endswith(
+        "--suite small --inputs none --knowledge none --sequences 0-2")
+    publish([tmp_path / "b"], parts)
+    row = read_row(path, parts, {})
+    assert [int(name) for name in row.run.sequences] == [0, 1, 2, 4, 5]
+    assert row.command.endswith("--sequences 0-2,4-5")
+    publish([tmp_path / "all"], parts)
+    publish([tmp_path / "all"], whole)
+    (a,), (b,) = published_lines(parts), published_lines(whole)
+    assert a.error == b.error and a.summary == b.summary
+    older = dataclasses.replace(row.run, row=dataclasses.replace(row.run.row, version="0"))
+    write_record(path, dataclasses.replace(row, run=older))
+    publish([tmp_path / "a"], parts)
+    assert len(read_row(path, parts, {}).run.sequences) == 3, "another version is replaced"
+
+
+def test_the_check_finds_changed_estimates_scores_and_truth(
+    evaluated: Callable[..., Results], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    evaluated("constant-velocity", "results")
+    folder = tmp_path / "published"
+    (path,) = publish([tmp_path / "results"], folder)
+    truths: dict = {}
+    row = read_row(path, folder, truths)
+    assert not check_published(folder, 0).problems
+    moved = row.arrays["displacement"].copy()
+    moved[2, -1, 0] += 0.01
+    score = dataclasses.replace(row.scores[0], drift=(*row.scores[0].drift[:-1], 0.5))
+    for changed in (
+        dataclasses.replace(row, arrays={**row.arrays, "displacement": moved}),
+        dataclasses.replace(row, scores=(score,)),
+        dataclasses.replace(row, arrays={**row.arrays, "error": 0 * row.arrays["error"]}),
+    ):
+        write_record(path, changed)
+        assert "its scores are not those of its estimates" in check_published(folder, 0).problems[0]
+    assert main(["publish", "--check", "--draw", "0", "--to", str(folder)]) == 1
+    assert "1 rows, 6 estimates scored again" in capsys.readouterr().out
+    # The suite's robot is not the arm of these sequences: every truth that is drawn again differs.
+    write_record(path, row)
+    truth = truths["small/arm"]
+    real = dataclasses.replace(truth, joint_names=("rotation", "base"))
+    write_record(truth_path(folder, "small/arm"), real)
+    write_record(path, score_published(row, real))
+    found = check_published(folder, 1)
+    assert found.drawn == 1 and len(found.problems) == 3
+
+
+def test_only_finished_results_on_the_data_of_a_suite_are_published(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    data = bench_data.make_dataset(tmp_path / "own", 1)
+    evaluate(EvalConfig(method=("hold-still",), data=(data,), results=tmp_path / "own-results"),
+             progress=False)
+    with pytest.raises(GcbenchError, match="no results on a built-in suite"):
+        publish([tmp_path / "own-results"], tmp_path / "published")
+    (folder,) = evaluated("hold-still", "results").runs
+    (tmp_path / "small.toml").write_text(SUITE.replace("frames = 4", "frames = 5"))
+    with pytest.raises(GcbenchError, match=r"not the data of the suite \(frames: 5 -> 4"):
+        publish([tmp_path / "results"], tmp_path / "published")
+    (tmp_path / "small.toml").write_text(SUITE)
+    folder.estimate_path("000003").unlink()
+    with pytest.raises(GcbenchError, match=r"000003\.zip"):
+        publish([tmp_path / "results"], tmp_path / "published")
+    assert not (tmp_path / "published").exists()
+
+
+def test_published_rows_are_ranked_only_on_the_same_sequences(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    evaluated("constant-velocity", "theirs")
+    publish([tmp_path / "theirs"], tmp_path / "published")
+    lines = published_lines(tmp_path / "published")
+    evaluated("hold-still", "same")
+    board = read_leaderboard([tmp_path / "same"], published=lines)
+    assert len(board.differences) == 1 and 0 not in board.ranks
+    evaluated("hold-still", "fewer", "0-4")
+    board = read_leaderboard([tmp_path / "fewer"], published=lines)
+    assert dict(zip(board.labels, board.ranks, strict=True)) == {
+        "hold-still": 1, "constant-velocity · published, n = 6": 0}
+    assert not board.differences
+    evaluated("constant-velocity", "again")
+    board = read_leaderboard([tmp_path / "again"], published=lines)
+    assert board.ranks == (1, 1), "the rounding of published numbers decides nothing"
+
+
+def test_a_report_shows_published_rows_unless_told_not_to(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    evaluated("constant-velocity", "theirs")
+    folder = tmp_path / "published"
+    publish([tmp_path / "theirs"], folder)
+    evaluated("hold-still", "mine")
+    for given, shown in (["--published", str(folder)], True), (["--published", "none"], False):
+        command = ["report", str(tmp_path / "mine"), "--no-pictures", "--quiet", *given]
+        assert main([*command, "--out", str(tmp_path / "out")]) == 0
+        for name in ("leaderboard.md", "leaderboard.csv", "tables.tex", "index.html"):
+            text = (tmp_path / "out" / name).read_text()
+            assert ("velocity" in text) == shown, name  # LaTeX writes another hyphen
+            assert "still" in text
+    board = read_leaderboard([tmp_path / "mine"], published=published_lines(folder))
+    assert [line.row.name for line in board.lines if line.published] == ["constant-velocity"]
+    with pytest.raises(GcbenchError, match="no scores in a folder: none is given"):
+        read_leaderboard([], published=published_lines(folder))
+
+
+def test_a_damaged_file_is_one_error(evaluated: Callable[..., Results], tmp_path: Path) -> None:
+    evaluated("hold-still", "results")
+    folder = tmp_path / "published"
+    (path,) = publish([tmp_path / "results"], folder)
+    data = path.read_bytes()
+    for bad in (data[:100], data.replace(b'"ok"', b'"KO"'), data.replace(b"000005", b"000009")):
+        path.write_bytes(bad)
+        with pytest.raises(GcbenchError, match=r"arm\.zip"):
+            published_lines(folder)
+    path.write_bytes(data)
+    shutil.move(path, path.with_name("leg.zip"))
+    with pytest.raises(GcbenchError, match="rename the file"):
+        published_lines(folder)
+    with pytest.raises(GcbenchError, match="no published rows"):
+        published_lines(tmp_path / "none")
+
+
+def test_the_rows_of_this_package_are_what_their_estimates_score() -> None:
+    found = check_published(PUBLISHED_ROWS, draw=0)
+    assert found.rows >= 8 and found.problems == ()
+
+
+@pytest.mark.slow
+def test_the_truth_of_this_package_is_that_of_the_suite() -> None:
+    found = check_published(PUBLISHED_ROWS, draw=-1)
+    assert found.drawn and not found.skipped and not found.problems
+
+
+def test_the_truth_of_a_robot_is_drawn_again_without_images() -> None:
+    """As the check draws it; the robot and the appliances need no download."""
+    for name in ("owi535", "oven"):
+        truth = read_truth(truth_path(PUBLISHED_ROWS, f"standard/{name}"))
+        drawn = publishing._draw_again(truth, np.array([len(truth.sequences) - 1]))
+        for k, found in drawn:
+            assert np.allclose(found["displacement"], truth.arrays["displacement"][k], atol=1e-5)
+
+
+def test_packed_truth_is_the_truth(tmp_path: Path) -> None:
+    from gcbench.renderer.dataset.reader import open_dataset
+
+    dataset = open_dataset(bench_data.make_dataset(tmp_path / "arm", 3))
+    truths = [truth_of(dataset[k]) for k in range(3)]
+    packed = pack_truth(truths)
+    assert packed["displacement"].shape == (3, 4, bench_data.JOINTS)
+    for k, truth in enumerate(truths):
+        for name in ("displacement", "screw", "origin", "pixels"):
+            assert np.allclose(packed[name][k], getattr(truth, name), rtol=1e-6)
+
+
+def test_a_suite_configuration_is_complete_in_the_truth() -> None:
+    for path in (PUBLISHED_ROWS / "truth/standard").glob("*.zip"):
+        config = read_truth(path).config
+        (entry,) = [d for d in read_suite("standard").datasets if d.name == path.stem]
+        assert config == json.loads(json.dumps(config_tree(entry.config)))
