@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from .metrics import PCP5, PCP_DEGREES, pcp_thresholds
-from .observations import ORACLES, are_compatible, observe
+from .observations import ORACLES, Allocate, are_compatible, observe
 from .scoring import AXES_KNOWN, score_motion, score_sequence, shape_of
 from .truth import Truth, truth_digest, truth_of
 
 __all__ = [
-    "AXES_KNOWN", "ORACLES", "PCP5", "PCP_DEGREES", "Truth", "are_compatible", "observe",
-    "pcp_thresholds", "score_motion", "score_sequence", "shape_of", "truth_digest", "truth_of",
+    "AXES_KNOWN", "ORACLES", "PCP5", "PCP_DEGREES", "Allocate", "Truth", "are_compatible",
+    "observe", "pcp_thresholds", "score_motion", "score_sequence", "shape_of", "truth_digest",
+    "truth_of",
 ]

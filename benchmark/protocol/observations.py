@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from collections.abc import Callable
+from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from ...errors import ConfigError
-from ...renderer.types import Inputs, Knowledge, Observation, Sequence
+from ...renderer.types import Inputs, Knowledge, Observation, Sequence, Stack
 from ...robots.model import ArticulatedModel
 from .truth import truth_of
 
@@ -19,6 +20,8 @@ _NOISE_STREAM = 0x6E6F6973
 
 Oracle = Literal["true-parts", "true-flow"]
 ORACLES: tuple[Oracle, ...] = get_args(Oracle)
+Allocate = Callable[[tuple[int, ...], DTypeLike], NDArray[Any]]
+"""Makes an array of a shape and type; its content is arbitrary."""
 
 
 def are_compatible(inputs: Inputs, knowledge: Knowledge) -> bool:
@@ -32,10 +35,12 @@ def observe(
     knowledge: Knowledge,
     oracles: tuple[str, ...] = (),
     model: ArticulatedModel | None = None,
+    allocate: Allocate = np.empty,
 ) -> Observation:
     """Return the observation of a sequence; everything that is not granted is None.
 
-    Knowledge `model` requires `model`. Raises ConfigError for an invalid combination.
+    Knowledge `model` requires `model`. `allocate` makes the arrays of rgb and depth. Raises
+    ConfigError for an invalid combination.
     """
     if not are_compatible(inputs, knowledge):
         raise ConfigError(f"inputs {inputs} and knowledge {knowledge} do not go together")
@@ -49,12 +54,12 @@ def observe(
     axes = knowledge in ("axes", "kinematics", "model")
     lines = knowledge in ("kinematics", "model")
     has_depth = inputs in ("rgbd", "rgbd-noise")
-    depth = sequence.depth[0 : len(sequence)] if has_depth else None
+    depth = _stack(sequence.depth, np.float32, allocate) if has_depth else None
     noise = DEPTH_NOISE if inputs == "rgbd-noise" else 0.0
     if depth is not None and noise:
-        depth = add_noise(depth, noise, sequence.meta.seed, sequence.meta.index)
+        depth[...] = add_noise(depth, noise, sequence.meta.seed, sequence.meta.index)
     return Observation(
-        rgb=None if inputs == "none" else sequence.rgb[0 : len(sequence)],
+        rgb=None if inputs == "none" else _stack(sequence.rgb, np.uint8, allocate),
         depth=depth,
         intrinsics=state.intrinsics.copy(),
         times=state.times.copy(),
@@ -69,6 +74,13 @@ def observe(
         part=true_parts(sequence, truth.label) if "true-parts" in oracles else None,
         flow=np.array(sequence.flow[0 : len(sequence) - 1]) if "true-flow" in oracles else None,
     )
+
+
+def _stack(images: Stack[Any], dtype: DTypeLike, allocate: Allocate) -> NDArray[Any]:
+    stacked = allocate(images.shape, dtype)
+    for target, image in zip(stacked, images, strict=True):
+        target[...] = image
+    return stacked
 
 
 def add_noise(

@@ -31,7 +31,7 @@ from ..methods import (
     split_oracles,
     with_options,
 )
-from ..protocol import observe, shape_of
+from ..protocol import Allocate, observe, shape_of
 from ..results import EstimateShape, Results, Row, Status
 from .datasets import SUITES, Selection, from_folders, from_suite
 from .isolation import Limits, read_declaration, run_method
@@ -293,12 +293,14 @@ class _Observer:
         self._key: tuple[object, ...] = ()
         self._model: ArticulatedModel | None = None
 
-    def observe(self, task: tuple[Job, str]) -> tuple[Observation, EstimateShape]:
+    def observe(
+        self, task: tuple[Job, str], allocate: Allocate
+    ) -> tuple[Observation, EstimateShape]:
         job, name = task
         row, dataset = job.row, job.data.dataset
         sequence = dataset[name]
         model = self._model_of(dataset, sequence) if row.knowledge == "model" else None
-        seen = observe(sequence, row.inputs, row.knowledge, row.oracles, model)
+        seen = observe(sequence, row.inputs, row.knowledge, row.oracles, model, allocate)
         return seen, shape_of(sequence)
 
     def _model_of(self, dataset: Dataset, sequence: Video) -> ArticulatedModel:

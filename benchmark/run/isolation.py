@@ -20,12 +20,13 @@ from ...errors import DatasetError, MethodError
 from ...renderer.runtime import WorkerPool, WorkerSettings, to_record
 from ...renderer.types import Observation
 from ..methods import Declaration, is_own
+from ..protocol import Allocate
 from ..results import EstimateShape, Status, Stored, dump_stored
-from .handover import pack_observation, send_observation
+from .handover import Sender
 from .method_worker import DONE, PROBLEM, READY, STARTED
 
 Task = TypeVar("Task")
-Observe = Callable[[Task], tuple[Observation, EstimateShape]]
+Observe = Callable[[Task, Allocate], tuple[Observation, EstimateShape]]
 START_LIMIT = 600.0
 """Time limit for loading a method, s."""
 _LIFETIME = 200
@@ -75,11 +76,13 @@ def run_method(
     """Yield each finished task with the ZIP of its stored estimate (results/estimates.py).
 
     A failure is yielded as a stored estimate too. Closing the iterator ends all processes.
-    `observe` reads the observation of a task in this process. Raises MethodError if the method
-    cannot be loaded.
+    `observe` reads the observation of a task in this process; its large arrays come from the
+    function given to it. Raises MethodError if the method cannot be loaded.
     """
-    reader = _Reader(observe, tasks, limits.workers)
-    pool = WorkerPool[Task](_settings(source, limits), tasks, partial(_send, reader), _receive)
+    sender = Sender(limits.workers)
+    reader = _Reader(lambda task: observe(task, sender.allocate), tasks, limits.workers)
+    pool = WorkerPool[Task](_settings(source, limits), tasks, partial(_send, sender, reader),
+                            _receive)
     started: set[Task] = set()
     problems: dict[Task, str] = {}
     with closing(reader), closing(pool.events()) as events:
@@ -115,7 +118,10 @@ def run_method(
 class _Reader(Generic[Task]):
     """Reads observations; with several workers, ahead of them and in a thread."""
 
-    def __init__(self, observe: Observe[Task], tasks: Sequence[Task], workers: int) -> None:
+    def __init__(
+        self, observe: Callable[[Task], tuple[Observation, EstimateShape]], tasks: Sequence[Task],
+        workers: int,
+    ) -> None:
         self._observe, self._todo = observe, deque(tasks)
         self._ahead = workers if workers > 1 else 0
         self._threads = ThreadPoolExecutor(1)
@@ -143,12 +149,12 @@ def _settings(source: str, limits: Limits) -> WorkerSettings:
     )
 
 
-def _send(reader: _Reader[Task], connection: Connection, task: Task) -> None:
+def _send(sender: Sender, reader: _Reader[Task], connection: Connection, task: Task) -> None:
     try:
-        observation = pack_observation(*reader.read(task))
+        observation = sender.pack(*reader.read(task))
     except OSError as error:  # the pool takes one for the end of the process
         raise DatasetError(f"cannot hand over an observation: {error.strerror}") from error
-    send_observation(connection, observation)
+    sender.send(connection, observation)
 
 
 def _receive(connection: Connection) -> bytes:

@@ -53,7 +53,9 @@ def _serve(connection: Connection, source: str, threads: int, python: str) -> No
     connection.send_bytes(READY + declaration.encode())
     for observation, shape in receive_tasks(connection, receive_observation):
         connection.send_bytes(STARTED)
-        connection.send_bytes(DONE + dump_stored(_attempt(estimate, observation, shape)))
+        answer = dump_stored(_attempt(estimate, observation, shape))
+        del observation  # before the answer: its memory is then free for the next
+        connection.send_bytes(DONE + answer)
 
 
 def _load(

@@ -290,12 +290,9 @@ def receive_tasks(
     connection: Connection, receive: Callable[[Connection], _Received]
 ) -> Generator[_Received]:
     """Yield what `receive` reads from a connection, until the parent closes it."""
-    while True:
-        try:
-            task = receive(connection)
-        except EOFError:
-            return
-        yield task
+    with suppress(EOFError):
+        while True:
+            yield receive(connection)  # a name would keep a task in memory
 
 
 def _main(

@@ -15,11 +15,12 @@ from .sequence import (
     Frame,
     Meta,
     Sequence,
+    Stack,
     State,
 )
 
 __all__ = [
     "BACKGROUND", "FORMAT", "MAX_PIXELS", "OCCLUDED", "OUT_OF_IMAGE", "VISIBLE", "Camera",
     "Estimate", "Frame", "Inputs", "Knowledge", "Meta", "Method", "Observation", "Sequence",
-    "State", "html_card", "intrinsics_from_fov", "look_at",
+    "Stack", "State", "html_card", "intrinsics_from_fov", "look_at",
 ]

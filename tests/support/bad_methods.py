@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from gcbench.renderer.types.observation import Estimate, Observation
@@ -51,6 +52,22 @@ class Reads(Good):
         estimate = super().estimate(observation)
         estimate.displacement[-1] = 0.1 * (1 + index)
         return estimate
+
+
+class Keeps(Good):
+    """Keeps all that it was given, and finds it changed."""
+
+    name = "keeps"
+    kept: ClassVar[list[tuple[Observation, float]]] = []
+
+    def estimate(self, observation: Observation) -> Estimate:
+        assert observation.rgb is not None and observation.depth is not None
+        self.kept.append((observation, float(observation.rgb.sum() + observation.depth.sum())))
+        for other, total in self.kept:
+            assert other.rgb is not None and other.depth is not None
+            assert other.rgb.sum() + other.depth.sum() == total
+        assert len({total for _, total in self.kept}) == len(self.kept)
+        return super().estimate(observation)
 
 
 class _Accident(Good):

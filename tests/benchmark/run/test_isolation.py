@@ -111,6 +111,10 @@ def test_the_process_of_a_method_has_no_truth_and_no_path(
     assert run(data, tmp_path / "results", "Searches").failures == ()
 
 
+def test_what_a_method_keeps_stays(data: Path, tmp_path: Path) -> None:
+    assert run(data, tmp_path / "results", "Keeps").failures == ()
+
+
 def test_a_truth_that_changed_is_not_scored(data: Path, tmp_path: Path, calls: Path) -> None:
     mine = tmp_path / "mine"
     shutil.copytree(data, mine)
