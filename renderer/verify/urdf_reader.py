@@ -138,10 +138,11 @@ def _pose(origin: Element | None) -> Array:
 
 
 def _numbers(element: Element | None, key: str, default: tuple[float, ...]) -> Array:
-    """The finite numbers of an attribute, as many as the default has; blank means the default."""
+    """The finite numbers of an attribute, the first as the default has; blank: the default."""
     words = (element.get(key, "") if element is not None else "").replace(",", " ").split()
     if not words:
         return np.array(default, np.float64)
+    words = words[:len(default)] if len(default) == 3 else words
     numbers = [float(word) if _NUMBER.fullmatch(word) else math.nan for word in words]
     if len(numbers) != len(default) or not all(map(math.isfinite, numbers)):
         raise ModelError(f"{key}={' '.join(words)[:60]!r} is not {len(default)} finite numbers")

@@ -19,6 +19,7 @@ from .paths import (
     Asset,
     AssetFinder,
     MissingAssetError,
+    OutsideAssetError,
     asset_finder,
 )
 from .progress import show_progress
@@ -26,8 +27,8 @@ from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
     "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
-    "MissingAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_atomically",
-    "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder", "new_element",
-    "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers", "replace_atomically",
-    "show_progress", "temporary_name", "write_atomically", "xml_bytes",
+    "MissingAssetError", "OutsideAssetError", "WheelFiles", "asset_finder", "cache_folder",
+    "create_atomically", "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder",
+    "new_element", "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers",
+    "replace_atomically", "show_progress", "temporary_name", "write_atomically", "xml_bytes",
 ]

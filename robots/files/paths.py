@@ -17,7 +17,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -33,6 +33,10 @@ _MAX_REFERENCE = 1024
 
 class MissingAssetError(ModelError):
     """A file that the model refers to does not exist; the message lists the places tried."""
+
+
+class OutsideAssetError(ModelError):
+    """A file that the model refers to is not in a folder that the model may read."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,22 @@ class AssetFinder:
         candidates = self._in_packages(name) if scheme == "package" else self._relative(name)
         return _first(reference, candidates)
 
+    def root_for(self, references: Iterable[str]) -> Path | None:
+        """Return the nearest folder above the URDF that, given as the root, has all the files."""
+        known = [*dict.fromkeys(references)]
+        if all(map(self.has, known)):
+            return None
+        roots = (replace(self, root=f) for f in _above(self.folder, _PACKAGE_LEVELS)
+                 if f != self.root and self.root.is_relative_to(f))
+        return next((f.root for f in roots if all(map(f.has, known))), None)
+
+    def has(self, reference: str) -> bool:
+        """Whether `find` finds a mesh."""
+        try:
+            return bool(self.find(reference))
+        except ModelError:
+            return False
+
     def nested(self, asset: Asset, reference: str, suffixes: frozenset[str]) -> Asset:
         """Return the file that a mesh file names by `reference`: beside it, or inside its root.
 
@@ -77,6 +97,8 @@ class AssetFinder:
         for folder in self._upwards():
             for n in _spellings([name]):
                 yield folder / n, self.root
+        if name.startswith(f"{self.root.name}/"):
+            yield self.root.parent / name, self.root
 
     def _in_packages(self, name: str) -> Iterator[tuple[Path, Path]]:
         package, _, rest = name.lstrip("/").partition("/")
@@ -185,7 +207,6 @@ def _first(reference: str, candidates: Iterable[tuple[Path, Path]]) -> Asset:
             continue  # a name that no file can have, or a loop of links
         tried[os.path.normpath(path)] = None
     if outside is not None:
-        raise ModelError(
-            f"{reference!r} leads out of {outside}, the folder that the model may read; if you "
-            "trust the model, name a folder that holds both by --root DIR")
+        raise OutsideAssetError(
+            f"{reference!r} leads out of {outside}, the folder that the model may read")
     raise MissingAssetError(f"{reference!r} is missing; tried {', '.join(tried)}")

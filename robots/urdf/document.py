@@ -37,6 +37,17 @@ GEOMETRIES: dict[str, dict[str, tuple[int, ...]]] = {
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
 
 
+@dataclass(frozen=True)
+class _Where:
+    """The part of a document that messages name."""
+
+    name: str
+    notes: list[str]
+
+    def __str__(self) -> str:
+        return self.name
+
+
 @dataclass
 class UrdfDocument:
     """A checked URDF."""
@@ -83,21 +94,21 @@ def _clean_robot(root: Element, name: str, allow_missing: bool, notes: list[str]
     if len(root.findall(f"link/{shown}")) > MAX_VISUALS:
         raise ModelError(f"has more than {MAX_VISUALS} visuals")
     for material in root.findall("material"):
-        clean.append(_clean_material(material, "a material"))
+        clean.append(_clean_material(material, _Where("a material", notes)))
     seen: set[str] = set()
     for link in links:
         link_name = _name(link, "link", seen)
         new = new_element("link", {"name": link_name})
-        where = f"link {link_name!r}"
+        where = _Where(f"link {link_name!r}", notes)
         for visual in link.findall(shown):
-            made = _clean_visual(visual, where, allow_missing, notes)
+            made = _clean_visual(visual, where, allow_missing)
             if made is not None:
                 new.append(made)
         clean.append(new)
     seen = set()
-    clean.extend([_clean_joint(joint, _name(joint, "joint", seen)) for joint in joints])
+    clean.extend([_clean_joint(joint, _name(joint, "joint", seen), notes) for joint in joints])
     _remove_lone_mimics(clean, seen, notes)
-    _add_world(clean, notes)
+    _add_parents(clean, notes)
     return clean
 
 
@@ -111,29 +122,27 @@ def _remove_lone_mimics(robot: Element, joints: set[str], notes: list[str]) -> N
             joint.remove(mimic)
 
 
-def _add_world(robot: Element, notes: list[str]) -> None:
-    """Add a missing link "world" if a joint refers to it, as Drake does."""
+def _add_parents(robot: Element, notes: list[str]) -> None:
+    """Add links, such as "world", that are not declared but the parents of joints."""
     names = {link.get("name") for link in robot.findall("link")}
-    if "world" not in names and any(p.get("link") == "world"
-                                    for p in robot.findall("joint/parent")):
-        robot.append(new_element("link", {"name": "world"}))
-        notes.append("joints hang on the link 'world', which is not declared: added")
+    for name in dict.fromkeys(p.get("link", "") for p in robot.findall("joint/parent")):
+        if name not in names:
+            robot.append(new_element("link", {"name": name}))
+            notes.append(f"joints hang on the link {name!r}, which is not declared: added")
 
 
-def _clean_visual(
-    visual: Element, where: str, allow_missing: bool, notes: list[str]
-) -> Element | None:
+def _clean_visual(visual: Element, where: _Where, allow_missing: bool) -> Element | None:
     geometry = visual.find("geometry")
     shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
-        notes.append(f"{where}: a visual without geometry is ignored")
+        where.notes.append(f"{where}: a visual without geometry is ignored")
         return None
     if shape.tag not in GEOMETRIES:
         known = ", ".join(GEOMETRIES)
         text = f"{where}: geometry <{shape.tag[:40]}> is not supported ({known})"
         if not allow_missing:
             raise ModelError(f"{text}; allow_missing leaves it out")
-        notes.append(f"{text}; left out")
+        where.notes.append(f"{text}; left out")
         return None
     attributes = _numbers(shape, where, {**GEOMETRIES[shape.tag]}, required=True)
     if shape.tag == "mesh":
@@ -152,7 +161,7 @@ def _clean_visual(
     return new
 
 
-def _clean_material(material: Element, where: str) -> Element:
+def _clean_material(material: Element, where: _Where) -> Element:
     new = new_element("material", {"name": material.get("name", "")[:MAX_NAME]})
     color, texture = material.find("color"), material.find("texture")
     if color is not None and color.get("rgba", "").strip():
@@ -162,8 +171,8 @@ def _clean_material(material: Element, where: str) -> Element:
     return new
 
 
-def _clean_joint(joint: Element, name: str) -> Element:
-    where = f"joint {name!r}"
+def _clean_joint(joint: Element, name: str, notes: list[str]) -> Element:
+    where = _Where(f"joint {name!r}", notes)
     kind = joint.get("type", "").strip()
     if kind not in JOINT_TYPES:
         raise ModelError(f"{where}: type {kind[:40]!r} is unknown; there are "
@@ -186,7 +195,7 @@ def _clean_joint(joint: Element, name: str) -> Element:
 
 
 def _copy(
-    old: Element, new: Element, tag: str, where: str, numbers: dict[str, tuple[int, ...]],
+    old: Element, new: Element, tag: str, where: _Where, numbers: dict[str, tuple[int, ...]],
     largest: float = MAX_NUMBER,
 ) -> None:
     element = old.find(tag)
@@ -195,10 +204,13 @@ def _copy(
 
 
 def _numbers(
-    element: Element, where: str, counts: dict[str, tuple[int, ...]], required: bool = False,
+    element: Element, where: _Where, counts: dict[str, tuple[int, ...]], required: bool = False,
     largest: float = MAX_NUMBER,
 ) -> dict[str, str]:
-    """Return normalised attributes; each holds an allowed number (`counts`) of finite numbers."""
+    """Return normalised attributes; each holds an allowed number (`counts`) of finite numbers.
+
+    Of more than three, the first three are taken, as other readers do.
+    """
     out: dict[str, str] = {}
     for key, allowed in counts.items():
         text = element.get(key)
@@ -210,6 +222,9 @@ def _numbers(
         what = f"{where}: {key}={text[:60]!r} of <{element.tag}>"
         if "$" in text:
             raise ModelError(f"{what} is un-expanded xacro; {EXPAND}")
+        if max(allowed) == 3 and len(words) > 3:
+            where.notes.append(f"{what}: the first 3 numbers are taken")
+            words = words[:3]
         if len(words) not in allowed:
             raise ModelError(f"{what} should be {' or '.join(map(str, allowed))} numbers")
         for word in words:
@@ -229,7 +244,7 @@ def _name(element: Element, kind: str, seen: set[str]) -> str:
     return name
 
 
-def _text(element: Element, key: str, where: str, limit: int = 1024) -> str:
+def _text(element: Element, key: str, where: str | _Where, limit: int = 1024) -> str:
     text = element.get(key, "").strip()
     if not text:
         raise ModelError(f"{where}: <{element.tag}> has no {key!r}")

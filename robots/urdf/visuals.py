@@ -6,13 +6,14 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import ModelError
-from ..files import MissingAssetError, show_progress
+from ..files import MissingAssetError, OutsideAssetError, show_progress
 from ..geometry import Array
 from ..meshes import box, capsule, cylinder, sphere
 from ..model import (
@@ -52,12 +53,10 @@ def visuals_of_document(
             reference = mesh.filename if mesh else ""
             try:
                 found = _surfaces(visual, library, notes, name)
-            except MissingAssetError as error:
-                if not allow_missing:
-                    package = "name its package by --package NAME=DIR, or " if (
-                        reference.startswith(("package:", "model:"))) else ""
-                    raise MissingAssetError(f"link {name!r}: mesh {error}; {package}add "
-                                            "--allow-missing to leave it out") from error
+            except (MissingAssetError, OutsideAssetError) as error:
+                if not allow_missing or isinstance(error, OutsideAssetError):
+                    advice = _advice(error, reference, library, robot)
+                    raise type(error)(f"link {name!r}: mesh {error}; {advice}") from error
                 notes.append(f"link {name!r}: mesh {reference!r} is missing and left out")
                 continue
             except ModelError as error:
@@ -72,6 +71,21 @@ def visuals_of_document(
     if not visuals:
         notes.append("the model has no visuals: there is nothing to see")
     return visuals, notes
+
+
+def _advice(error: ModelError, reference: str, library: MeshLibrary, robot: Any) -> str:
+    """Return which options make the meshes of a robot readable."""
+    meshes = (v.geometry and v.geometry.mesh for link in robot.links for v in link.visuals)
+    root = library.finder.root_for(mesh.filename for mesh in meshes if mesh)
+    options: list[str] = []
+    if root is not None or isinstance(error, OutsideAssetError):
+        where = "DIR, a folder that holds both" if root is None else shlex.quote(str(root))
+        options.append(f"if you trust the model, add --root {where}")
+    if reference.startswith(("package:", "model:")):
+        options.append("name its package by --package NAME=DIR")
+    if isinstance(error, MissingAssetError):
+        options.append("add --allow-missing to leave it out")
+    return ", or ".join(options)
 
 
 def _surfaces(
@@ -134,8 +148,9 @@ def _material(
     if given.texture is not None:
         try:
             texture = library.texture(given.texture.filename)
-        except MissingAssetError:
-            notes.append(f"material {given.name!r}: texture {given.texture.filename!r} is missing")
+        except (MissingAssetError, OutsideAssetError) as error:
+            why = "is missing" if isinstance(error, MissingAssetError) else "may not be read"
+            notes.append(f"material {given.name!r}: texture {given.texture.filename!r} {why}")
             if given.color is None:
                 return None
     return Material(str(given.name or ""), color, texture=texture)

@@ -14,8 +14,8 @@ URDF = """<robot NAME>
 <link name="arm"><visual><origin xyz="0.4 0 0.2"/><geometry><box size="0.8 0.1 0.1"/></geometry>
 </visual>ARM</link>
 <joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
-<limit lower="-2" upper="2" effort="1" velocity="VELOCITY"/></joint></robot>"""
-PLAIN = {"NAME": 'name="odd"', "BASE": "", "ARM": "", "VELOCITY": "1"}
+<limit lower="-2" upper="2" effort="1" velocity="VELOCITY"/></joint>JOINTS</robot>"""
+PLAIN = {"NAME": 'name="odd"', "BASE": "", "ARM": "", "VELOCITY": "1", "JOINTS": ""}
 CASES = {
     "an empty collision": {"ARM": "<collision/>"},
     "a plane": {"BASE": '<collision><geometry><plane normal="0 0 1"/></geometry></collision>'},
@@ -24,6 +24,10 @@ CASES = {
                'izz="1"/></inertial>'},
     "a placeholder of xacro": {"VELOCITY": "${v}"},
     "a robot without a name": {"NAME": ""},
+    "a parent that is not declared": {"JOINTS": '<joint name="hold" type="fixed">'
+        '<parent link="body"/><child link="base"/></joint>'},
+    "an angle too many": {"JOINTS": '<link name="tip"/><joint name="end" type="fixed">'
+        '<parent link="arm"/><child link="tip"/><origin rpy="0.1 0.2 0.3 0"/></joint>'},
 }
 
 

@@ -310,7 +310,7 @@ def test_meshes_come_from_the_package_or_a_named_folder(tmp_path: Path) -> None:
     path = tmp_path / "ws/arm/urdf/m.urdf"
     text = refuse(path, "leads out of", with_mesh("../meshes/a.obj"))
     assert f"{tmp_path}/ws/arm/urdf, the folder that the model may read" in text
-    assert "--root DIR" in text
+    assert text.endswith(f"if you trust the model, add --root {tmp_path}/ws/arm")
     assert load_urdf(path, asset_root=tmp_path / "ws/arm").visuals
     assert load_robot(path, root=tmp_path / "ws/arm").visuals
     (tmp_path / "ws/arm/package.xml").touch()
@@ -318,9 +318,55 @@ def test_meshes_come_from_the_package_or_a_named_folder(tmp_path: Path) -> None:
     other = tmp_path / "ws/hand/urdf/m.urdf"
     refuse(other, "leads out of", with_mesh("../../arm/meshes/a.obj"))
     text = refuse(other, "is missing", with_mesh("package://arm/meshes/a.obj"))
-    assert "--package NAME=DIR" in text
+    assert f"add --root {tmp_path}/ws, or name its package by --package NAME=DIR, or " in text
     assert load_urdf(other, {"arm": tmp_path / "ws/arm"}).visuals
     assert load_urdf(other, asset_root=tmp_path / "ws").visuals
+
+
+def test_the_root_that_an_error_names_is_enough(tmp_path: Path) -> None:
+    """One mesh lies one folder above, one two above, and one nowhere."""
+    (tmp_path / "my ws/arm/urdf").mkdir(parents=True)
+    (tmp_path / "my ws/arm/a.obj").write_text(OBJ)
+    (tmp_path / "my ws/b.obj").write_text(OBJ)
+    path = tmp_path / "my ws/arm/urdf/m.urdf"
+    visual = "<visual><geometry><mesh filename='../../b.obj'/></geometry></visual></link>"
+    both = with_mesh("../a.obj").replace("</link>", visual)
+    text = refuse(path, "leads out of", both)
+    assert text.endswith(f"add --root '{tmp_path}/my ws'")
+    assert load_urdf(path, asset_root=tmp_path / "my ws").visuals
+    text = refuse(path, "leads out of", both.replace("../../b", "../../c"))
+    assert text.endswith("add --root DIR, a folder that holds both")
+    assert "--root" not in refuse(path, "is missing", with_mesh("c.obj"))
+
+
+def test_a_path_may_begin_with_the_folder_of_the_file(tmp_path: Path) -> None:
+    """As in models of pybullet, whose paths begin at a folder of many models."""
+    (tmp_path / "ring").mkdir()
+    for place in ("ring/a.obj", "ringer.obj"):
+        (tmp_path / place).write_text(OBJ)
+    (tmp_path / "ring/m.urdf").write_text(with_mesh("ring/a.obj"))
+    assert load_urdf(tmp_path / "ring/m.urdf").visuals
+    refuse(tmp_path / "ring/n.urdf", "leads out", with_mesh("ring/../ringer.obj"))
+
+
+def test_a_texture_outside_is_left_out(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "x.png"), np.full((4, 4, 3), 200, np.uint8))
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in/m.urdf").write_text(
+        '<robot name="r"><link name="a"><visual><geometry><box size="1 1 1"/></geometry>'
+        '<material name="m"><color rgba="1 0 0 1"/><texture filename="../x.png"/></material>'
+        "</visual></link></robot>")
+    model = load_urdf(tmp_path / "in/m.urdf")
+    assert model.notes == ("material 'm': texture '../x.png' may not be read",)
+    assert model.visuals[0].material.base_color == (1, 0, 0, 1)
+
+
+def test_numbers_too_many_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(OBJ)
+    (tmp_path / "m.urdf").write_text(with_mesh("a.obj", "2 2 2 1"))
+    model = load_urdf(tmp_path / "m.urdf")
+    assert model.notes == ("link 'a': scale='2 2 2 1' of <mesh>: the first 3 numbers are taken",)
+    refuse(tmp_path / "n.urdf", "1 or 3", with_mesh("a.obj", "2 2"))
 
 
 def test_a_folder_above_has_the_name_of_its_package(tmp_path: Path) -> None:
