@@ -35,6 +35,7 @@ GROUPS: dict[str, dict[str, Command]] = {
         "doctor": renderer.doctor, "train flow": gcpose.train_flow,
         "train screwnet": gcpose.train_screwnet,
         "train abbatematteo": gcpose.train_abbatematteo,
+        "train craves": gcpose.train_craves, "craves-images": gcpose.craves_images,
     },
 }
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}

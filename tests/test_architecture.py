@@ -77,6 +77,9 @@ BETWEEN_ROOMS = {
     "renderer": {"robots": LAYERS["robots"]},
     "gcpose": {"robots": ("geometry model motion files",), "renderer": ("types",)},
     "gcpose/commands": {"renderer": ("runtime",)},
+    "gcpose/learned": {
+        "robots": ("geometry model motion files catalog",), "renderer": ("types runtime dataset",),
+    },
     "gcpose/training": {
         "robots": ("geometry model motion files catalog appliances",),
         "renderer": ("types dataset generate scene runtime",),

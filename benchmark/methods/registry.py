@@ -29,6 +29,7 @@ METHODS = {
     "gcpose-depth": "gcbench.gcpose.paper.pipeline:WithDepth",
     "screwnet": "gcbench.gcpose.learned.screwnet:ScrewNetMethod",
     "abbatematteo": "gcbench.gcpose.learned.abbatematteo:Abbatematteo",
+    "craves": "gcbench.gcpose.learned.craves:Craves",
     "icp": "gcbench.benchmark.methods.icp:Icp",
     "icp-first": "gcbench.benchmark.methods.icp:IcpFirst",
     "hold-still": "gcbench.benchmark.methods.baselines:HoldStill",

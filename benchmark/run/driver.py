@@ -57,9 +57,9 @@ class EvalConfig:
     hf-relative say what it returns). Default: chosen by the method. Becomes part of the row's
     name."""
     weights: tuple[str, ...] = ()
-    """Trained weights, for methods with this option (screwnet, abbatematteo): a file that
-    gcbench train wrote, or the name of weights that come with gcbench. METHOD=WEIGHTS is for one
-    of the methods. Each makes a row."""
+    """Trained weights, for methods with this option (screwnet, abbatematteo, craves): a file
+    that gcbench train wrote, or the name of weights that come with gcbench. METHOD=WEIGHTS is for
+    one of the methods. Each makes a row."""
     set: tuple[str, ...] = ()
     """Settings of the method as NAME=VALUE, e.g. rgbd.candidates=800; part of the row's name."""
     suite: str = "mini"

@@ -38,9 +38,12 @@ class Trained:
 def load_trained(
     name: str, weights: str, device: str,
     width_of: Callable[[Mapping[str, Tensor]], int], make: Callable[[int], nn.Module],
+    published: int = 64,
 ) -> Trained:
     """Load the network `name` of any width: from the file that `gcbench train` wrote, or by the
     name of weights that come with gcbench.
+
+    `published` is the width in the paper, the largest.
 
     Raises:
         ConfigError: If there are no such weights, or they are not of this network.
@@ -48,13 +51,13 @@ def load_trained(
     recipe = f"gcbench train {name} --out {name}, then --weights {name}/{name}.safetensors"
     path = find_weights(name, weights, recipe)
     width = width_of(read_tensors(path))
-    if not 8 <= width <= 64:
+    if not 8 <= width <= published:
         raise ConfigError(f"{path}: no weights of {name}; make them with {recipe}")
     network = make(width).eval()
     network.load_state_dict(read_weights(path, network.state_dict(), name))
     network.to(device_named(device))
     objects = read_notes(path).get("objects", "unknown objects")[:100]
-    label = objects.replace(", ", "+") + (f" width={width}" if width < 64 else "")
+    label = objects.replace(", ", "+") + (f" width={width}" if width < published else "")
     return Trained(network, device_named(device), objects, label)
 
 

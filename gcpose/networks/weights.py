@@ -16,7 +16,6 @@ from ...robots.files import write_atomically
 from .torch_runtime import Tensor, nn, torch
 
 _CHECKPOINT = "checkpoint.safetensors"
-_MOMENTS = ("exp_avg", "exp_avg_sq")
 
 
 def read_weights(path: Path, like: Mapping[str, Tensor], network: str) -> dict[str, Tensor]:
@@ -125,14 +124,20 @@ class Checkpoint:
     """Time that they took"""
 
 
+def _moments(optimizer: torch.optim.Optimizer) -> tuple[str, ...]:
+    """Return what an optimizer keeps of each parameter beside the number of steps."""
+    rms = isinstance(optimizer, torch.optim.RMSprop)
+    return ("square_avg",) if rms else ("exp_avg", "exp_avg_sq")
+
+
 def write_checkpoint(
     folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer, at: Checkpoint
 ) -> None:
-    """Write the state of a network and of Adam or AdamW."""
+    """Write the state of a network and of Adam, AdamW or RMSprop."""
     tensors = {f"network/{key}": value for key, value in network.state_dict().items()}
     for name, parameter in network.named_parameters():
         state = optimizer.state[parameter]
-        tensors |= {f"{key}/{name}": state[key] for key in _MOMENTS if key in state}
+        tensors |= {f"{key}/{name}": state[key] for key in _moments(optimizer) if key in state}
     tensors["at"] = torch.tensor([at.step, at.seconds], dtype=torch.float64)
     _write_tensors(folder / _CHECKPOINT, tensors)
 
@@ -150,7 +155,7 @@ def read_checkpoint(
         return Checkpoint(0, 0.0)
     like = {f"network/{key}": value for key, value in network.state_dict().items()}
     named = dict(network.named_parameters())
-    like |= {f"{key}/{name}": p for name, p in named.items() for key in _MOMENTS}
+    like |= {f"{key}/{name}": p for name, p in named.items() for key in _moments(optimizer)}
     like["at"] = torch.zeros(2, dtype=torch.float64)
     found = read_weights(path, like, "this training")
     step, seconds = found["at"].tolist()
@@ -160,6 +165,6 @@ def read_checkpoint(
     for name, parameter in named.items():
         optimizer.state[parameter] = {
             "step": torch.tensor(float(step)),
-            **{key: found[f"{key}/{name}"].to(parameter.device) for key in _MOMENTS},
+            **{key: found[f"{key}/{name}"].to(parameter.device) for key in _moments(optimizer)},
         }
     return Checkpoint(int(step), seconds)

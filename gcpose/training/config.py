@@ -182,8 +182,37 @@ class AbbatematteoTraining(ObjectTraining):
     dropout: float = 0.5  # Share of the image's features that are left out in training.
 
 
+@dataclass(frozen=True)
+class CravesTraining(TrainConfig):
+    """Train the network of CRAVES, a baseline: 17 keypoints of the OWI-535 in one image.
+
+    To continue an interrupted run, run the same command again. Without --data, the command renders
+    images of the arm, of the stream "train", and others to measure the errors on. It uses a GPU if
+    there is one; a small --width trains on a CPU. The defaults are those of the paper.
+
+    Examples:
+      gcbench train craves --out craves
+      gcbench train craves --out small --width 64 --images 2000 --batch 8 --rate 0.001
+      gcbench eval --method craves --weights craves/craves.safetensors --data data/owi535
+    """
+
+    out: Path = Path("craves")
+    epochs: int = 30  # Times that each image is seen.
+    steps: int = -1  # Default: as many as the epochs have; 0 measures the errors only.
+    width: int = 256  # Channels of the hourglasses, a multiple of 16; other sizes follow.
+    images: int = 5000  # Images to render if no data are given.
+    held_out_images: int = 100  # Further ones, for the checks.
+    batch: int = 6  # Images in a step.
+    rate: float = 2.5e-4  # Learning rate; a tenth of it in the last third of the steps.
+    weight_decay: float = 0.0
+    max_gradient: float = 10.0  # Norm to which gradients are clipped.
+    scale: tuple[float, float] = (0.6, 1.8)  # Range of the factor of a crop's side.
+    rotation: float = 15.0  # Largest turn of a crop, deg.
+    color: tuple[float, float] = (0.3, 1.3)  # Range of the gain of each color channel.
+
+
 CONFIGS: dict[str, type[TrainConfig]] = {
     "flow": FlowTraining, "screwnet": ScrewNetTraining,
-    "abbatematteo": AbbatematteoTraining,
+    "abbatematteo": AbbatematteoTraining, "craves": CravesTraining,
 }
 """Options by the name of the network."""

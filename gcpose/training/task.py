@@ -63,7 +63,7 @@ class TrainingTask(Protocol):
         ...
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
-        """Return Adam or AdamW."""
+        """Return Adam, AdamW or RMSprop."""
         ...
 
     def plan_data(self) -> Iterator[PlannedDataset]:

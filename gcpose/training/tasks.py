@@ -5,7 +5,14 @@ from __future__ import annotations
 
 from ...errors import ConfigError
 from .abbatematteo_task import AbbatematteoTask
-from .config import AbbatematteoTraining, FlowTraining, ScrewNetTraining, TrainConfig
+from .config import (
+    AbbatematteoTraining,
+    CravesTraining,
+    FlowTraining,
+    ScrewNetTraining,
+    TrainConfig,
+)
+from .craves_task import CravesTask
 from .flow_task import FlowTask
 from .loop import train
 from .screwnet_task import ScrewNetTask
@@ -20,6 +27,8 @@ def task_of(config: TrainConfig) -> TrainingTask:
         return ScrewNetTask(config)
     if isinstance(config, AbbatematteoTraining):
         return AbbatematteoTask(config)
+    if isinstance(config, CravesTraining):
+        return CravesTask(config)
     raise ConfigError(f"{type(config).__name__} are options of no network")
 
 

@@ -1,0 +1,131 @@
+"""CRAVES (Zuo et al., CVPR 2019) as a method: keypoints of the OWI-535, then its angles.
+
+Each image is fitted by itself. The crop of an image is about the keypoints of the image before, or
+is found from the whole image.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import MethodError
+from ...renderer.types import Estimate, Inputs, Knowledge, Observation
+from ...robots.geometry import Array
+from ...robots.model import ArticulatedModel
+from ..networks.hourglass import KEYPOINTS, StackedHourglass, hourglass_width
+from ..networks.keypoint_crops import cut_crop, find_peaks, frame_keypoints, place_crop, to_image
+from ..networks.torch_runtime import torch, unit_range
+from .arm_fit import ArmFit, ArmPose
+from .trained import load_trained
+
+_PUBLISHED_WIDTH = 256
+_SURE = 0.15  # heights of peaks that count
+_FEWEST = 12  # keypoints of a fit
+_PASSES = 3  # crops from the whole image to the keypoints
+
+
+class Craves:
+    """Keypoints by the network of a file of weights, angles and camera by Levenberg-Marquardt."""
+
+    name = "craves"
+    inputs: tuple[Inputs, ...] = ("rgb",)
+    knowledge: tuple[Knowledge, ...] = ("model",)
+    version = "1"
+    authors = "Y. Zuo, W. Qiu, L. Xie, F. Zhong, Y. Wang, A. Yuille"
+    link = "https://arxiv.org/abs/1812.00725"
+    date = "2018-12"
+
+    def __init__(self, weights: str = "", device: str = "auto") -> None:
+        """Load the weights that `gcbench train craves` wrote.
+
+        Raises:
+            ConfigError: If the file is missing or has no weights of this network.
+        """
+        self.trained = load_trained(
+            "craves", weights, device, hourglass_width, StackedHourglass, _PUBLISHED_WIDTH)
+        self.training = f"supervised: images of {self.trained.objects}"
+        self.name += f" {self.trained.label}"
+
+    def estimate(self, observation: Observation) -> Estimate:
+        """Return the differences of the angles to frame 0, and the axes in frame 0.
+
+        Raises:
+            MethodError: If the observation has no images or no model with the keypoints.
+        """
+        if observation.rgb is None or observation.model is None:
+            raise MethodError("craves needs images and the model: --inputs rgb --knowledge model")
+        fit = ArmFit(arm_model(observation.model))
+        if observation.n_joints != len(fit.joints):
+            raise MethodError(f"craves estimates {len(fit.joints)} joints; this video has "
+                              f"{observation.n_joints} scored joints")
+        poses = [pose for _, pose in self.poses(observation.rgb, observation.intrinsics, fit,
+                                                observation.cam_from_world)]
+        angle = np.array([pose.angles for pose in poses])
+        return Estimate(angle - angle[0], fit.screws(poses[0]))
+
+    def poses(
+        self, images: Iterable[NDArray[np.uint8]], intrinsics: Array, fit: ArmFit,
+        camera: Array | None = None,
+    ) -> Iterator[tuple[Array, ArmPose]]:
+        """Yield keypoints [17 2] px, and angles and camera, of each image [H W 3] of a video.
+
+        `camera` is a cam_from_world [4 4] from which the search may start.
+        """
+        pixels: Array | None = None
+        pose: ArmPose | None = None
+        for image in images:
+            pixels, score = self.keypoints(image, pixels)
+            used = choose_keypoints(score)
+            pose = fit.solve(pixels, np.where(used, np.clip(score, 0.01, 1.0), 0.0), intrinsics,
+                             pose, camera)
+            yield pixels, pose
+
+    def keypoints(
+        self, image: NDArray[np.uint8], near: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return the keypoints [17 2] px of an image [H W 3] and their scores [17].
+
+        `near` [17 2] px are keypoints of an image before; they say where to look first.
+        """
+        if near is not None:
+            found, score = self._look(image, *frame_keypoints(near))
+            if (score > _SURE).sum() >= _FEWEST:
+                return found, score
+        height, width = image.shape[:2]
+        centre, side = np.array([width - 1, height - 1]) / 2, float(max(width, height))
+        found, score = self._look(image, centre, side)
+        for _ in range(_PASSES - 1):
+            sure = score >= np.sort(score)[-_FEWEST]
+            found, score = self._look(image, *frame_keypoints(found[sure]))
+        return found, score
+
+    def _look(
+        self, image: NDArray[np.uint8], centre: Array, side: float
+    ) -> tuple[Array, Array]:
+        """Keypoints [17 2] px and scores [17] in a square of the image."""
+        image_from_crop = place_crop(centre, side)
+        crop = np.moveaxis(unit_range(cut_crop(image, image_from_crop)), 2, 0)[None]
+        with torch.no_grad():
+            maps = self.trained.network(self.trained.tensor(np.ascontiguousarray(crop)))[-1]
+        maps = maps[0].cpu().numpy()
+        if not np.isfinite(maps).all():
+            raise MethodError("craves returned numbers that are not finite")
+        position, score = find_peaks(maps)
+        return to_image(image_from_crop, position), score
+
+
+def choose_keypoints(score: Array) -> NDArray[np.bool_]:
+    """Return which keypoints [17] take part: scores [17] above 0.15, or the 12 highest."""
+    return score >= min(np.sort(score)[-_FEWEST], np.nextafter(_SURE, 1.0))
+
+
+def arm_model(model: ArticulatedModel) -> ArticulatedModel:
+    """Return the model. Raises MethodError if it has not the keypoints of the network."""
+    if len(model.keypoint) != KEYPOINTS:
+        raise MethodError(f"craves knows the {KEYPOINTS} keypoints of the OWI-535; {model.name} "
+                          f"has {len(model.keypoint)}")
+    return model
