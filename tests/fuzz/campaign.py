@@ -16,7 +16,8 @@ from .cases import Case, write
 from .corpus import CORPUS
 from .faults import Fault
 from .rng import CaseRng
-from .sandbox import Outcome, Sandbox, adopt_orphans, load_everything, run
+from .sandbox import Outcome, Sandbox, adopt_orphans, run
+from .warm import load_everything
 
 KINDS: dict[str, Callable[[CaseRng], Case]] = {
     "urdf": models.urdf,

@@ -142,7 +142,8 @@ def read_dataset(files: Content, argv: tuple[str, ...], steps: list[str]) -> Cas
     if argv is _CONTINUED:
         files = {f"work/{k}" if k.startswith("d/") else k: v for k, v in files.items()}
     codes = (0, 1, 2) if argv[0] in ("verify", "eval") else (0, 2)
-    return Case(files, [Command(argv, codes, quiet=argv[0] != "eval")], steps)
+    fetches = "--config" in argv  # a configuration may name a robot of the catalogue
+    return Case(files, [Command(argv, codes, quiet=argv[0] != "eval", fetches=fetches)], steps)
 
 
 def _changed_json(rng: CaseRng, data: bytes | Special, name: str) -> bytes:

@@ -8,9 +8,6 @@ hold in them. The parent never renders: OpenGL does not survive a fork.
 from __future__ import annotations
 
 import ctypes
-import gc
-import importlib
-import io
 import multiprocessing
 import os
 import re
@@ -22,9 +19,8 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
 from multiprocessing.context import ForkContext
 from pathlib import Path
 from typing import Any
@@ -102,56 +98,6 @@ class Sandbox:
     def work(self) -> Path:
         """The current folder of the command."""
         return self.root / "work"
-
-
-_LAZY = (
-    "OpenGL.EGL",
-    "OpenGL.GL.shaders",
-    "collada",
-    "fcl",
-    "mapbox_earcut",
-    "multiprocessing.pool",
-    "numba",
-    "pandas",
-    "PIL.Image",
-    "PIL.PngImagePlugin",
-    "pygltflib",
-    "pyrender.platforms.egl",
-    "scipy.ndimage",
-    "scipy.optimize",
-    "scipy.sparse.csgraph",
-    "scipy.spatial.transform",
-    "trimesh",
-    "trimesh.exchange.load",
-    "trimesh.visual.material",
-    "tyro",
-    "xml.dom.minidom",
-    "yourdfpy",
-)
-"""What commands import when they need it."""
-
-_EXTRA = {"networks", "network_flow", "torch", "torch_dataset", "training", "rerun"}
-"""Modules that need an extra, and much memory; their commands load them."""
-
-
-def load_everything() -> None:
-    """Import what commands import, and have their options parsed once."""
-    import gcbench
-    from gcbench.__main__ import COMMANDS, main
-
-    root = Path(str(gcbench.__file__)).parent
-    for path in sorted(root.glob("*/**/*.py")):
-        parts = path.relative_to(root).with_suffix("").parts
-        name = ".".join(["gcbench", *parts]).removesuffix(".__init__")
-        if parts[0] in ("robots", "renderer", "gcpose", "benchmark") and not _EXTRA & {*parts}:
-            importlib.import_module(name)
-    for name in _LAZY:
-        importlib.import_module(name)
-    for command in COMMANDS:
-        with redirect_stdout(io.StringIO()), suppress(SystemExit):
-            main([*command.split(), "--help"])
-    resource_tracker.ensure_running()
-    gc.freeze()
 
 
 def adopt_orphans() -> None:
@@ -267,8 +213,10 @@ def _child(command: Command, box: Sandbox, log: Path) -> None:
 
 
 def _set_environment(box: Sandbox) -> None:
+    shaders = os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache"))
     for name in [n for n in os.environ if n.startswith(("PARTNET", "SAPIEN", "ROS_", "XDG_"))]:
         del os.environ[name]
+    os.environ.setdefault("MESA_SHADER_CACHE_DIR", shaders)  # compiled once, not per command
     os.environ |= {
         "HOME": str(box.root / "home"), "TMPDIR": str(box.root / "tmp"),
         "GCBENCH_CACHE": str(box.root / "cache"), "PIP_NO_INDEX": "1",
