@@ -7,6 +7,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from .corpus import CORPUS
 from .faults import Fault
 from .rng import CaseRng
 from .sandbox import Outcome, Sandbox, adopt_orphans, run
+from .shared_process import SharedProcess, may_share
 from .warm import load_everything
 
 KINDS: dict[str, Callable[[CaseRng], Case]] = {
@@ -28,6 +30,10 @@ KINDS: dict[str, Callable[[CaseRng], Case]] = {
     "results": data.results,
     "configuration": configuration.configuration,
 }
+
+
+OWN = 10
+"""Of so many cases one runs in processes of its own, as the command line does."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +68,16 @@ def make(kind: str, seed: int, index: int) -> Case:
     return KINDS[kind](CaseRng(kind, seed, index))
 
 
-def attempt(case: Case, box: Sandbox) -> list[tuple[str, Outcome]]:
-    """Run the commands of a case until one fails."""
+def attempt(
+    case: Case, box: Sandbox, shared: SharedProcess | None = None
+) -> list[tuple[str, Outcome]]:
+    """Run the commands of a case until one fails; in the shared process those that may be there."""
     box.reset()
     write(case.files, box)
     done: list[tuple[str, Outcome]] = []
     for command in case.commands:
-        done.append((" ".join(command.argv), run(command, box)))
+        runs = shared.run if shared and may_share(command) else run
+        done.append((" ".join(command.argv), runs(command, box)))
         if done[-1][1].code or done[-1][1].problems:
             break
     return done
@@ -85,13 +94,17 @@ def campaign(
     """Run `count` cases of each kind from `first` on, in turn; without a count, until `seconds`."""
     start()
     out, index, end = Campaign(), first, time.monotonic() + seconds
-    with Sandbox.temporary() as box:
+    with Sandbox.temporary() as box, closing(SharedProcess()) as shared:
         while index - first < count if count is not None else True:
             for kind in kinds:
                 if count is None and time.monotonic() > end:
                     return out
                 try:
-                    done = attempt(make(kind, seed, index), box)
+                    case = make(kind, seed, index)
+                    done = attempt(case, box, shared if index % OWN else None)
+                    if index % OWN and any(outcome.problems for _, outcome in done):
+                        alone = attempt(case, box)
+                        done = alone if any(outcome.problems for _, outcome in alone) else done
                 except KeyboardInterrupt:
                     return out
                 out.counts[kind] += 1

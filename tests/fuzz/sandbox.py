@@ -108,7 +108,7 @@ def adopt_orphans() -> None:
 def run(command: Command, box: Sandbox) -> Outcome:
     """Run a command in a forked process and check what it did."""
     log = box.root / "log"
-    before = _children()
+    before = children()
     started = time.monotonic()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -117,11 +117,18 @@ def run(command: Command, box: Sandbox) -> Outcome:
         _child(command, box, log)
     status, usage, late = _wait(pid, started)
     seconds = time.monotonic() - started
-    problems = [f"no end within {WALL_SECONDS:g} s"] * late
-    problems += _leftover_processes(before)
-    code = os.waitstatus_to_exitcode(status)
+    left = [f"no end within {WALL_SECONDS:g} s"] * late + leftover_processes(before)
+    ended = os.waitstatus_to_exitcode(status), seconds, usage.ru_maxrss / 1024
+    return judge(command, box, ended, left)
+
+
+def judge(
+    command: Command, box: Sandbox, ended: tuple[int, float, float], problems: list[str]
+) -> Outcome:
+    """Check what a command did that ended with (code, seconds, MiB) and has `problems`."""
+    code, seconds, memory = ended
+    log = box.root / "log"
     out, err = ((log / name).read_text(errors="replace") for name in ("stdout", "stderr"))
-    memory = usage.ru_maxrss / 1024
     if memory > MEMORY / 2**20:
         problems.append(f"took {memory:.0f} MiB")
     problems += sorted(set((log / "audit").read_text(errors="replace").splitlines()))
@@ -145,19 +152,19 @@ def _wait(pid: int, started: float) -> tuple[int, Any, bool]:
         pause = min(2 * pause, 0.02)
 
 
-def _children() -> set[int]:
+def children() -> set[int]:
     task = Path(f"/proc/self/task/{os.getpid()}/children")
     return {int(pid) for pid in task.read_text().split()}
 
 
-def _leftover_processes(before: set[int]) -> list[str]:
+def leftover_processes(before: set[int]) -> list[str]:
     """What a command has started and left running; it is killed."""
     end = time.monotonic() + _GRACE
     while True:
         with suppress(ChildProcessError):
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
-        left = _children() - before
+        left = children() - before
         if not left:
             return []
         if time.monotonic() > end:
@@ -181,35 +188,54 @@ def _child(command: Command, box: Sandbox, log: Path) -> None:
     code = 70
     try:
         os.setsid()
-        for number, name in ((1, "stdout"), (2, "stderr"), (_FINDINGS, "audit")):
-            file = os.open(log / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o600)
-            os.dup2(file, number)
-            os.close(file)
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        os.set_inheritable(_FINDINGS, True)
-        sys.stdout = os.fdopen(1, "w", closefd=False)
-        sys.stderr = os.fdopen(2, "w", errors="backslashreplace", closefd=False)
-        os.chdir(box.work)
-        _set_environment(box)
-        _set_limits()
+        enter(box)
+        limit_memory()
+        resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 2))
         _fork_workers()
         if command.prepare is not None:
             command.prepare()
-        sys.addaudithook(_Auditor(box, command))
-        from gcbench.__main__ import main
-
-        try:
-            code = main(list(command.argv))
-        except SystemExit as stop:
-            code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        auditor = Auditor(box)
+        sys.addaudithook(auditor)
+        auditor.command = command
+        code = call(command)
     except BaseException:
         traceback.print_exc()
-        code = 70
     finally:
-        with suppress(Exception):
-            sys.stdout.flush()
-            sys.stderr.flush()
         os._exit(code)
+
+
+def enter(box: Sandbox) -> None:
+    """Let this process be in the sandbox: its folder, its environment, its output in files."""
+    for number, name in ((1, "stdout"), (2, "stderr"), (_FINDINGS, "audit")):
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+        file = os.open(box.root / "log" / name, flags, 0o600)
+        os.dup2(file, number)
+        os.close(file)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.set_inheritable(_FINDINGS, True)
+    sys.stdout = os.fdopen(1, "w", closefd=False)
+    sys.stderr = os.fdopen(2, "w", errors="backslashreplace", closefd=False)
+    os.chdir(box.work)
+    _set_environment(box)
+
+
+def call(command: Command) -> int:
+    """Run a command in this process; return its exit code."""
+    from gcbench.__main__ import main
+
+    code = 70
+    try:
+        code = main(list(command.argv))
+    except SystemExit as stop:
+        code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    except BaseException:
+        traceback.print_exc()
+    with suppress(Exception):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    return code
 
 
 def _set_environment(box: Sandbox) -> None:
@@ -227,15 +253,15 @@ def _set_environment(box: Sandbox) -> None:
     sys.dont_write_bytecode = True
 
 
-def _set_limits() -> None:
+def limit_memory() -> None:
+    """Limit what this process may take beyond what it has."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
-    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 2))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-class _Forks(ForkContext):
+class Forks(ForkContext):
     """Forks where the package asks for fresh processes; a fork drops its parent's pipe ends."""
 
     def __init__(self) -> None:
@@ -256,19 +282,22 @@ class _Forks(ForkContext):
 
 
 def _fork_workers() -> None:
-    forks, get_context = _Forks(), multiprocessing.get_context
+    forks, get_context = Forks(), multiprocessing.get_context
     multiprocessing.get_context = lambda method=None: (  # type: ignore[assignment]
         forks if method == "spawn" else get_context(method)
     )
 
 
-class _Auditor:
+class Auditor:
     """Audit hook: writes a line for each file that must not be opened or changed, and the like.
 
     Libraries in C that open files by themselves are not seen; the package gives them bytes.
     """
 
-    def __init__(self, box: Sandbox, command: Command) -> None:
+    command: Command | None = None
+    """What runs; None while none does."""
+
+    def __init__(self, box: Sandbox) -> None:
         import gcbench
 
         package = Path(str(gcbench.__file__)).resolve().parent
@@ -291,21 +320,22 @@ class _Auditor:
         self.reads = _prefixes([*mine, *box.readable, *system, package, *filter(None, [numba])])
         self.package = f"{package}/"
         self.writes = _prefixes([*mine[1:], "/dev/null", *filter(None, [numba])])
-        self.programs = ["uname"]  # platform.processor()
-        self.programs += ["pip"] * command.fetches + [""] * command.foreign
         self.busy = False
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
-        if self.busy or event not in _EVENTS:
+        command = self.command
+        if command is None or self.busy or event not in _EVENTS:
             return
         self.busy = True
         try:
-            for line in self._violations(event, args):
+            for line in self._violations(event, args, command):
                 os.write(_FINDINGS, (ascii(line)[1:-1] + "\n").encode())
         finally:
             self.busy = False
 
-    def _violations(self, event: str, args: tuple[Any, ...]) -> Iterator[str]:
+    def _violations(
+        self, event: str, args: tuple[Any, ...], command: Command
+    ) -> Iterator[str]:
         if event == "open":
             path, _, flags = args
             writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
@@ -322,7 +352,9 @@ class _Auditor:
             yield f"uses the network: {event} {args[1:]}"
         else:
             words = args[1] if event == "subprocess.Popen" else args[0]
-            if not any(program in str(words) for program in self.programs):
+            programs = ["uname"]  # platform.processor()
+            programs += ["pip"] * command.fetches + [""] * command.foreign
+            if not any(program in str(words) for program in programs):
                 yield f"starts a program: {words}"
 
     def _path(self, what: str, path: Any, folder: Any = -1) -> Iterator[str]:
