@@ -27,6 +27,8 @@ from typing import Any
 
 MEMORY = 2 * 2**30
 """Bytes that a command may take."""
+FILE = 2**28
+"""Bytes of a file that a command may write; the folders may lie in memory."""
 CPU_SECONDS = 20
 WALL_SECONDS = 120.0
 """A busy machine must not look like a hang; nothing that a command waits for takes so long."""
@@ -254,11 +256,12 @@ def _set_environment(box: Sandbox) -> None:
 
 
 def limit_memory() -> None:
-    """Limit what this process may take beyond what it has."""
+    """Limit the memory of this process beyond what it has, and its files."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (FILE, FILE))
 
 
 class Forks(ForkContext):
