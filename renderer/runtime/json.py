@@ -20,6 +20,7 @@ import json
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -154,12 +155,15 @@ def _unknown_fields(kind: Any, tree: Any, path: str) -> Iterator[tuple[str, list
     """Path of each field that the dataclass lacks, and the fields that it has."""
     if not dataclasses.is_dataclass(kind) or not isinstance(tree, dict):
         return
-    hints = get_type_hints(kind)
+    hints = _annotations(kind)
     for name, value in cast("dict[str, Any]", tree).items():
         if name not in hints:
             yield f"{path}.{_short(name)[1:-1]}", list(hints)
         else:
             yield from _unknown_fields(hints[name], value, f"{path}.{name}")
+
+
+_annotations = cache(get_type_hints)
 
 
 def _explain(message: str, tree: Any, kind: Any) -> str:

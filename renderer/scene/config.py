@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, is_dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args, get_type_hints
 
@@ -318,7 +319,7 @@ def draws_of(robot: str) -> str:
 
 def find_invalid_values(config: object, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield (field, what is wrong) for each number outside its `Bounds`, and each unusable text."""
-    for name, hint in get_type_hints(type(config), include_extras=True).items():
+    for name, hint in _annotations(type(config)).items():
         value = getattr(config, name)
         if is_dataclass(value):
             yield from find_invalid_values(value, f"{prefix}{name}.")
@@ -328,3 +329,9 @@ def find_invalid_values(config: object, prefix: str = "") -> Iterator[tuple[str,
         for text in cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,):
             if isinstance(text, str) and _UNUSABLE.search(text):
                 yield f"{prefix}{name}", f"{text[:40]!a}: leave out control characters"
+
+
+@cache
+def _annotations(kind: type) -> dict[str, object]:
+    """The annotations of a config, which take a millisecond to read."""
+    return get_type_hints(kind, include_extras=True)

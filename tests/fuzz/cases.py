@@ -11,7 +11,8 @@ from pathlib import Path
 from .binary import png
 from .sandbox import Command, Sandbox
 
-SIZE = ("--width", "32", "--height", "24")
+SIZE = ("--width", "32", "--height", "24", "--textures.size", "32")
+"""Of images and of the random textures of a room, on which no case depends."""
 
 
 @dataclass(frozen=True)

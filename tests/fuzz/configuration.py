@@ -36,6 +36,7 @@ def _tree(rng: CaseRng) -> dict[str, Any]:
 
     tree = json.loads(json.dumps(dataclasses.asdict(RenderConfig())))
     tree |= {k: v for k, v in _SMALL.items() if k != "robot"} | {"robot": _SMALL["robot"]}
+    tree["randomization"]["textures"]["size"] = 32
     for _ in rng.few(5):
         change_tree(rng, tree, "config")
     _restrain(tree)
@@ -147,6 +148,8 @@ _OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "1",
             "--out",
             "out",
+            "--textures.size",
+            "32",
         ),
         (
             "--seed",

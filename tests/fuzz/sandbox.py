@@ -241,7 +241,7 @@ def call(command: Command) -> int:
 
 
 def _set_environment(box: Sandbox) -> None:
-    shaders = os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~/.cache"))
+    shaders = os.environ.get("XDG_CACHE_HOME", str(Path("~/.cache").expanduser()))
     for name in [n for n in os.environ if n.startswith(("PARTNET", "SAPIEN", "ROS_", "XDG_"))]:
         del os.environ[name]
     os.environ.setdefault("MESA_SHADER_CACHE_DIR", shaders)  # compiled once, not per command

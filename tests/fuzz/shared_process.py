@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -86,6 +87,8 @@ class SharedProcess:
             self._connection.close()
             try:
                 _serve(its, box)
+            except BaseException:
+                traceback.print_exc()
             finally:
                 os._exit(70)
         its.close()

@@ -79,7 +79,9 @@ def load_everything() -> None:
             importlib.import_module(name)
     for name in _LAZY:
         importlib.import_module(name)
-    importlib.metadata.version = functools.cache(importlib.metadata.version)
+    metadata = importlib.metadata  # it reads the packages again for each question
+    metadata.version = functools.cache(metadata.version)
+    metadata.entry_points = functools.cache(metadata.entry_points)
     _remember_parsers()
     for command in (*COMMANDS, "render --randomize none"):
         with redirect_stdout(io.StringIO()), suppress(SystemExit):
