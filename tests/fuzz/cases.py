@@ -12,7 +12,9 @@ from .binary import png
 from .sandbox import Command, Sandbox
 
 SIZE = ("--width", "32", "--height", "24", "--textures.size", "32")
-"""Of images and of the random textures of a room, on which no case depends."""
+"""Of images and of random textures, on which no case depends."""
+_NO_ROOM = ("--background.room", "0")
+"""The pictures of a room take most of the time of a small render."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def copy_tree(folder: Path, to: Path) -> None:
 
 
 def render(robot: str, *more: str) -> Command:
-    """A small render of a model in the input folder."""
+    """A small render of a model in the input folder, without a room unless asked for one."""
     return Command(
         (
             "render",
@@ -99,6 +101,7 @@ def render(robot: str, *more: str) -> Command:
             "1",
             "--out",
             "out",
+            *(() if {"--background.room", "--randomize"} & {*more} else _NO_ROOM),
             *more,
         )
     )

@@ -37,6 +37,7 @@ def _tree(rng: CaseRng) -> dict[str, Any]:
     tree = json.loads(json.dumps(dataclasses.asdict(RenderConfig())))
     tree |= {k: v for k, v in _SMALL.items() if k != "robot"} | {"robot": _SMALL["robot"]}
     tree["randomization"]["textures"]["size"] = 32
+    tree["randomization"]["background"]["room"] = 0.1
     for _ in rng.few(5):
         change_tree(rng, tree, "config")
     _restrain(tree)

@@ -42,7 +42,7 @@ EVALUATE = (
 _RENDER = (
     *("render", "--robot", "../input/arm.urdf", "--n", "2", "--frames", "3", "--width", "48"),
     *("--height", "36", "--samples", "1", "--workers", "1", "--keep-unobservable", *_LAYERS),
-    *("--textures.size", "32"),
+    *("--textures.size", "32", "--background.room", "0"),
 )
 
 
