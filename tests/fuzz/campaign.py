@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from . import configuration, data, models
@@ -102,9 +102,8 @@ def campaign(
                 try:
                     case = make(kind, seed, index)
                     done = attempt(case, box, shared if index % OWN else None)
-                    if index % OWN and any(outcome.problems for _, outcome in done):
-                        alone = attempt(case, box)
-                        done = alone if any(outcome.problems for _, outcome in alone) else done
+                    if index % OWN and _problems(done):
+                        done = alone if _problems(alone := attempt(case, box)) else _shared(done)
                 except KeyboardInterrupt:
                     return out
                 out.counts[kind] += 1
@@ -117,6 +116,18 @@ def campaign(
             if index % 100 == 0:
                 print(f"{index} cases of each kind", file=sys.stderr, flush=True)
     return out
+
+
+def _problems(done: list[tuple[str, Outcome]]) -> bool:
+    return any(outcome.problems for _, outcome in done)
+
+
+def _shared(done: list[tuple[str, Outcome]]) -> list[tuple[str, Outcome]]:
+    """Mark problems that a process of its own does not have."""
+    return [
+        (command, replace(o, problems=tuple(f"after other inputs: {p}" for p in o.problems)))
+        for command, o in done
+    ]
 
 
 def show(kind: str, seed: int, index: int) -> int:
