@@ -375,6 +375,8 @@ class Auditor:
             return
         if real.startswith(self.package) and "/__pycache__/" in real:  # what numba compiles
             return
+        if real == "/memfd:observation (deleted)/":  # memory, not a file: what a method gets
+            return
         if not real.startswith(self.reads if what == "reads" else self.writes):
             yield f"{what} {name}"
 

@@ -94,11 +94,15 @@ def render(width=200, height=150, frames=4, room=True, quantise=True) -> Sequenc
         scored_joints=("pan", "lift"), width=width, height=height, frames=frames, seed=0, index=0,
         randomization={}, renderer={}, depth_unit=unit,
         observability=_observability(q, state.part_pixels))
+
+    def images(found, dtype, *channels):
+        return np.array(found, dtype).reshape(len(found), height, width, *channels)
+
     return Sequence(
-        meta=meta, state=state, rgb=[np.zeros((height, width, 3), np.uint8)] * frames,
-        depth=[d.astype(np.float32) for d in depth], part=[p.astype(np.uint16) for p in part],
-        flow=[f.astype(np.float32) for f in flows],
-        flow_backward=[f.astype(np.float32) for f in backs], visibility=seen)
+        meta=meta, state=state, rgb=np.zeros((frames, height, width, 3), np.uint8),
+        depth=images(depth, np.float32), part=images(part, np.uint16),
+        flow=images(flows, np.float32, 2), flow_backward=images(backs, np.float32, 2),
+        visibility=images(seen, np.uint8))
 
 
 def _observability(q, pixels):
