@@ -13,6 +13,7 @@ from ...renderer.scene import RenderConfig
 from ...robots.appliances import CATEGORIES
 from ..networks.depth_images import DEPTH_HEIGHT
 from ..networks.torch_runtime import nn, torch
+from ..networks.weights import read_notes
 from .config import ObjectTraining
 from .data import PlannedDataset, find_datasets
 from .task import Samples
@@ -41,10 +42,13 @@ class ObjectTask:
             raise ConfigError(f"--dropped {c.dropped}: give a share from 0 to 1")
 
     def notes(self) -> Mapping[str, str]:
-        """Return what the network has learned from."""
+        """Return what the network has learned from, also before this run."""
         given = find_datasets(self.config.data)
         names = [open_dataset(f).config.robot for f in given] or self.config.classes
-        return {"objects": ", ".join(sorted({Path(n.partition(":")[0]).stem for n in names}))}
+        objects = {Path(n.partition(":")[0]).stem for n in names}
+        if self.config.start_from is not None and self.config.start_from.suffix == ".safetensors":
+            objects |= {*read_notes(self.config.start_from).get("objects", "").split(", ")} - {""}
+        return {"objects": ", ".join(sorted(objects))}
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
         return torch.optim.Adam(network.parameters(), self.config.rate,

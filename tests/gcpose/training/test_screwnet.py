@@ -274,6 +274,10 @@ def test_the_command_trains_and_eval_takes_the_weights(
     assert main(f"{line.replace('--steps 1', '--steps 2')} --half".split()) == 0
     kinds = {t.ndim > 1: t.dtype for t in read_tensors(weights).values() if t.is_floating_point()}
     assert kinds == {True: torch.float16, False: torch.float32}
+    more = options(dataset(tmp_path / "e"), tmp_path / "more")
+    write_weights(tmp_path / "before.safetensors", ScrewNet(8), {"objects": "oven, lamp"})
+    started = replace(more, start_from=tmp_path / "before.safetensors")
+    assert ScrewNetTask(started).notes() == {"objects": "arm, lamp, oven"}
     capsys.readouterr()
 
     method = load_method(with_options("screwnet", {"weights": str(weights)}))
