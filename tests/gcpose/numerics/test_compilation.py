@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 PROGRAM = """
 import hashlib
@@ -34,3 +38,34 @@ def test_the_first_run_gives_what_the_second_gives(tmp_path: Path) -> None:
                        capture_output=True, text=True).stdout for _ in range(2))
     assert first == second
     assert list(tmp_path.rglob("*.nbi"))  # the second run had a cache
+
+
+def _corner_loop(path: Path) -> Any:
+    """The compiled function of a file as another process has it."""
+    spec = importlib.util.spec_from_file_location("loops", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.corner
+
+
+def test_a_process_that_compiles_never_changes_the_code_that_another_loads(tmp_path: Path) -> None:
+    """Two compile before either has saved, and a third loads between index and code."""
+    path = tmp_path / "loops.py"
+    path.write_text("from gcbench.gcpose.numerics import compiled\n\n\n"
+                    "@compiled\ndef corner(a):\n    return a[0, 1]\n")
+    one, two, three = (_corner_loop(path) for _ in range(3))
+    rows = np.arange(6.0).reshape(2, 3)
+    columns = np.asfortranarray(rows)
+    two._cache._cache_file._load_index = dict  # as it was before the first saved
+    cache = three._cache._cache_file
+    load = cache._load_data
+
+    def load_late(name: str) -> Any:
+        assert two(columns) == 1.0
+        return load(name)
+
+    cache._load_data = load_late
+    assert one(rows) == 1.0
+    assert three(rows) == 1.0
+    assert sum(three.stats.cache_hits.values()) == 1
