@@ -33,7 +33,7 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    from .benchmark.report import report
+    from .benchmark.report import ReportOptions, report
     from .benchmark.results import Results
     from .benchmark.run import EvalConfig, evaluate, export_observations, score
     from .gcpose.method import GCPose
@@ -54,7 +54,7 @@ __all__ = [
     "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
     "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
-    "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate", "export_dataset",
+    "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate", "export_dataset",
     "export_observations", "fetch_robot", "list_robots", "load_robot", "open_dataset",
     "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
 ]
@@ -74,7 +74,7 @@ _HOMES = {
     "gcpose.method": "GCPose",
     "benchmark.results": "Results",
     "benchmark.run": "EvalConfig evaluate export_observations score",
-    "benchmark.report": "report",
+    "benchmark.report": "ReportOptions report",
 }
 """Where each lazy public name is defined."""
 

@@ -92,8 +92,8 @@ def report(
 ) -> tuple[object, int]:
     """Write a leaderboard: a page, CSV, Markdown and LaTeX.
 
-    Methods that do not differ significantly share a rank. Published rows of the suite `standard`
-    stand beside yours; they are ranked with them where the sequences are the same.
+    Methods that do not differ significantly share a rank. On a dataset of the suite `standard`,
+    published rows stand beside yours; they are ranked where the sequences are the same.
 
     Examples:
       gcbench report
@@ -114,11 +114,13 @@ def report(
         quiet: Show no progress: print the result and errors only.
         json: Print the names of the files as one JSON document.
     """
-    from .report import PUBLISHED_ROWS, published_lines, read_leaderboard, write_report
+    from .. import ReportOptions
+    from .. import report as write_report
+    from .report import PUBLISHED_ROWS
 
-    beside = [] if published == "none" else published_lines(Path(published or PUBLISHED_ROWS))
-    board = read_leaderboard(results, label, beside)
-    written = write_report(board, out, pictures, not quiet, allow_model)
+    beside = None if published == "none" else Path(published or PUBLISHED_ROWS)
+    written = write_report(
+        results, out, pictures, not quiet, ReportOptions(label, beside, allow_model))
     if open:
         webbrowser.open(written[0].resolve().as_uri())
     named = dict(zip(("page", "markdown", "csv", "latex", "tables"), written, strict=True))
@@ -127,7 +129,7 @@ def report(
 
 def publish(
     results: tuple[Path, ...] = (Path("results"),), /, to: Path | None = None,
-    check: bool = False, draw: int = 2, json: bool = False,
+    check: bool = False, draw: int = 2, rescore: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Store estimates on a suite and their scores in compact form, for the published leaderboard.
 
@@ -135,6 +137,7 @@ def publish(
     files of this installation are changed: use a checkout, and commit them. With --check, nothing
     is written: the scores of all published rows are computed again from their estimates, and the
     truth of a few sequences of each dataset is drawn again. The exit code is 1 if one differs.
+    With --rescore, the scores of all published rows are computed again and stored.
 
     Examples:
       gcbench publish results
@@ -144,15 +147,17 @@ def publish(
         results: Folders that `gcbench eval` and `gcbench score` wrote.
         to: Folder of published rows. Default: those of this package.
         check: Check the published rows.
-        draw: Number of sequences of each dataset whose truth is drawn again; -1: all.
+        draw: Number of sequences of each dataset whose truth --check draws again; -1: all.
+        rescore: Score the estimates of all published rows again, as after a change of a metric.
         json: Print the result as one JSON document.
     """
     from .report import PUBLISHED_ROWS
-    from .run import check_published
+    from .run import check_published, rescore_published
     from .run import publish as publish_results
 
     if not check:
-        written = publish_results(results, to or PUBLISHED_ROWS)
+        folder = to or PUBLISHED_ROWS
+        written = rescore_published(folder) if rescore else publish_results(results, folder)
         return {"files": written} if json else "\n".join(map(str, written)), 0
     found = check_published(to or PUBLISHED_ROWS, draw)
     code = 1 if found.problems else 0

@@ -126,8 +126,12 @@ def published_rows() -> str:
     )
     from gcbench.benchmark.report.tables import leaderboard_tables, paper_tables, suite_tables
 
+    truths = dict[str, PublishedTruth]()
+    rows = [read_row(path, PUBLISHED_ROWS, truths) for path in published_files(PUBLISHED_ROWS)]
+    numbers = sorted(len(row.run.sequences) for row in rows)
     board = build_leaderboard([], published_lines(PUBLISHED_ROWS))
-    out: list[str] = []
+    out = [f"**So far, rows are measured on {numbers[0]} to {numbers[-1]} sequences of each "
+           "dataset.**", ""]
     parts = {"All datasets": suite_tables(board), "Datasets": leaderboard_tables(board),
              "Tables in the form of the paper": paper_tables(board)}
     for title, tables in parts.items():
@@ -136,8 +140,6 @@ def published_rows() -> str:
             out += [f"### {table.title}", ""]
             out += [table.caption, ""] if k and table.groups else []
             out += [*markdown_table(table), ""]
-    truths = dict[str, PublishedTruth]()
-    rows = [read_row(path, PUBLISHED_ROWS, truths) for path in published_files(PUBLISHED_ROWS)]
     made = dict.fromkeys(
         f"| {row.run.row.title} | {row.run.row.version} | {row.date} | {e.get('gcbench', '')} | "
         f"{e.get('cpu', '')}, {e.get('cores', '')} cores | `{row.command}` |"

@@ -23,7 +23,7 @@ def test_what_is_public() -> None:
         "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
         "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
         "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
-        "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate", "export_dataset",
+        "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate", "export_dataset",
         "export_observations", "fetch_robot", "list_robots", "load_robot", "open_dataset",
         "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
     }

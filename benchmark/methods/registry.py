@@ -6,7 +6,9 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import metadata
+from types import MappingProxyType
 from typing import Any, cast
 from urllib.parse import parse_qsl, urlencode
 
@@ -76,10 +78,14 @@ class Declaration:
     """Of Python and NumPy, if the method runs in another Python."""
 
 
-def registered_methods() -> dict[str, str]:
-    """Return module:attribute by name, also of installed packages; built-in methods come first."""
+@cache
+def registered_methods() -> Mapping[str, str]:
+    """Return module:attribute by name, also of packages that were installed at the first call.
+
+    Built-in methods win over those of packages.
+    """
     others = {e.name: e.value for e in metadata.entry_points(group=GROUP)}
-    return {**others, **METHODS}
+    return MappingProxyType({**others, **METHODS})
 
 
 def list_methods() -> list[dict[str, str]]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from .formats import leaderboard_records, leaderboard_text
-from .leaderboard import build_leaderboard, read_leaderboard
-from .page import report, write_report
+from .leaderboard import build_leaderboard
+from .page import ReportOptions, report
 from .published_rows import (
     PUBLISHED_ROWS,
     PublishedRow,
@@ -12,7 +12,6 @@ from .published_rows import (
     pack_estimates,
     pack_truth,
     published_files,
-    published_lines,
     read_row,
     read_truth,
     row_path,
@@ -22,8 +21,7 @@ from .published_rows import (
 )
 
 __all__ = [
-    "PUBLISHED_ROWS", "PublishedRow", "PublishedTruth", "build_leaderboard", "leaderboard_records",
-    "leaderboard_text", "pack_estimates", "pack_truth", "published_files", "published_lines",
-    "read_leaderboard", "read_row", "read_truth", "report", "row_path", "score_published",
-    "truth_path", "write_record", "write_report",
+    "PUBLISHED_ROWS", "PublishedRow", "PublishedTruth", "ReportOptions", "build_leaderboard",
+    "leaderboard_records", "leaderboard_text", "pack_estimates", "pack_truth", "published_files",
+    "read_row", "read_truth", "report", "row_path", "score_published", "truth_path", "write_record",
 ]

@@ -54,19 +54,12 @@ class JointScore:
 
 
 @dataclass(frozen=True)
-class Line:
-    """One row on one dataset, in one unit: deg, or m for prismatic joints."""
+class Score:
+    """The score of one row on one dataset, in one unit: deg, or m for prismatic joints."""
 
-    run: RunFolder
     unit: str
-    robot: str
-    """Name without folders."""
     summary: ErrorSummary
     """Of the final errors."""
-    error: Mapping[SequenceJoint, float]
-    """Final error of each (sequence, joint)."""
-    cluster: Mapping[SequenceJoint, str]
-    """What the bootstrap draws: the sequence or object instance of each (sequence, joint)."""
     joints: tuple[JointScore, ...]
     drift: tuple[float, ...]
     """[T] mean error at each frame."""
@@ -78,10 +71,23 @@ class Line:
     """None if the method tells nothing of its errors."""
     sign: str
     """How the signs were decided (see `Result.sign`); several are joined by "+"."""
-    conditions: Mapping[str, Mapping[SequenceJoint, float]]
-    """Value of each of CONDITIONS of each (sequence, joint) that has one."""
     failed: Mapping[str, str]
     """Status of each sequence that failed."""
+
+
+@dataclass(frozen=True)
+class Line(Score):
+    """A score with its run and its errors."""
+
+    run: RunFolder
+    robot: str
+    """Name without folders."""
+    error: Mapping[SequenceJoint, float]
+    """Final error of each (sequence, joint)."""
+    cluster: Mapping[SequenceJoint, str]
+    """What the bootstrap draws: the sequence or object instance of each (sequence, joint)."""
+    conditions: Mapping[str, Mapping[SequenceJoint, float]]
+    """Value of each of CONDITIONS of each (sequence, joint) that has one."""
     published: str = ""
     """Date of a published row, a reference beside the user's own; else empty."""
     extent: str = ""
@@ -165,7 +171,7 @@ def read_leaderboard(
     """Read and compare all results under the folders; labels are NAME=FOLDER.
 
     A CSV file in place of a folder holds numbers of papers (`published_numbers.read_published`).
-    `published` are lines of published rows, which stand beside the others.
+    `published` are lines of published rows, see `build_leaderboard`.
 
     Raises:
         ConfigError: If a label is not of this form.
@@ -196,19 +202,19 @@ def build_leaderboard(
 ) -> Leaderboard:
     """Summarize and compare runs, and lines of published rows beside them.
 
-    A published line on another dataset of the same name is left out. Raises DatasetError as
-    `read_leaderboard` does.
+    Published lines on other datasets than those of the runs are left out; without runs, all are
+    shown. Raises DatasetError as `read_leaderboard` does.
     """
     folders = list(folders)
     scored = without_copies(f for f in folders if (f.path / SCORES).exists())
     lines = [line for folder in scored for line in lines_of(folder, folder.results())]
     configs = {line.dataset: line.run.run.config for line in lines}
-    lines += [line for line in published if not config_differences(
-        configs.get(line.dataset, line.run.run.config), line.run.run.config)]
+    lines += [line for line in published if not configs or (
+        line.dataset in configs
+        and not config_differences(configs[line.dataset], line.run.run.config))]
     lines.sort(key=lambda line: (
-        line.dataset not in configs, line.dataset.rpartition("/")[0],
-        paper.paper_order(line.robot), *line.group, line.summary.mean, line.row.folder,
-        line.published,
+        line.dataset.rpartition("/")[0], paper.paper_order(line.robot), *line.group,
+        line.summary.mean, line.row.folder, line.published,
     ))  # fmt: skip
     unfinished = tuple(f for f in folders if not (f.path / SCORES).exists())
     differences: dict[tuple[int, int], Difference] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -53,20 +53,32 @@ _Failure = tuple[str, str, str, str, str]
 """Row, dataset, sequence, status, reason."""
 
 
+@dataclass(frozen=True)
+class ReportOptions:
+    """What a report of results folders reads."""
+
+    labels: Sequence[str] = ()
+    """NAME=FOLDER adds NAME to the methods of a results folder, so that two folders with the same
+    row can be compared. Copies with equal scores count once without a label."""
+    published: str | Path | None = PUBLISHED_ROWS
+    """Folder of published rows; None shows none. Default: those of this package."""
+    allow_model: bool = False
+    """Read models from paths that the datasets name, or download them."""
+
+
 def report(
     results: Results | str | Path | Sequence[str | Path] = "results",
     out: str | Path = "report",
     pictures: bool = True,
     progress: bool = True,
-    labels: Sequence[str] = (),
-    allow_model: bool = False,
+    options: ReportOptions = ReportOptions(),
 ) -> list[Path]:
     """Write a report of results: one static page, and tables as Markdown, CSV and LaTeX.
 
     With pictures, pages of the sequences with the largest errors are written beside it, and an
     image in the form of the paper's figure 3.
 
-    Equal results give identical files. The published rows of this package stand beside those of
+    Equal results give identical files. Published rows on the same datasets stand beside those of
     results folders, and are ranked where the sequences are the same; the return value of `evaluate`
     or `score` is reported alone.
 
@@ -78,15 +90,14 @@ def report(
         pictures: Draw the worst and the median sequence of each row (needs a renderer), of at most
             48 rows, and write pages of at most 16 worst sequences to `out`/sequences.
         progress: Show a progress bar on stderr.
-        labels: NAME=FOLDER adds NAME to the methods of a results folder, so that two folders with
-            the same row can be compared. Copies with equal scores count once without a label.
-        allow_model: Whether to read models from paths that the datasets name, or to download them.
+        options: Labels of folders, published rows, and models to read.
 
     Returns:
         The paths of the page, the Markdown, the CSV and the LaTeX file, and of the tables in the
         paper's form as CSV.
 
     Raises:
+        ConfigError: If a label is not of this form.
         DatasetError: If there are no scores or they cannot be combined, or `out` is not writable.
 
     Example:
@@ -98,9 +109,9 @@ def report(
         board = build_leaderboard(results.runs)
     else:
         folders = [results] if isinstance(results, str | Path) else results
-        beside = published_lines(PUBLISHED_ROWS)
-        board = read_leaderboard([Path(folder) for folder in folders], labels, beside)
-    return write_report(board, Path(out), pictures, progress, allow_model)
+        beside = [] if options.published is None else published_lines(Path(options.published))
+        board = read_leaderboard([Path(folder) for folder in folders], options.labels, beside)
+    return write_report(board, Path(out), pictures, progress, options.allow_model)
 
 
 def write_report(

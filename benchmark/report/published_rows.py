@@ -37,9 +37,8 @@ from ...renderer.types import Estimate
 from ...robots.files import write_atomically
 from ..protocol import Truth, score_motion
 from ..results import Result, Row, Run, RunFolder, Status, Stored
-from .calibration import Calibration
-from .leaderboard import CONDITIONS, JointScore, Line, lines_of
-from .statistics import ErrorSummary, SequenceJoint
+from .leaderboard import CONDITIONS, Line, Score, lines_of
+from .statistics import SequenceJoint
 
 PUBLISHED_ROWS = Path(__file__).parents[1] / "published"
 """Folder of the rows that come with this package."""
@@ -84,21 +83,6 @@ class PublishedTruth:
 
 
 @dataclass(frozen=True)
-class _Score:
-    """A `Line` without its errors, and without what the run and the truth tell."""
-
-    unit: str
-    summary: ErrorSummary
-    joints: tuple[JointScore, ...]
-    drift: tuple[float, ...]
-    curve: tuple[float, ...]
-    means: Mapping[str, float]
-    calibration: Calibration | None
-    sign: str
-    failed: Mapping[str, str]
-
-
-@dataclass(frozen=True)
 class PublishedRow:
     """A row on one dataset."""
 
@@ -111,7 +95,7 @@ class PublishedRow:
     """Command that repeats the row."""
     status: tuple[Status, ...]
     """[S] of each sequence of the run."""
-    scores: tuple[_Score, ...] = ()
+    scores: tuple[Score, ...] = ()
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
     """displacement [S T J], screw [S J 6], sigma [S T J] in half precision, reliable [S J],
     seconds [S] and peak_memory [S], MiB; NaN, or -1 of `reliable`, where the method said nothing.
@@ -185,13 +169,13 @@ def score_published(row: PublishedRow, truth: PublishedTruth) -> PublishedRow:
     results: list[Result] = []
     for name, stored in zip(run.sequences, row.stored(), strict=True):
         results += score_motion(truth.of(name), stored, run, name, cluster[name])
-    scores: list[_Score] = []
+    scores: list[Score] = []
     error = np.zeros((len(run.sequences), len(truth.joint_names)), np.float32)
     for line in lines_of(RunFolder(Path(), run), results):
         for (sequence, joint), value in line.error.items():
             error[run.sequences.index(sequence), truth.joint_names.index(joint)] = value
-        kept: dict[str, Any] = {f.name: getattr(line, f.name) for f in dataclasses.fields(_Score)}
-        scores.append(_Score(**kept))
+        kept: dict[str, Any] = {f.name: getattr(line, f.name) for f in dataclasses.fields(Score)}
+        scores.append(Score(**kept))
     return replace(row, scores=tuple(scores), arrays={**row.arrays, "error": error})
 
 
@@ -241,7 +225,7 @@ def _lines(row: PublishedRow, path: Path, truth: PublishedTruth, n: str) -> Iter
             run=RunFolder(path, run), robot=Path(str(truth.config.get("robot", ""))).stem,
             error=error, cluster={pair: cluster[pair[0]] for pair in error}, conditions=conditions,
             published=row.date, extent=n,
-            **{f.name: getattr(score, f.name) for f in dataclasses.fields(score)},
+            **vars(score),
         )
 
 

@@ -165,6 +165,19 @@ def _add_truth(found: RunFolder, data: Dataset, folder: Path) -> PublishedTruth:
     return replace(old, **joined, arrays=arrays)
 
 
+def rescore_published(folder: Path = PUBLISHED_ROWS) -> list[Path]:
+    """Score the estimates of all published rows again, as after a change of a metric.
+
+    Return the files. Raises DatasetError if a file is damaged.
+    """
+    truths: dict[str, PublishedTruth] = {}
+    files = published_files(folder)
+    for path in files:
+        row = read_row(path, folder, truths)
+        write_record(path, score_published(row, truths[row.run.dataset]))
+    return files
+
+
 @dataclass(frozen=True)
 class Checked:
     """What `check_published` looked at, and what it found."""

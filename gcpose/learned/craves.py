@@ -17,8 +17,15 @@ from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel
 from ..networks.hourglass import KEYPOINTS, StackedHourglass, hourglass_width
-from ..networks.keypoint_crops import cut_crop, find_peaks, frame_keypoints, place_crop, to_image
-from ..networks.torch_runtime import torch, unit_range
+from ..networks.keypoint_crops import (
+    cut_crop,
+    find_peaks,
+    frame_keypoints,
+    network_input,
+    place_crop,
+    to_image,
+)
+from ..networks.torch_runtime import torch
 from .arm_fit import ArmFit, ArmPose
 from .trained import load_trained
 
@@ -108,9 +115,9 @@ class Craves:
     ) -> tuple[Array, Array]:
         """Keypoints [17 2] px and scores [17] in a square of the image."""
         image_from_crop = place_crop(centre, side)
-        crop = np.moveaxis(unit_range(cut_crop(image, image_from_crop)), 2, 0)[None]
+        crop = network_input(cut_crop(image, image_from_crop))
         with torch.no_grad():
-            maps = self.trained.network(self.trained.tensor(np.ascontiguousarray(crop)))[-1]
+            maps = self.trained.network(self.trained.tensor(crop))[-1]
         maps = maps[0].cpu().numpy()
         if not np.isfinite(maps).all():
             raise MethodError("craves returned numbers that are not finite")

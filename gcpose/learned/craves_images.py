@@ -14,11 +14,10 @@ from ...errors import DatasetError
 from ...renderer.dataset import DATASET_FILE, Dataset, open_dataset
 from ...robots.catalog import load_robot
 from ...robots.geometry import Array
+from ..networks.keypoint_crops import keypoint_errors
 from .arm_fit import ArmFit
 from .craves import Craves
 from .craves_lab import ArmImage, read_lab
-
-_CLOSE = 0.2  # PCK: largest error of a keypoint, in sides of the box of the keypoints
 
 
 @dataclass(frozen=True)
@@ -71,11 +70,8 @@ def arm_errors(method: Craves, fit: ArmFit, images: Iterable[ArmImage]) -> ArmEr
     for image in images:
         ((pixels, pose),) = method.poses([image.rgb], image.intrinsics, fit)
         turn = pose.angles - image.angles
-        error = np.linalg.norm(pixels - image.keypoints, axis=1)
-        known = image.keypoints[np.isfinite(error)]
-        box = float(np.ptp(known, axis=0).max()) if len(known) else 0.0
         angle = np.degrees(np.abs((turn + np.pi) % (2 * np.pi) - np.pi))
-        rows.append((angle, error, error <= _CLOSE * box))
+        rows.append((angle, *keypoint_errors(pixels, image.keypoints)))
     if not rows:
         raise DatasetError("there are no images to score")
     names = tuple(fit.model.joint_names[j] for j in fit.joints)

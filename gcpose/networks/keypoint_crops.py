@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, pinhole
+from .torch_runtime import unit_range
 
 CROP = 256
 """Side of a crop, px."""
@@ -15,6 +16,7 @@ MAP = 64
 _MARGIN = 1.5  # side of a crop, in sides of the box of the keypoints
 _CELL = CROP / MAP  # px
 _SIGMA = 1.0  # of the Gaussian about a keypoint, cells
+_CLOSE = 0.2  # PCK: largest error of a keypoint, in sides of the box of the keypoints
 
 
 def place_crop(centre: Array, side: float, turn: float = 0.0) -> Array:
@@ -37,6 +39,22 @@ def cut_crop(image: NDArray[np.uint8], image_from_crop: Array) -> NDArray[np.uin
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), 0.4 * factor), np.uint8)
     return np.asarray(cv2.warpAffine(image, image_from_crop, (CROP, CROP),
                                      flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP), np.uint8)
+
+
+def network_input(crop: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return a crop [256 256 3] as a batch of one [1 3 256 256], 0..1."""
+    return np.ascontiguousarray(np.moveaxis(unit_range(crop), 2, 0)[None])
+
+
+def keypoint_errors(found: Array, true: Array) -> tuple[Array, Array]:
+    """Return the errors [K] px of positions [K 2] px, and 1 where PCK counts the keypoint, else 0.
+
+    An error is NaN where the truth is unknown.
+    """
+    error = np.linalg.norm(found - true, axis=1)
+    known = true[np.isfinite(true).all(axis=1)]
+    box = float(np.ptp(known, axis=0).max()) if len(known) else 0.0
+    return error, (error <= _CLOSE * box).astype(np.float64)
 
 
 def to_image(image_from_crop: Array, positions: Array) -> Array:

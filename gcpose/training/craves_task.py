@@ -16,17 +16,18 @@ from ..networks.keypoint_crops import (
     cut_crop,
     find_peaks,
     frame_keypoints,
+    keypoint_errors,
+    network_input,
     place_crop,
     to_image,
 )
-from ..networks.torch_runtime import F, Tensor, nn, torch, unit_range
+from ..networks.torch_runtime import F, Tensor, nn, torch
 from .config import CravesTraining
 from .data import PlannedDataset
 from .keypoint_images import KeypointImages
 from .task import Samples, Scores, reduced_precision
 
 _WIDTH, _HEIGHT = 384, 288  # px: crops of such images are enlarged by less than 2
-_CLOSE = 0.2  # PCK: largest error, in sides of the box of the keypoints
 
 
 @dataclass(frozen=True)
@@ -96,13 +97,12 @@ class CravesTask:
         for index in range(len(images)):
             image, pixels = images.image(index)
             image_from_crop = place_crop(*frame_keypoints(pixels))
-            crop = np.moveaxis(unit_range(cut_crop(image, image_from_crop)), 2, 0)[None]
+            crop = torch.from_numpy(network_input(cut_crop(image, image_from_crop)))
             with torch.no_grad():
-                maps = network(torch.from_numpy(np.ascontiguousarray(crop)).to(device))[-1]
+                maps = network(crop.to(device))[-1]
             found = to_image(image_from_crop, find_peaks(maps[0].cpu().numpy())[0])
-            error = np.linalg.norm(found - pixels, axis=1)
-            box = float(np.nanmax(np.ptp(pixels[np.isfinite(pixels[:, 0])], axis=0)))
-            rows.append(np.stack([error, error <= _CLOSE * box])[:, np.isfinite(error)])
+            errors = keypoint_errors(found, pixels)
+            rows.append(np.stack(errors)[:, np.isfinite(errors[0])])
         error, close = np.concatenate(rows, axis=1)
         return {"craves": {"pck": float(100 * close.mean()), "pixels": float(error.mean()),
                            "median": float(np.median(error))}}

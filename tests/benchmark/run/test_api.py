@@ -42,11 +42,7 @@ def test_the_examples_hold(folder: Path) -> None:
     assert not runner.failures
 
 
-def test_results_of_several_kinds_make_one_report(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # published rows stand beside those of folders only
-    monkeypatch.setattr("gcbench.benchmark.report.page.published_lines", lambda folder: [])
+def test_results_of_several_kinds_make_one_report(folder: Path) -> None:
     evaluated = gb.evaluate(
         gb.EvalConfig(method=("hold-still",), data=(Path("data/ur5"),)), progress=False
     )

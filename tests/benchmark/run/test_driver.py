@@ -124,9 +124,12 @@ def test_unknown_names_list_what_exists() -> None:
 def test_installed_packages_add_methods(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [EntryPoint("theirs", "package.module:Method", methods.GROUP),
              EntryPoint("gcpose", "package.module:Impostor", methods.GROUP)]
-    monkeypatch.setattr(methods.metadata, "entry_points", lambda group: found)
-    assert methods.method_source("theirs") == "package.module:Method"
-    assert methods.method_source("gcpose") == methods.METHODS["gcpose"]
+    with monkeypatch.context() as patch:
+        patch.setattr(methods.metadata, "entry_points", lambda group: found)
+        methods.registered_methods.cache_clear()
+        assert methods.method_source("theirs") == "package.module:Method"
+        assert methods.method_source("gcpose") == methods.METHODS["gcpose"]
+    methods.registered_methods.cache_clear()
 
 
 def test_rows_are_what_is_supported(data: Path) -> None:

@@ -140,6 +140,12 @@ def test_the_check_finds_changed_estimates_scores_and_truth(
     ):
         write_record(path, changed)
         assert "its scores are not those of its estimates" in check_published(folder, 0).problems[0]
+    write_record(path, row)
+    scored = path.read_bytes()
+    write_record(path, dataclasses.replace(row, scores=(score,)))
+    assert main(["publish", "--rescore", "--to", str(folder)]) == 0
+    assert path.read_bytes() == scored and str(path) in capsys.readouterr().out
+    write_record(path, dataclasses.replace(row, scores=(score,)))
     assert main(["publish", "--check", "--draw", "0", "--to", str(folder)]) == 1
     assert "1 rows, 6 estimates scored again" in capsys.readouterr().out
     # The suite's robot is not the arm of these sequences: every truth that is drawn again differs.
@@ -190,6 +196,27 @@ def test_published_rows_are_ranked_only_on_the_same_sequences(
     assert board.ranks == (1, 1), "the rounding of published numbers decides nothing"
 
 
+def test_published_rows_stand_only_beside_runs_on_the_same_dataset(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    evaluated("constant-velocity", "theirs")
+    publish([tmp_path / "theirs"], tmp_path / "published")
+    lines = published_lines(tmp_path / "published")
+    assert build_leaderboard([], lines).lines == tuple(lines), "without runs, all are shown"
+    data = bench_data.make_dataset(tmp_path / "own", 1)
+    config = EvalConfig(method=("hold-still",), data=(data,), results=tmp_path / "own-results")
+    own = evaluate(config, progress=False)
+    suite = evaluated("hold-still", "mine")
+    for runs, names in ((own.runs, ["own"]), (suite.runs, ["small/arm"] * 2),
+                        (own.runs + suite.runs, ["own", "small/arm", "small/arm"])):
+        board = build_leaderboard(runs, lines)
+        assert [line.dataset.partition(",")[0] for line in board.lines] == names
+    found = lines[0].run
+    run = dataclasses.replace(found.run, config={**found.run.config, "width": 50})
+    other = dataclasses.replace(lines[0], run=dataclasses.replace(found, run=run))
+    assert len(build_leaderboard(suite.runs, [other]).lines) == 1, "another dataset of its name"
+
+
 def test_a_report_shows_published_rows_unless_told_not_to(
     evaluated: Callable[..., Results], tmp_path: Path
 ) -> None:
@@ -204,8 +231,6 @@ def test_a_report_shows_published_rows_unless_told_not_to(
             text = (tmp_path / "out" / name).read_text()
             assert ("velocity" in text) == shown, name  # LaTeX writes another hyphen
             assert "still" in text
-    board = read_leaderboard([tmp_path / "mine"], published=published_lines(folder))
-    assert [line.row.name for line in board.lines if line.published] == ["constant-velocity"]
     with pytest.raises(GcbenchError, match="no scores in a folder: none is given"):
         read_leaderboard([], published=published_lines(folder))
 

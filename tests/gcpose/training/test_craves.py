@@ -33,6 +33,7 @@ from gcbench.gcpose.networks.keypoint_crops import (  # noqa: E402
     draw_maps,
     find_peaks,
     frame_keypoints,
+    keypoint_errors,
     place_crop,
     to_crop,
     to_image,
@@ -95,6 +96,17 @@ def test_a_crop_shows_what_the_positions_say() -> None:
         assert np.allclose(to_image(image_from_crop, there), spot)
     centre, side = frame_keypoints(np.array([[10.0, 20.0], [50.0, 40.0], [np.nan, np.nan]]))
     assert np.allclose(centre, [30, 30]) and side == 60
+
+
+def test_a_keypoint_is_found_within_a_fifth_of_the_box_at_any_scale() -> None:
+    true = np.array([[10.0, 20.0], [110.0, 20.0], [60.0, 60.0], [np.nan, np.nan]])
+    found = true + np.array([[0.0, 19.9], [-20.1, 0.0], [12.0, 16.0], [0.0, 0.0]])
+    found[3] = 0
+    for scale in (1.0, 7.3):
+        error, close = keypoint_errors(scale * found, scale * true)
+        assert np.allclose(error[:3], scale * np.array([19.9, 20.1, 20.0])) and np.isnan(error[3])
+        assert close[0] and not close[1] and not close[3]
+    assert not keypoint_errors(found, np.full((4, 2), np.nan))[1].any()
 
 
 def test_samples_repeat_and_their_maps_follow_the_crop(tmp_path: Path) -> None:
