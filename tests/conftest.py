@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
+import shlex
+from collections.abc import Callable, Generator
 from functools import cache
 from typing import Any
 
@@ -26,6 +27,21 @@ def why_nothing_renders() -> str:
     except GcbenchError as error:
         return str(error)
     return ""
+
+
+@pytest.fixture
+def parses(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], bool]:
+    """Whether the options of a line "gcbench COMMAND ..." are understood; nothing is done."""
+    from gcbench.__main__ import main
+    from gcbench.renderer.runtime import command_line
+
+    def parse(*args: Any) -> None:
+        understood(*args)
+        raise KeyboardInterrupt
+
+    understood = command_line.parse_options
+    monkeypatch.setattr(command_line, "parse_options", parse)
+    return lambda line: main(shlex.split(line, comments=True)[1:]) == 130
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from ...errors import ConfigError, suggestion
 
 _INDENT = 26  # columns before the meaning of an option
-_REPEATED = re.compile(r"\[(\[?\S+) \[.*?\.\.\.\]\]")
+_REPEATED = re.compile(r"\[(\[?[^\s\]]+) \[.*?\.\.\.\]\]")
 _NO_DEFAULT = re.compile(r" ?\(default: (?:''|False|None)?\)$")
 
 

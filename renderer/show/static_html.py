@@ -51,10 +51,10 @@ def index_page(dataset: Dataset, entries: Sequence[IndexEntry]) -> str:
     facts = [f"{len(dataset)} sequences of {config.frames} frames",
              f"{config.width} × {config.height} px", f"seed {config.seed}", *licences]
     notes = []
-    if not all(entry.address for entry in entries):
-        notes.append("Sequences without a link have no page yet: "
-                     f"<code>gcbench show {_text(str(dataset.path))} --sequences 0-9</code> "
-                     "writes those of the sequences 0 to 9.")
+    if missing := [int(entry.title) for entry in entries if not entry.address]:
+        notes.append("Sequences without a link have no page yet. To write more pages: "
+                     f"<code>gcbench show {_text(str(dataset.path))} --sequences "
+                     f"{missing[0]}-{missing[0] + 9}</code>")
     if more:
         notes.append(f"{more} more sequences are not listed.")
     items = "".join(f"<li>{_link(entry)}</li>\n" for entry in entries)

@@ -17,7 +17,6 @@ import gcbench
 import pytest
 from gcbench.__main__ import COMMANDS, main
 from gcbench.benchmark.report.published_rows import PUBLISHED_ROWS, published_lines
-from gcbench.renderer.runtime import command_line
 
 from ..test_architecture import LAYERS
 
@@ -65,19 +64,6 @@ def name(page: Path) -> str:
 
 
 # -- what pages tell one to do ----------------------------------------------------------------
-
-
-@pytest.fixture
-def parses(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], bool]:
-    """Whether a line's options are understood; nothing is done."""
-
-    def parse(*args: Any) -> None:
-        understood(*args)
-        raise KeyboardInterrupt
-
-    understood = command_line.parse_options
-    monkeypatch.setattr(command_line, "parse_options", parse)
-    return lambda line: main(shlex.split(line, comments=True)[1:]) == 130
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -115,6 +115,18 @@ def test_the_default_is_a_folder_of_the_first_ten(
     assert not (tmp_path / "none").exists()
 
 
+def test_an_index_names_the_command_that_writes_the_missing_pages(
+    dataset: Path, tmp_path: Path
+) -> None:
+    index = tmp_path / "pages/index.html"
+    show(dataset, index.parent, index="0")
+    (missing,) = re.findall(r"--sequences ([\d-]+)", index.read_text())
+    show(dataset, index.parent, index=missing)
+    names = open_dataset(dataset).names
+    assert pages(index.parent) == [*(f"{name}.html" for name in names), "index.html"]
+    assert "--sequences" not in index.read_text()
+
+
 def test_names_in_an_index_are_text(dataset: Path, tmp_path: Path) -> None:
     show(dataset, tmp_path / "pages", index="0")
     index = (tmp_path / "pages/index.html").read_text()
