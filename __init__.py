@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from .renderer.dataset import Dataset, open_dataset
     from .renderer.doctor import doctor
     from .renderer.export import export_dataset
-    from .renderer.generate import Shard, render_dataset, render_sequence
+    from .renderer.generate import render_dataset, render_sequence
+    from .renderer.runtime import Shard
     from .renderer.scene import RenderConfig
     from .renderer.show import show
     from .renderer.types import Camera, Estimate, Frame, Method, Observation, Sequence
@@ -54,9 +55,9 @@ __all__ = [
     "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
     "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
-    "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate", "export_dataset",
-    "export_observations", "fetch_robot", "list_robots", "load_robot", "open_dataset",
-    "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
+    "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
+    "export_dataset", "export_observations", "fetch_robot", "list_robots", "load_robot",
+    "open_dataset", "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
 ]
 
 _HOMES = {
@@ -66,7 +67,8 @@ _HOMES = {
     "renderer.types": "Camera Estimate Frame Method Observation Sequence",
     "renderer.scene": "RenderConfig",
     "renderer.dataset": "Dataset open_dataset",
-    "renderer.generate": "Shard render_dataset render_sequence",
+    "renderer.generate": "render_dataset render_sequence",
+    "renderer.runtime": "Shard",
     "renderer.verify": "VerifyReport verify_dataset",
     "renderer.show": "show",
     "renderer.export": "export_dataset",

@@ -23,9 +23,10 @@ def test_what_is_public() -> None:
         "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
         "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
         "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
-        "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate", "export_dataset",
-        "export_observations", "fetch_robot", "list_robots", "load_robot", "open_dataset",
-        "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
+        "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
+        "export_dataset", "export_observations", "fetch_robot", "list_robots", "load_robot",
+        "open_dataset", "render_dataset", "render_sequence", "report", "score", "show",
+        "verify_dataset",
     }
     assert set(gb.__all__) <= set(dir(gb))
 

@@ -3,6 +3,5 @@
 from __future__ import annotations
 
 from .driver import render_dataset, render_sequence
-from .shards import Shard
 
-__all__ = ["Shard", "render_dataset", "render_sequence"]
+__all__ = ["render_dataset", "render_sequence"]

@@ -27,9 +27,8 @@ from ..dataset import (
     sequence_paths,
     write_provenance,
 )
-from ..runtime import dump_json, say
+from ..runtime import Shard, dump_json, say
 from ..scene import RenderConfig, config_tree, differences, draws_of, parse_config
-from .shards import Shard
 
 
 @contextmanager

@@ -14,11 +14,10 @@ from pathlib import Path
 
 from ...errors import ConfigError, RenderError
 from ..dataset import sequence_name, sequence_paths
-from ..runtime import Bar, cpu_count, frame_bar, say
+from ..runtime import Bar, Shard, cpu_count, frame_bar, say
 from ..scene import RenderConfig, resolve
 from ..types import Sequence
 from .dataset_folder import DatasetFolder, open_folder
-from .shards import Shard
 from .worker_pool import WorkerDied, render_in_workers
 from .worker_process import FrameDone, ModelLoaded, RenderTask
 

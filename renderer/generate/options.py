@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from ...errors import ConfigError
-from ..runtime import command_line
+from ..runtime import command_line, parse_shard
 from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolve
-from .shards import parse_shard
 
 _MOST = 1_000_000  # sequences of one run
 _GROUPS = {

@@ -1,4 +1,4 @@
-"""What a long run needs: JSON, ZIP archives, worker processes, progress, interruption."""
+"""What a long run needs: JSON, ZIP archives, worker processes, shards, progress, interruption."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from .interrupt import uninterrupted
 from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
 from .npz import ANY_SIZE, ArraySpec, dump_npy, parse_npy, parse_npz
 from .progress import Bar, frame_bar, say
+from .shards import Shard, parse_shard
 from .streams import named_rng
 from .supervisor import end_like
 from .workers import WorkerPool, WorkerSettings, cpu_count, hide_main, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
-    "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "WorkerPool",
+    "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Shard", "WorkerPool",
     "WorkerSettings", "cpu_count", "dump_json", "dump_npy", "end_like", "frame_bar", "hide_main",
-    "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz", "parse_toml",
-    "read_record", "receive_tasks", "say", "to_record", "uninterrupted",
+    "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz", "parse_shard",
+    "parse_toml", "read_record", "receive_tasks", "say", "to_record", "uninterrupted",
 ]
