@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .renderer.dataset import Dataset, open_dataset
     from .renderer.doctor import doctor
     from .renderer.export import export_dataset
-    from .renderer.generate import render_dataset, render_sequence
+    from .renderer.generate import render_dataset, render_sequence, stream
     from .renderer.runtime import Shard
     from .renderer.scene import RenderConfig
     from .renderer.show import show
@@ -57,7 +57,8 @@ __all__ = [
     "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
     "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
     "export_dataset", "export_observations", "fetch_robot", "list_robots", "load_robot",
-    "open_dataset", "render_dataset", "render_sequence", "report", "score", "show", "verify_dataset",
+    "open_dataset", "render_dataset", "render_sequence", "report", "score", "show", "stream",
+    "verify_dataset",
 ]
 
 _HOMES = {
@@ -67,7 +68,7 @@ _HOMES = {
     "renderer.types": "Camera Estimate Frame Method Observation Sequence",
     "renderer.scene": "RenderConfig",
     "renderer.dataset": "Dataset open_dataset",
-    "renderer.generate": "render_dataset render_sequence",
+    "renderer.generate": "render_dataset render_sequence stream",
     "renderer.runtime": "Shard",
     "renderer.verify": "VerifyReport verify_dataset",
     "renderer.show": "show",

@@ -180,7 +180,7 @@ def subpackages() -> list[Path]:
 
 LOADED_BY_NAME = {
     "gcpose.networks", "gcpose.training", "gcpose.learned", "gcpose.images.network_flow",
-    "renderer.dataset.torch",
+    "renderer.dataset.torch", "renderer.generate.torch_stream",
 }
 """What needs an extra: its modules are imported where they are used."""
 

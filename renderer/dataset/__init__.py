@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .codec import DEPTH_UNIT
+from .codes import DEPTH_UNIT
 from .provenance import (
     DATASET_FILE,
     Provenance,
@@ -13,6 +13,7 @@ from .provenance import (
     write_provenance,
 )
 from .reader import Dataset, open_dataset, select_sequences, sequence_paths
+from .rounding import round_as_stored
 from .schema import UNITS
 from .state_arrays import state_shapes
 from .storage import (
@@ -28,6 +29,7 @@ from .storage import (
 __all__ = [
     "DATASET_FILE", "DEPTH_UNIT", "SEQUENCES_FOLDER", "UNITS", "Dataset", "Provenance",
     "SequenceWriter", "environment", "image_member", "image_times", "new_provenance",
-    "open_dataset", "open_sequence", "read_meta", "read_provenance", "select_sequences",
-    "sequence_counts", "sequence_name", "sequence_paths", "state_shapes", "write_provenance",
+    "open_dataset", "open_sequence", "read_meta", "read_provenance", "round_as_stored",
+    "select_sequences", "sequence_counts", "sequence_name", "sequence_paths", "state_shapes",
+    "write_provenance",
 ]

@@ -22,12 +22,9 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError, RenderError
 from ..types import MAX_PIXELS
-
-DEPTH_UNIT = 0.0001
-"""m per unit of the depth PNG; a sequence may define another (`Meta.depth_unit`)."""
+from . import codes
 
 _GREY, _RGB = 0, 2  # PNG colour types
-_FLOW_SCALE, _FLOW_ZERO = 64, 32768
 
 
 def _settings(strategy: int, png_filter: str) -> list[int]:
@@ -49,18 +46,12 @@ def encode_rgb(rgb: NDArray[np.uint8]) -> bytes:
     return _encode(cv2.cvtColor(_checked(rgb, np.uint8, 3), cv2.COLOR_RGB2BGR), _PICTURE)
 
 
-def encode_depth(depth: NDArray[np.float32], unit: float = DEPTH_UNIT) -> bytes:
+def encode_depth(depth: NDArray[np.float32], unit: float = codes.DEPTH_UNIT) -> bytes:
     """Encode depth [H W] in m, rounded to units of `unit` m; 0 stays 0, "no surface".
 
     Raises RenderError if a depth is negative, not a number or deeper than 65535 units.
     """
-    units = np.rint(_checked(depth, np.float32) * np.float32(1.0 / unit))
-    if not (units.min(initial=0) >= 0 and units.max(initial=0) <= 65535):
-        raise RenderError(
-            f"depth from {depth.min():g} to {depth.max():g} m does not fit a depth image of "
-            f"0..{65535 * unit:g} m; choose a larger depth_unit than {unit:g} m"
-        )
-    return _encode(units.astype(np.uint16), _FIELD)
+    return _encode(codes.depth_codes(_checked(depth, np.float32), unit), _FIELD)
 
 
 def encode_part(part: NDArray[np.uint16], wide: bool = False) -> bytes:
@@ -90,15 +81,7 @@ def encode_flow(flow: NDArray[np.float32]) -> bytes:
 
     NaN, and flow of 512 px or more, is (0, 0, 0).
     """
-    with np.errstate(invalid="ignore"):  # NaN and inf become integers, masked below
-        units = np.rint(_checked(flow, np.float32, 2) * np.float32(_FLOW_SCALE))
-        fits = cv2.inRange(units, (-32767, -32767), (32767, 32767))
-        # 2^15 added modulo 2^16; via int32, which defines the result for negative numbers.
-        coded = units.astype(np.int32).astype(np.uint16) ^ np.uint16(_FLOW_ZERO)
-    u, v = cv2.split(coded)
-    valid = np.minimum(fits, 1).astype(np.uint16)
-    bgr = cv2.merge([valid, v * valid, u * valid])  # masking three channels at once takes 8 ms
-    return _encode(bgr, _FIELD)
+    return _encode(codes.flow_codes(_checked(flow, np.float32, 2)), _FIELD)
 
 
 def encode_normal(normal: NDArray[np.float32]) -> bytes:
@@ -106,7 +89,7 @@ def encode_normal(normal: NDArray[np.float32]) -> bytes:
 
     NaN is (0, 0, 0).
     """
-    return _encode(_coded((_checked(normal, np.float32, 3) + 1.0) / 2.0), _FIELD)
+    return _encode(codes.normal_codes(_checked(normal, np.float32, 3)), _FIELD)
 
 
 def encode_coordinates(
@@ -116,33 +99,18 @@ def encode_coordinates(
 
     `share` is the position in the box [P 2 3] m of each pixel's part number [H W].
     """
-    return _encode(_coded(shares_of_boxes(_checked(coordinates, np.float32, 3), part, box)), _FIELD)
+    shares = codes.shares_of_boxes(_checked(coordinates, np.float32, 3), part, box)
+    return _encode(codes.share_codes(shares), _FIELD)
 
 
 def decode_normal(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
     """Decode unit normals [H W 3]; NaN where there is no surface."""
-    return (_decode_shares(png, size, where) * 2.0 - 1.0).astype(np.float32)
+    return codes.normal_of_codes(_decode(png, size, where, _RGB, 16))
 
 
 def decode_shares(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
     """Decode coordinates [H W 3] as shares 0..1 of a box; NaN where there is no part."""
-    return _decode_shares(png, size, where).astype(np.float32)
-
-
-def shares_of_boxes(
-    coordinates: NDArray[np.floating], part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return coordinates [H W 3] m as shares of the boxes [P 2 3] m of parts [H W]."""
-    low, size = _box_of(part, box)
-    return (coordinates - low) / np.where(size > 0, size, 1.0)
-
-
-def coordinates_in_boxes(
-    share: NDArray[np.float32], part: NDArray[np.uint16], box: NDArray[np.float64]
-) -> NDArray[np.float32]:
-    """Return coordinates [H W 3] m: shares [H W 3] of the boxes [P 2 3] m of parts [H W]."""
-    low, size = _box_of(part, box)
-    return (low + share * size).astype(np.float32)
+    return codes.shares_of_codes(_decode(png, size, where, _RGB, 16)).astype(np.float32)
 
 
 def decode_rgb(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.uint8]:
@@ -156,8 +124,7 @@ def decode_rgb(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.uint
 
 def decode_depth(png: bytes, size: tuple[int, int], where: str, unit: float) -> NDArray[np.float32]:
     """Decode depth [H W] m; 0 where there is no surface. `unit` is m per unit of the PNG."""
-    raw = _decode(png, size, where, _GREY, 16)
-    return np.multiply(raw, np.float32(unit), dtype=np.float32)
+    return codes.depth_of_codes(_decode(png, size, where, _GREY, 16), unit)
 
 
 def decode_part(png: bytes, size: tuple[int, int], where: str, parts: int) -> NDArray[np.uint16]:
@@ -178,33 +145,7 @@ def decode_visibility(png: bytes, size: tuple[int, int], where: str) -> NDArray[
 
 def decode_flow(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float32]:
     """Decode flow [H W 2] px; NaN where invalid."""
-    bgr = _decode(png, size, where, _RGB, 16)
-    flow = bgr[..., 2:0:-1].astype(np.float32)
-    flow -= _FLOW_ZERO
-    flow /= _FLOW_SCALE
-    flow[bgr[..., 0] == 0] = np.nan
-    return flow
-
-
-def _coded(share: NDArray[Any]) -> NDArray[np.uint16]:
-    """Return BGR codes 1..65535 of RGB values [H W 3] in 0..1 (clipped); 0 where one is NaN."""
-    known = np.isfinite(share).all(axis=2, keepdims=True)
-    units = np.rint(np.clip(np.where(known, share, 0.0), 0.0, 1.0) * 65534.0) + 1.0
-    return np.where(known, units, 0.0)[..., ::-1].astype(np.uint16)
-
-
-def _decode_shares(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.float64]:
-    """Return RGB values [H W 3] in 0..1; NaN where a code is 0."""
-    code = _decode(png, size, where, _RGB, 16)[..., ::-1].astype(np.float64)
-    return np.where((code > 0).all(axis=2, keepdims=True), (code - 1.0) / 65534.0, np.nan)
-
-
-def _box_of(
-    part: NDArray[np.unsignedinteger], box: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return lower corner and size [H W 3] m of the box of each pixel's part; background: 0."""
-    boxes = np.concatenate([np.zeros((1, 2, 3)), box])[part]
-    return boxes[..., 0, :], boxes[..., 1, :] - boxes[..., 0, :]
+    return codes.flow_of_codes(_decode(png, size, where, _RGB, 16))
 
 
 def _checked(image: NDArray[Any], dtype: type[np.generic], channels: int = 0) -> NDArray[Any]:

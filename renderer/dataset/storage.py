@@ -22,7 +22,7 @@ from ...robots.files import temporary_name
 from ...robots.geometry import Array
 from ..runtime import Archive, ArchiveWriter, open_archive
 from ..types import Frame, Meta, Sequence, State
-from . import codec
+from . import codec, codes
 from .lazy_images import Item, LazyStack
 from .schema import MAX_META, dump_meta, parse_meta
 from .state_arrays import dump_state, parse_state
@@ -67,7 +67,7 @@ class SequenceWriter:
     """
 
     def __init__(
-        self, dataset: Path, index: int, depth_unit: float = codec.DEPTH_UNIT,
+        self, dataset: Path, index: int, depth_unit: float = codes.DEPTH_UNIT,
         coordinate_box: Array | None = None,
     ) -> None:
         """`coordinate_box` [P 2 3] m is required if the frames have coordinates."""
@@ -215,4 +215,4 @@ def _load(
 def _load_coordinates(
     shares: LazyStack[np.float32], part: LazyStack[np.uint16], box: Array, t: int
 ) -> NDArray[np.float32]:
-    return codec.coordinates_in_boxes(shares[t], part[t], box)
+    return codes.coordinates_in_boxes(shares[t], part[t], box)

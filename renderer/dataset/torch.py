@@ -1,4 +1,4 @@
-"""A dataset as tensors, for training: a frame pair or a whole sequence at an index."""
+"""Sequences as tensors, for training: an item is a frame pair or a whole sequence."""
 
 # torch is an extra: without it there is nothing to check types against.
 # pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUntypedBaseClass=false
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError
+from ..scene import RenderConfig
 from ..types import Sequence, State
 from .reader import Dataset
 
@@ -34,34 +35,33 @@ _NUMBERS = ("part", "visibility")
 _Item = dict[str, Any]
 
 
-class TorchDataset(TorchBase):
-    """Dicts of tensors; images are channels first, and only those in `images` are decoded.
+class TensorItems:
+    """Makes items of the sequences of a configuration: dicts of tensors.
 
-    `pairs`: item i is frames (t, t+1) of a sequence, without pairs item i is sequence i. With F
-    frames (2 in a pair) and G = F - 1 steps between them: "rgb" [F 3 H W] uint8, "depth" [F H W] m,
-    "part" [F H W] int32, "flow" and "flow_backward" [G 2 H W] px with NaN where unknown
+    With F frames (2 in a pair) and G = F - 1 steps between them: "rgb" [F 3 H W] uint8, "depth"
+    [F H W] m, "part" [F H W] int32, "flow" and "flow_backward" [G 2 H W] px with NaN where unknown
     ("flow_backward" of step g is from frame g+1), "visibility" [G H W], "normal" and "coordinates"
     [F 3 H W] (if asked for), "sequence" and "frame" (the first), and the arrays of `State` in
     `state`, those of T frames cut to F.
 
-    By default, all items of datasets of one image size have equal shapes, also of several robots.
-    Arrays of joints, parts and points have not: batches of them need `collate_fn=pad_collate`.
+    By default, all items of one image size have equal shapes, also of several robots. Arrays of
+    joints, parts and points have not: batches of them need `collate_fn=pad_collate`.
     """
 
     def __init__(
         self,
-        dataset: Dataset,
+        config: RenderConfig,
         pairs: bool = True,
         images: tuple[str, ...] = IMAGES,
         state: tuple[str, ...] = STATE,
         masks: bool = False,
         transform: Callable[[_Item], Any] | None = None,
     ) -> None:
-        """Open nothing yet.
+        """Choose what is in an item.
 
         Args:
-            dataset: The sequences.
-            pairs: An item is a pair of frames, not a sequence.
+            config: Configuration of the sequences.
+            pairs: An item is a pair of frames (t, t+1), not a sequence.
             images: Names of images.
             state: Names of arrays of `State`.
             masks: Make items ready for loss functions: unknown values are 0, and a mask says where
@@ -72,23 +72,19 @@ class TorchDataset(TorchBase):
         Raises:
             ConfigError: there is no image or array of a name.
         """
-        layers = dataset.config.layers
-        _check("image", images, [*IMAGES, *(name for name in _LAYERS if name in layers)])
+        _check("image", images, [*IMAGES, *(name for name in _LAYERS if name in config.layers)])
         _check("array", state, [f.name for f in dataclasses.fields(State)])
-        self.dataset, self.pairs, self.images, self.state = dataset, pairs, images, state
+        self.config, self.pairs, self.images, self.state = config, pairs, images, state
         self.masks, self.transform = masks, transform
-        self._steps = dataset.config.frames - 1 if pairs else 1
+        self.per_sequence = config.frames - 1 if pairs else 1
+        """Number of items of a sequence."""
 
-    def __len__(self) -> int:
-        return len(self.dataset) * self._steps
+    def item(self, sequence: Sequence, number: int, frame: int, where: str) -> Any:
+        """Return the item of a sequence, the `number`th, that begins with a frame.
 
-    def __getitem__(self, index: int) -> Any:
-        """Raises IndexError, or DatasetError if a file is damaged."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(index)
-        number, frame = divmod(index % len(self), self._steps)
-        sequence = self.dataset[number]
-        self._check_sequence(sequence, self.dataset.names[number])
+        Raises DatasetError, beginning with `where`, for a sequence of another configuration.
+        """
+        self._check_sequence(sequence, where)
         stop = frame + 2 if self.pairs else len(sequence)
         item: _Item = {"sequence": number, "frame": frame}
         for name in self.images:
@@ -97,18 +93,17 @@ class TorchDataset(TorchBase):
         item |= {name: torch.tensor(arrays[name]) for name in self.state}
         return item if self.transform is None else self.transform(item)
 
-    def _check_sequence(self, sequence: Sequence, name: str) -> None:
+    def _check_sequence(self, sequence: Sequence, where: str) -> None:
         """A foreign sequence may differ from what its dataset says."""
-        config, meta = self.dataset.config, sequence.meta
+        config, meta = self.config, sequence.meta
         found = meta.frames, meta.width, meta.height
         if found != (config.frames, config.width, config.height):
-            raise DatasetError(f"{self.dataset.path}: sequence {name} has (frames, width, height) "
-                               f"{found}, and not those of dataset.json")
+            raise DatasetError(f"{where} has (frames, width, height) {found}, and not those of "
+                               "dataset.json")
         lacks = [k for k in (*self.images, *self.state)
                  if getattr(sequence, k, None) is None and getattr(sequence.state, k, None) is None]
         if lacks:
-            raise DatasetError(f"{self.dataset.path}: sequence {name} has no {lacks[0]}; render "
-                               "with --layers")
+            raise DatasetError(f"{where} has no {lacks[0]}; render with --layers")
 
     def _images(self, sequence: Sequence, name: str, start: int, stop: int) -> _Item:
         stack = np.asarray(getattr(sequence, name)[start : stop - (name in _PER_STEP)])
@@ -121,6 +116,32 @@ class TorchDataset(TorchBase):
         valid = np.asarray(np.isfinite(stack).all(axis=1))
         stack[~np.broadcast_to(valid[:, None], stack.shape)] = 0
         return {name: torch.from_numpy(stack), f"{name}_valid": torch.from_numpy(valid)}
+
+
+class TorchDataset(TorchBase):
+    """The items of a dataset (`TensorItems`); only the images that are asked for are decoded.
+
+    `pairs`: item i is frames (t, t+1) of a sequence, without pairs item i is sequence i.
+    """
+
+    def __init__(self, dataset: Dataset, pairs: bool = True, **options: Any) -> None:
+        """Open nothing yet; the options are those of `TensorItems`.
+
+        Raises ConfigError if there is no image or array of a name.
+        """
+        self.dataset = dataset
+        self.items = TensorItems(dataset.config, pairs, **options)
+
+    def __len__(self) -> int:
+        return len(self.dataset) * self.items.per_sequence
+
+    def __getitem__(self, index: int) -> Any:
+        """Raises IndexError, or DatasetError if a file is damaged."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(index)
+        number, frame = divmod(index % len(self), self.items.per_sequence)
+        where = f"{self.dataset.path}: sequence {self.dataset.names[number]}"
+        return self.items.item(self.dataset[number], number, frame, where)
 
 
 def pad_collate(items: list[_Item]) -> _Item:

@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 from .driver import render_dataset, render_sequence
+from .streaming import stream
 
-__all__ = ["render_dataset", "render_sequence"]
+__all__ = ["render_dataset", "render_sequence", "stream"]

@@ -45,6 +45,7 @@ class SequenceRenderer:
 
     def render(self, index: int) -> RenderedSequence:
         """Draw sequence `index`; its images render while they are iterated."""
+        self._rasterizer.context.make_current()
         source = model_source(self.config, index, self._source)
         if source is not self._source:  # the device holds one at a time
             self._source = source

@@ -52,6 +52,10 @@ class GLContext:
             f"no EGL device draws OpenGL 4.1 ({'; '.join(tried)}); update its driver, or "
             f"{_INSTALL}")
 
+    def make_current(self) -> None:
+        """Draw in this context from now on, if the process has used another."""
+        self._platform.make_current()
+
     def close(self) -> None:
         """Free the context; the display stays, because other contexts of the process share it."""
         from OpenGL import EGL

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dataset import codec
+from ..dataset import codes
 from ..types import BACKGROUND, OCCLUDED, OUT_OF_IMAGE, VISIBLE
 
 RgbImage = NDArray[np.uint8]
@@ -98,7 +98,7 @@ def color_coordinates(
     """RGB [H W 3] of coordinates [H W 3] m on parts [H W]: each axis from 0 to full over the box
     [P 2 3] m of the part; NaN is NO_VALUE.
     """
-    share = np.nan_to_num(codec.shares_of_boxes(coordinates, part, box))
+    share = np.nan_to_num(codes.shares_of_boxes(coordinates, part, box))
     colors = np.rint(np.clip(share, 0.0, 1.0) * 255).astype(np.uint8)
     colors[~np.isfinite(coordinates).all(axis=-1)] = NO_VALUE
     return colors

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.renderer.dataset import codec
+from gcbench.renderer.dataset import codec, codes
 from gcbench.renderer.dataset.reader import open_dataset
 from gcbench.renderer.dataset.storage import SequenceWriter, open_sequence
 from gcbench.renderer.generate.driver import render_dataset
@@ -120,7 +120,7 @@ def test_coordinates_survive_their_encoding_within_half_a_step_of_the_box() -> N
     share = rng.random((20, 30, 3))
     metres = (boxes[..., 0, :] + share * (boxes[..., 1, :] - boxes[..., 0, :])).astype(np.float32)
     png = codec.encode_coordinates(metres, part, box)
-    back = codec.coordinates_in_boxes(codec.decode_shares(png, (30, 20), "here"), part, box)
+    back = codes.coordinates_in_boxes(codec.decode_shares(png, (30, 20), "here"), part, box)
     np.testing.assert_array_equal(np.isnan(back), np.isnan(metres))
     step = (boxes[..., 1, :] - boxes[..., 0, :]) / 65534
     assert np.nanmax(np.abs(back - metres) - step / 2) <= 1e-6
