@@ -23,7 +23,7 @@ from gcbench.robots import commands as robots
 Command = Callable[..., tuple[object, int]]
 GROUPS: dict[str, dict[str, Command]] = {
     "make data": {
-        "render": renderer.render, "export": renderer.export,
+        "render": renderer.render, "submit": renderer.submit, "export": renderer.export,
         "robots": robots.robots, "robots fetch": robots.fetch,
     },
     "look at data": {"show": renderer.show, "verify": renderer.verify},

@@ -1,9 +1,13 @@
-"""The commands `gcbench render`, `verify`, `show`, `export` and `doctor`."""
+"""The commands `gcbench render`, `submit`, `verify`, `show`, `export` and `doctor`."""
 
 import os
 import webbrowser
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from ..errors import ConfigError
 
 
 def render(args: Sequence[str]) -> tuple[object, int]:
@@ -24,6 +28,48 @@ def render(args: Sequence[str]) -> tuple[object, int]:
     given = options.render_options(args, render.__doc__)
     done = render_dataset(given.config, given.n, given.out, given.workers, not given.quiet)
     return done if given.json else done.describe(), 0
+
+
+def submit(args: Sequence[str]) -> tuple[object, int]:
+    """Run a command on a cluster: an array job of Slurm, one shard of the work in each job.
+
+    What follows -- is a command that has the option --shard. The jobs share its folder. A job that
+    is pre-empted or reaches its time limit is queued again and continues. To continue a submission
+    that ended early, submit the same command again. Needs `pip install 'gcbench[cluster]'`.
+
+    Examples:
+      gcbench submit --shards 64 --cpus 8 -- render --robot ur5 --n 100000 --out /shared/ur5
+      gcbench submit --partition short --time 60 --wait -- render --robot microwave --n 5000
+      gcbench submit --slurm account=robots mem=16G -- render --robot iiwa14 --n 1000
+      gcbench submit --executor local --shards 2 --cpus 1 --wait -- render --robot ur5 --n 20
+    """
+    from .cluster import SubmitConfig, submit_shards, wait_for_shards
+    from .generate import options as of_render
+    from .runtime import command_line, say
+
+    @dataclass(frozen=True)
+    class Submit(command_line.OutputOptions, SubmitConfig):
+        wait: bool = False
+        """Wait until all jobs have ended. The exit code is 1 if one failed."""
+
+    end = args.index("--") if "--" in args else len(args)
+    mine, command = (args[:end], args[end + 1:]) if end < len(args) else (args, [])
+    config: Any = command_line.parse_options(mine, "submit", Submit, submit.__doc__)
+    if not command:
+        raise ConfigError("give a command after --, as in gcbench submit -- render --robot ur5")
+    if command[0] == "render":
+        of_render.render_options(command[1:], render.__doc__)  # refuses before the queue
+    jobs = submit_shards(command, config)
+    if config.wait and not config.quiet:
+        say(jobs.describe())
+    failures = wait_for_shards(jobs, not config.quiet) if config.wait else ""
+    if failures:
+        say(failures)
+    record = {"jobs": [job.job_id for job in jobs.jobs], "cluster": jobs.cluster,
+              "logs": jobs.logs, "ok": not failures if config.wait else None}
+    ended = f"{len(jobs.jobs)} shards have ended" + ", not all well" * bool(failures)
+    text = ended if config.wait else jobs.describe()
+    return record if config.json else text, 1 if failures else 0
 
 
 def verify(
@@ -85,7 +131,7 @@ def show(
         open: Open the page in the browser.
         allow_model: Read the model of the 3D view from a path that the dataset names.
     """
-    from .. import ConfigError, open_dataset
+    from .. import open_dataset
     from .. import show as write_pictures
     from .dataset import DATASET_FILE
     from .export import open_rerun, record_for_rerun
@@ -135,7 +181,7 @@ def export(
         knowledge: With the format observation: free, axes (default) or kinematics.
         quiet: Show no progress: print the result and errors only.
     """
-    from .. import ConfigError, export_dataset, export_observations
+    from .. import export_dataset, export_observations
 
     out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
     if (track or knowledge) and format != "observation":

@@ -57,7 +57,7 @@ LAYERS = {
     ),
     "renderer": (
         "types runtime",
-        "scene",
+        "scene cluster",
         "gl dataset",
         "truth verify show",
         "generate export",
@@ -306,7 +306,8 @@ def test_the_base_install_needs_no_extra() -> None:
     """Every public name is there without what the extras bring."""
     code = """
 import sys
-for name in ("torch", "safetensors", "sapien", "pycocotools", "rerun", "h5py", "webdataset"):
+for name in ("torch", "safetensors", "sapien", "pycocotools", "rerun", "h5py", "webdataset",
+             "submitit", "ray"):
     sys.modules[name] = None
 import gcbench as gb
 assert all(getattr(gb, name) is not None for name in gb.__all__)

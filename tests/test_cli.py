@@ -158,14 +158,14 @@ def one_line(capsys: Lines) -> str:
 @pytest.mark.parametrize(
     ("args", "says"),
     [
-        ("frobnicate", "render, export, robots, robots fetch, show, verify"),
+        ("frobnicate", "render, submit, export, robots, robots fetch, show, verify"),
         ("--completion fish", "bash, zsh, tcsh"),
         ("verfy data", "no command 'verfy' (perhaps you meant verify); there are"),
         ("render --robot iiwa7", "no robot 'iiwa7' (perhaps you meant iiwa14); there are"),
         ("render --robot microwav", "(perhaps you meant microwave)"),
         ("eval --method gcpos", "no method 'gcpos' (perhaps you meant gcpose); there are"),
         ("eval --method gcpose --suite papr", "no suite 'papr' (perhaps you meant paper)"),
-        ("--frobnicate", "render, export, robots, robots fetch, show, verify"),
+        ("--frobnicate", "render, submit, export, robots, robots fetch, show, verify"),
         ("render --frame 3", "--frames"),
         ("render --n three", "'three'"),
         ("render --n", "--n"),

@@ -5,16 +5,17 @@ from __future__ import annotations
 from .interrupt import uninterrupted
 from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
 from .npz import ANY_SIZE, ArraySpec, dump_npy, parse_npy, parse_npz
-from .progress import Bar, frame_bar, say
+from .progress import Bar, frame_bar, say, shard_bar
 from .shards import Shard, parse_shard
 from .streams import named_rng
-from .supervisor import end_like
+from .supervisor import die_with_parent, end_like
 from .workers import WorkerPool, WorkerSettings, cpu_count, hide_main, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
     "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Shard", "WorkerPool",
-    "WorkerSettings", "cpu_count", "dump_json", "dump_npy", "end_like", "frame_bar", "hide_main",
-    "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz", "parse_shard",
-    "parse_toml", "read_record", "receive_tasks", "say", "to_record", "uninterrupted",
+    "WorkerSettings", "cpu_count", "die_with_parent", "dump_json", "dump_npy", "end_like",
+    "frame_bar", "hide_main", "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz",
+    "parse_shard", "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "to_record",
+    "uninterrupted",
 ]

@@ -46,3 +46,13 @@ def frame_bar(total: int, done: int, visible: bool, what: str = "render") -> Bar
             delay=0.01,
             mininterval=0.1 if sys.stderr.isatty() else 10.0,
         )
+
+
+def shard_bar(total: int, visible: bool) -> Bar:
+    """A bar of `total` shards, which other machines work on."""
+    with uninterrupted():
+        return Bar(
+            total=total, unit="shard", desc="shards", disable=not visible, file=sys.stderr,
+            bar_format="{desc}: {n_fmt}/{total_fmt} [{elapsed}{postfix}]", dynamic_ncols=True,
+            mininterval=0.1 if sys.stderr.isatty() else 60.0,
+        )

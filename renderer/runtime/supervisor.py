@@ -42,7 +42,7 @@ def supervise(
         child = os.fork()
     if child == 0:
         os.setsid()
-        _prctl(_DEATH_SIGNAL, signal.SIGKILL)
+        die_with_parent()
         if memory is not None:
             resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
         return
@@ -74,6 +74,11 @@ def end_like(code: int) -> NoReturn:
             signal.signal(-code, signal.SIG_DFL)
         os.kill(os.getpid(), -code)
     os._exit(code)
+
+
+def die_with_parent() -> None:
+    """Have the system kill this process when the one that started it ends (Linux)."""
+    _prctl(_DEATH_SIGNAL, signal.SIGKILL)
 
 
 def _prctl(option: int, value: int) -> None:

@@ -1,0 +1,8 @@
+"""Other machines: commands that work on shards, as jobs of a scheduler."""
+
+from __future__ import annotations
+
+from .submission import SHARDED, Submission, SubmitConfig, submit_shards
+from .waiting import wait_for_shards
+
+__all__ = ["SHARDED", "Submission", "SubmitConfig", "submit_shards", "wait_for_shards"]
