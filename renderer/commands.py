@@ -135,7 +135,7 @@ def show(
     from .. import show as write_pictures
     from .dataset import DATASET_FILE
     from .export import open_rerun, record_for_rerun
-    from .runtime import say
+    from .runtime import exists, say
 
     pictures = bool(contact_sheet or gif or mp4 or rerun)
     if open and not out and pictures:
@@ -143,7 +143,7 @@ def show(
     chosen = sequences or index
     written: list[Path] = []
     if out or not pictures or contact_sheet or gif or mp4:
-        allowed = allow_model and (path / DATASET_FILE).is_file()
+        allowed = allow_model and exists(path / DATASET_FILE)
         shown = open_dataset(path, allow_model=True) if allowed else path
         written += write_pictures(shown, out, contact_sheet, gif, mp4, chosen)
     if rerun:
@@ -182,8 +182,10 @@ def export(
         quiet: Show no progress: print the result and errors only.
     """
     from .. import export_dataset, export_observations
+    from .runtime import is_remote
 
-    out = out or dataset.parent / f"{dataset.absolute().name}-{format}"
+    beside = Path() if is_remote(dataset) else dataset.parent
+    out = out or beside / f"{dataset.absolute().name}-{format}"
     if (track or knowledge) and format != "observation":
         raise ConfigError("--track and --knowledge need --format observation")
     done = (export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences,

@@ -41,6 +41,8 @@ HEAVY = {
     "yourdfpy",
     "fcl",
     "tqdm",
+    "fsspec",
+    "s3fs",
 }
 
 LAYERS = {
@@ -307,7 +309,7 @@ def test_the_base_install_needs_no_extra() -> None:
     code = """
 import sys
 for name in ("torch", "safetensors", "sapien", "pycocotools", "rerun", "h5py", "webdataset",
-             "submitit", "ray"):
+             "submitit", "ray", "fsspec", "s3fs"):
     sys.modules[name] = None
 import gcbench as gb
 assert all(getattr(gb, name) is not None for name in gb.__all__)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import Dataset, open_dataset
-from ...renderer.runtime import Bar
+from ...renderer.runtime import Bar, is_remote
 from ...renderer.scene import model_of
 from ...renderer.types import Sequence as Video
 from ...robots.catalog import is_category
@@ -129,6 +129,10 @@ def _draw_folder(
     """Draw the pictures of one dataset; only one OpenGL context is open at a time."""
     from ...renderer.show import Painter
 
+    if is_remote(folder):  # results of other people must not open connections
+        yield from ((k, replace(p, reason="its dataset is in object storage"))
+                    for k, p in pictures.items())
+        return
     with ExitStack() as stack:
         try:
             dataset = open_dataset(folder, allow_model)

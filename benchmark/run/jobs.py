@@ -13,7 +13,7 @@ from typing import Any
 from ... import __version__
 from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import environment
-from ...renderer.runtime import cpu_count, dump_json
+from ...renderer.runtime import address, cpu_count, dump_json
 from ...renderer.scene import differences
 from ...robots.files import remove_leftovers, write_atomically
 from ..methods import Declaration, method_identity
@@ -159,9 +159,9 @@ def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
     if declared and declared.versions:
         environment["method"] = declared.versions
     return Run(
-        row=row, source=source, dataset=data.name, data=str(data.dataset.path), config=info.config,
-        assets=info.assets, sequences=data.sequences, left_out=data.left_out, limits=limits,
-        environments=(environment,), settings=declared.settings if declared else {},
+        row=row, source=source, dataset=data.name, data=address(data.dataset.path),
+        config=info.config, assets=info.assets, sequences=data.sequences, left_out=data.left_out,
+        limits=limits, environments=(environment,), settings=declared.settings if declared else {},
         digests=data.digests, attribution=declared.attribution if declared else Attribution(),
     )  # fmt: skip
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import Dataset
+from ...renderer.runtime import is_remote
 from ...renderer.scene import (
     MotionSampler,
     Streams,
@@ -72,6 +73,9 @@ def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
     run = found.run
     if changes := differences(config_tree(entry.config), run.config):
         raise DatasetError(f"{found.path}: not the data of the suite ({changes[0]})")
+    if is_remote(Path(run.data)):  # results of other people must not open connections
+        raise DatasetError(f"{found.path}: its dataset is in object storage; download it, and "
+                           "evaluate on the folder")
     data = select(run.dataset, Path(run.data), ALL).dataset
     run = replace(run, sequences=tuple(sorted(run.sequences, key=int)))
     stored = [read_stored(found.estimate_path(name), shape_of(data[name]))

@@ -14,8 +14,7 @@ import msgspec
 
 from ... import __version__
 from ...errors import DatasetError
-from ...robots.files import create_atomically, write_atomically
-from ..runtime import dump_json, read_record, to_record
+from ..runtime import address, dump_json, exists, read_record, store_file, to_record
 from ..scene import RenderConfig, config_tree
 from ..types import FORMAT, Meta
 
@@ -94,8 +93,8 @@ def read_provenance(dataset: Path) -> Provenance:
         DatasetError: if the folder is not a dataset, or its `dataset.json` is damaged.
     """
     path = dataset / DATASET_FILE
-    if not path.exists():
-        raise DatasetError(f"{dataset}: not a dataset (no {DATASET_FILE})")
+    if not exists(path):
+        raise DatasetError(f"{address(dataset)}: not a dataset (no {DATASET_FILE})")
     file = read_record(path, _File, FORMAT)
     first = {"dependencies": file.dependencies, "platform": file.platform}
     environments = (first, *file.other_environments)
@@ -115,10 +114,7 @@ def write_provenance(dataset: Path, provenance: Provenance, create: bool = False
         **first,
         "other_environments": others,
     }
-    if create:
-        return create_atomically(dataset / DATASET_FILE, dump_json(tree))
-    write_atomically(dataset / DATASET_FILE, dump_json(tree))
-    return True
+    return store_file(dataset / DATASET_FILE, dump_json(tree), create)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, DatasetError
-from ..runtime import command_line
+from ..runtime import address, command_line, is_remote, list_folder
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence, html_card
 from .provenance import DATASET_FILE, Provenance, read_provenance
@@ -43,7 +43,7 @@ class Dataset:
 
     def __repr__(self) -> str:
         c, n = self.config, len(self)
-        return (f"Dataset({str(self.path)!r}, robot {reprlib.repr(c.robot)}, "
+        return (f"Dataset({address(self.path)!r}, robot {reprlib.repr(c.robot)}, "
                 f"{n} sequence{'s' * (n != 1)} of {c.frames} frames, {c.width}x{c.height} px, "
                 f"{c.randomization.motion.fps:g} fps, seed {c.seed})")
 
@@ -59,7 +59,7 @@ class Dataset:
         }
         pictures = {f"sequence {name}": partial(self._first_image, name)
                     for name in self.names[:_THUMBNAILS]}
-        return html_card(f"Dataset {self.path}", facts, pictures)
+        return html_card(f"Dataset {address(self.path)}", facts, pictures)
 
     def _first_image(self, name: str) -> NDArray[np.uint8]:
         return self[name].rgb[0]
@@ -80,16 +80,18 @@ class Dataset:
         name = self.names[key] if isinstance(key, int) else key
         if name not in self.names:
             there = f"{self.names[0]} to {self.names[-1]}" if self.names else "none"
-            raise DatasetError(f"{self.path} has no sequence {name!r}; there are: {there}")
+            raise DatasetError(f"{address(self.path)} has no sequence {name!r}; there are: {there}")
         path = self.path / SEQUENCES_FOLDER / f"{name}.zip"
-        return open_sequence(path if path.exists() else path.with_suffix(""))
+        is_zip = is_remote(path) or path.exists()
+        return open_sequence(path if is_zip else path.with_suffix(""))
 
 
 def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
     """Open the dataset in a folder. Its sequences are read when they are indexed.
 
     Args:
-        path: Folder of the dataset.
+        path: Folder of the dataset, or its address in object storage, such as
+            "s3://bucket/data", of which only what is needed is read.
         allow_model: Whether functions that need the model may read it from the path that the
             dataset names, or download it. Allow it only for datasets that you trust.
 
@@ -110,7 +112,8 @@ def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
     """
     folder = Path(path)
     info = read_provenance(folder)
-    config = parse_config(info.config, f"{folder / DATASET_FILE}: config", error=DatasetError)
+    where = f"{address(folder / DATASET_FILE)}: config"
+    config = parse_config(info.config, where, error=DatasetError)
     return Dataset(folder, config, info, tuple(sorted(sequence_paths(folder), key=int)),
                    allow_model)
 
@@ -118,10 +121,8 @@ def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
 def sequence_paths(dataset: Path) -> dict[str, Path]:
     """Return the path of each sequence by name; a ZIP file is preferred to a folder."""
     folder = dataset / SEQUENCES_FOLDER
-    if not folder.is_dir():
-        return {}
     found: dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):  # "000000" sorts before "000000.zip"
+    for path in list_folder(folder):  # "000000" sorts before "000000.zip"
         if match := _NAME.fullmatch(path.name):
             if match[2] is None and not path.is_dir():
                 continue
@@ -135,7 +136,7 @@ def select_sequences(dataset: Dataset, text: str) -> list[str]:
     Raises ConfigError if there are none of a number or range, and DatasetError if there are none.
     """
     if not dataset.names:
-        raise DatasetError(f"{dataset.path} has no sequences yet")
+        raise DatasetError(f"{address(dataset.path)} has no sequences yet")
     there = {int(name): name for name in dataset.names}
     if not text:
         return list(dataset.names)
@@ -144,7 +145,7 @@ def select_sequences(dataset: Dataset, text: str) -> list[str]:
         found = [k for k in there if k in wanted]
         if not found:
             item = "-".join(map(str, dict.fromkeys((wanted[0], wanted[-1]))))
-            raise ConfigError(f"{dataset.path} has no sequence {item}; there are "
+            raise ConfigError(f"{address(dataset.path)} has no sequence {item}; there are "
                               f"{dataset.names[0]} to {dataset.names[-1]}")
         numbers.update(dict.fromkeys(sorted(found)))
     return [there[k] for k in numbers]

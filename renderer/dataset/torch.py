@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError
+from ..runtime import address
 from ..scene import RenderConfig
 from ..types import Sequence, State
 from .reader import Dataset
@@ -140,7 +141,7 @@ class TorchDataset(TorchBase):
         if not -len(self) <= index < len(self):
             raise IndexError(index)
         number, frame = divmod(index % len(self), self.items.per_sequence)
-        where = f"{self.dataset.path}: sequence {self.dataset.names[number]}"
+        where = f"{address(self.dataset.path)}: sequence {self.dataset.names[number]}"
         return self.items.item(self.dataset[number], number, frame, where)
 
 

@@ -1,20 +1,29 @@
 """The folder of a dataset while it is rendered: its lock, its `dataset.json`, what kills left.
 
 Runs that render shards write to a folder at the same time. The first that has loaded the model
-creates `dataset.json`; the others compare theirs with it.
+creates `dataset.json`; the others compare theirs with it. In object storage there are no locks:
+there, every run behaves as one that renders a shard.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ...errors import ConfigError
-from ...robots.files import LOCK, lock_briefly, lock_folder, remove_leftovers
+from ...robots.files import (
+    LOCK,
+    cache_folder,
+    lock_briefly,
+    lock_folder,
+    remove_leftovers,
+    scratch_folder,
+)
 from ..dataset import (
     DATASET_FILE,
     SEQUENCES_FOLDER,
@@ -27,8 +36,10 @@ from ..dataset import (
     sequence_paths,
     write_provenance,
 )
-from ..runtime import Shard, dump_json, say
+from ..runtime import Shard, address, dump_json, exists, is_remote, say
 from ..scene import RenderConfig, config_tree, differences, draws_of, parse_config
+
+_READERS = 8  # threads
 
 
 @contextmanager
@@ -38,12 +49,16 @@ def open_folder(out: Path, config: RenderConfig, shard: Shard | None) -> Generat
     Raises:
         ConfigError: If the folder holds another dataset, or another run writes to it.
     """
+    if is_remote(out):
+        with scratch_folder(cache_folder() / "scratch") as work:
+            yield DatasetFolder(out, config, shard, lambda: True, work)
+        return
     created = [folder for folder in (out, *out.parents) if not folder.exists()]
     out.mkdir(parents=True, exist_ok=True)
     try:
         with lock_folder(out, shared=shard is not None) as is_alone:
             try:
-                yield DatasetFolder(out, config, shard, is_alone)
+                yield DatasetFolder(out, config, shard, is_alone, out.absolute())
             finally:
                 if shard is None or is_alone():
                     _remove_without_sequences(out, created)
@@ -67,7 +82,8 @@ class DatasetFolder:
     """A dataset that a run writes to."""
 
     def __init__(
-        self, out: Path, config: RenderConfig, shard: Shard | None, is_alone: Callable[[], bool]
+        self, out: Path, config: RenderConfig, shard: Shard | None, is_alone: Callable[[], bool],
+        work: Path,
     ) -> None:
         """Remove what killed processes have left, and read `dataset.json`.
 
@@ -75,6 +91,11 @@ class DatasetFolder:
             ConfigError: If the folder holds another dataset.
         """
         self.out, self._shard, self._is_alone = out, shard, is_alone
+        self.work = work
+        """Folder that sequences are written to"""
+        self.target = out if is_remote(out) else None
+        """Address that they are moved to"""
+        self._is_shared = shard is not None or is_remote(out)
         self.remove_leftovers()
         self.config = _with_old_draws(out, config)
         """The configuration; for an older dataset, with its draws"""
@@ -82,6 +103,8 @@ class DatasetFolder:
 
     def remove_leftovers(self) -> None:
         """Remove what killed processes have left; of other shards, nothing."""
+        if self.target:
+            return
         names = self._shard and {f"{sequence_name(i)}.zip" for i in self._shard}
         if names is None:
             remove_leftovers(self.out)
@@ -94,15 +117,15 @@ class DatasetFolder:
             ConfigError: If it is another one.
         """
         now = json.loads(dump_json(asset))
-        with lock_briefly(self.out):
-            if self._shard:  # another run may have created it, or have added its environment
+        with nullcontext() if self.target else lock_briefly(self.out):
+            if self._is_shared:  # another run may have created it, or have added its environment
                 self._provenance = self._read()
             there = self._provenance.assets[0] if self._provenance.assets else now
             # datasets of the first edition have no hashes of meshes and textures
             changed = differences(
                 there, {k: v for k, v in now.items() if k != "files" or k in there})
             if changed:
-                raise ConfigError(f"{self.out} was rendered with other model files "
+                raise ConfigError(f"{address(self.out)} was rendered with other model files "
                                   f"({'; '.join(changed)}); choose another --out folder")
             assets = self._provenance.assets or (now,)
             written = self._write(replace(self._provenance, assets=assets, counts=None))
@@ -116,13 +139,11 @@ class DatasetFolder:
         """
         paths = sequence_paths(self.out)
         own = self._shard and {sequence_name(i) for i in self._shard}
-        counts = sequence_counts(
-            read_meta(path) for name, path in paths.items() if own is None or name in own)
+        counts = _count(path for name, path in paths.items() if own is None or name in own)
         if self._shard is None:
             self._write(replace(self._provenance, counts=counts))
         elif len(paths) >= self._shard.n and self._is_alone():
-            whole = sequence_counts(map(read_meta, paths.values()))
-            self._write(replace(self._read(), counts=whole))
+            self._write(replace(self._read(), counts=_count(paths.values())))
         return counts
 
     def _write(self, provenance: Provenance) -> bool:
@@ -131,19 +152,19 @@ class DatasetFolder:
         Return False if another run has created it in this moment.
         """
         self._provenance = provenance
-        there = (self.out / DATASET_FILE).exists()
+        there = exists(self.out / DATASET_FILE)
         return (there and read_provenance(self.out) == provenance) or write_provenance(
-            self.out, provenance, create=self._shard is not None and not there)
+            self.out, provenance, create=self._is_shared and not there)
 
     def _read(self) -> Provenance:
         """What the dataset is, or will be. Raises ConfigError if it is another one."""
         out, here = self.out, new_provenance(self.config)
-        started = sequence_paths(out) or (self._shard and (out / DATASET_FILE).exists())
+        started = sequence_paths(out) or (self._is_shared and exists(out / DATASET_FILE))
         if not started:  # what failed before its first sequence binds nobody
             return here
-        if not (out / DATASET_FILE).exists():
-            raise ConfigError(
-                f"{out} holds sequences but no {DATASET_FILE}; choose another --out folder")
+        if not exists(out / DATASET_FILE):
+            raise ConfigError(f"{address(out)} holds sequences but no {DATASET_FILE}; "
+                              "choose another --out folder")
         there = read_provenance(out)
         # A field that is newer than the dataset has its default there.
         old = parse_config(there.config, str(out / DATASET_FILE))
@@ -152,7 +173,7 @@ class DatasetFolder:
         changed += differences({"generator": there.generator}, {"generator": here.generator})
         if changed:
             raise ConfigError(
-                f"{out} holds a dataset of another configuration ({'; '.join(changed)}); "
+                f"{address(out)} holds a dataset of another configuration ({'; '.join(changed)}); "
                 "choose another --out folder, or delete this one"
             )
         if here.environments[0] not in there.environments:
@@ -160,9 +181,15 @@ class DatasetFolder:
         return there
 
 
+def _count(paths: Iterable[Path]) -> dict[str, Any]:
+    """The counts of sequences; several are read at a time, for storage that answers late."""
+    with ThreadPoolExecutor(_READERS) as pool:
+        return sequence_counts(pool.map(read_meta, paths))
+
+
 def _with_old_draws(out: Path, config: RenderConfig) -> RenderConfig:
     """The config; for a dataset in `out` that is older than `twin_of`, with its draws."""
-    if (sequence_paths(out) and (out / DATASET_FILE).exists()
+    if (sequence_paths(out) and exists(out / DATASET_FILE)
             and "twin_of" not in read_provenance(out).config
             and config.twin_of == draws_of(config.robot)):
         say(f"{out} continues with the draws of the version that began it")

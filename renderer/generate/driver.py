@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ...errors import ConfigError, RenderError
 from ..dataset import sequence_name, sequence_paths
-from ..runtime import Bar, Shard, cpu_count, frame_bar, say
+from ..runtime import Bar, Shard, address, cpu_count, frame_bar, say
 from ..scene import RenderConfig, resolve
 from ..types import Sequence
 from .dataset_folder import DatasetFolder, open_folder
@@ -43,7 +43,7 @@ class Summary:
     def describe(self) -> str:
         """What a user wants to know after a run, in a few lines."""
         lines = [
-            f"{self.dataset}: {self.sequences} sequences, {self.frames} frames "
+            f"{address(self.dataset)}: {self.sequences} sequences, {self.frames} frames "
             f"({self.rendered} sequences rendered in {self.seconds:.1f} s)"
         ]
         if self.refused:
@@ -114,7 +114,7 @@ def render_dataset(
         config: What to render.
         n: Number of sequences in the dataset (0 to n-1), or the numbers of those to render. With a
             `Shard`, several calls may write to one folder at the same time.
-        out: Folder of the dataset.
+        out: Folder of the dataset, or its address in object storage, such as "s3://bucket/data".
         workers: Processes that render; default: one for each core.
         progress: Whether to show a bar on stderr.
         source: "module:attribute" of what renders (`Renderer`).
@@ -147,7 +147,7 @@ def render_dataset(
             todo = [i for i in wanted if sequence_name(i) not in there]
             if todo:
                 count, threads = plan_workers(cores, min(workers or cores, len(todo)))
-                task = RenderTask(source, folder.config, out.absolute(), threads)
+                task = RenderTask(source, folder.config, folder.work, threads, folder.target)
                 total = len(wanted) * config.frames
                 done = total - len(todo) * config.frames
                 try:

@@ -55,7 +55,8 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         that share the folder may render one dataset at the same time. auto: as the variables of
         Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
         out: Annotated[Path | None, quiet] = None
-        """Folder of the dataset. Default: data/ROBOT."""
+        """Folder of the dataset, or its address in object storage, such as s3://bucket/data.
+        Default: data/ROBOT."""
         workers: Annotated[int | None, quiet] = None
         """Processes that render. Default: the number of cores, which is the fastest."""
         randomize: Literal["full", "none"] = "full"

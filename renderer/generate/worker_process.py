@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import GcbenchError, RenderError
-from ..runtime import receive_tasks
+from ..runtime import receive_tasks, upload_file
 from ..scene import RenderConfig
 from .rendered_sequence import Renderer
 
@@ -24,8 +24,11 @@ class RenderTask:
     """"module:attribute" of a callable RenderConfig -> Renderer"""
     config: RenderConfig
     dataset: Path
+    """Folder to write to."""
     threads: int
     """Of the software rasterizer."""
+    target: Path | None = None
+    """Address in object storage; a sequence is moved there when it is whole."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class FrameDone:
 
 @dataclass(frozen=True)
 class SequenceDone:
-    """The sequence is on disk; the process waits for the next index."""
+    """The sequence is in the dataset; the process waits for the next index."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def render_tasks(connection: Connection, task: RenderTask) -> None:
         connection.send(ModelLoaded(renderer.asset))
         for index in receive_tasks(connection, Connection.recv):
             where = f"sequence {index:06d}: "
-            _render(renderer, index, task.dataset, connection)
+            _render(renderer, index, task, connection)
             connection.send(SequenceDone())
         renderer.close()
     except GcbenchError as error:
@@ -85,14 +88,17 @@ def render_tasks(connection: Connection, task: RenderTask) -> None:
         connection.send(Problem(where + traceback.format_exc(), None))
 
 
-def _render(renderer: Renderer, index: int, dataset: Path, connection: Connection) -> None:
-    from ..dataset import SequenceWriter
+def _render(renderer: Renderer, index: int, task: RenderTask, connection: Connection) -> None:
+    from ..dataset import SEQUENCES_FOLDER, SequenceWriter
 
     rendered = renderer.render(index)
     with SequenceWriter(
-        dataset, index, rendered.depth_unit, rendered.coordinate_box
+        task.dataset, index, rendered.depth_unit, rendered.coordinate_box
     ) as writer:
         for frame in rendered.frames:
             writer.add(frame)
             connection.send(FrameDone())
-        writer.finish(*rendered.finish())
+        path = writer.finish(*rendered.finish())
+    if task.target:
+        upload_file(path, task.target / SEQUENCES_FOLDER / path.name)
+        path.unlink()

@@ -1,10 +1,19 @@
-"""What a long run needs: JSON, ZIP archives, worker processes, shards, progress, interruption."""
+"""What a long run needs: files, JSON, ZIP archives, processes, shards, progress, interruption."""
 
 from __future__ import annotations
 
 from .interrupt import uninterrupted
 from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
 from .npz import ANY_SIZE, ArraySpec, dump_npy, parse_npy, parse_npz
+from .object_store import (
+    address,
+    exists,
+    find_object,
+    is_remote,
+    list_folder,
+    store_file,
+    upload_file,
+)
 from .progress import Bar, frame_bar, say, shard_bar
 from .shards import Shard, parse_shard
 from .streams import named_rng
@@ -14,8 +23,9 @@ from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
     "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Shard", "WorkerPool",
-    "WorkerSettings", "cpu_count", "die_with_parent", "dump_json", "dump_npy", "end_like",
-    "frame_bar", "hide_main", "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz",
-    "parse_shard", "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "to_record",
-    "uninterrupted",
+    "WorkerSettings", "address", "cpu_count", "die_with_parent", "dump_json", "dump_npy",
+    "end_like", "exists", "find_object", "frame_bar", "hide_main", "is_remote", "list_folder",
+    "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz", "parse_shard",
+    "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file", "to_record",
+    "uninterrupted", "upload_file",
 ]

@@ -28,7 +28,7 @@ import msgspec
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError
-from ...robots.files import read_bounded
+from .object_store import address, read_file
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -145,10 +145,10 @@ def read_record(
     path: Path, kind: type[Record], file_format: str = "", only_known: bool = False
 ) -> Record:
     """Return the record in a JSON file, or raise DatasetError; see `parse_json`, `to_record`."""
-    tree = parse_json(read_bounded(path, MAX_JSON, DatasetError), str(path), file_format)
+    tree = parse_json(read_file(path, MAX_JSON), address(path), file_format)
     if only_known:
         tree.pop("format", None)
-    return to_record(tree, kind, str(path), only_known)
+    return to_record(tree, kind, address(path), only_known)
 
 
 def _unknown_fields(kind: Any, tree: Any, path: str) -> Iterator[tuple[str, list[str]]]:

@@ -21,6 +21,7 @@ from typing import BinaryIO
 
 from ...errors import DatasetError
 from ...robots.files import read_bounded
+from .object_store import RangeFile, StoredObject, address, find_object, is_remote
 
 MAX_MEMBER = 2**29
 """Bytes of a member; a larger one is refused."""
@@ -45,10 +46,12 @@ class Archive:
     """The ZIP file or folder."""
     entries: dict[str, _Entry] | None
     """Of a ZIP; None for a folder."""
+    stored: StoredObject | None = None
+    """The ZIP, if it is an object in object storage."""
 
     def where(self, member: str) -> str:
         """ "file: member", the beginning of an error message."""
-        return f"{self.path}: {member}"
+        return f"{address(self.path)}: {member}"
 
     def require(self, members: Iterable[str]) -> None:
         """Raises DatasetError that names the first member that is missing."""
@@ -77,16 +80,24 @@ class Archive:
     def _read_entry(self, member: str, entry: _Entry, limit: int) -> bytes:
         if entry.size > limit:
             raise DatasetError(f"{self.where(member)}: larger than {limit} bytes")
-        with self.path.open("rb") as file:
-            file.seek(entry.offset)
-            header = file.read(30)
-            if len(header) == 30 and header[:4] == b"PK\x03\x04":
-                name, extra = struct.unpack("<HH", header[26:])
-                file.seek(name + extra, 1)
-                data = file.read(entry.size)
-                if len(data) == entry.size and zlib.crc32(data) == entry.crc:
-                    return data
+        # Usually one read: the name has its length in the directory, and there is no extra field.
+        data = self._read_range(entry.offset, 30 + len(member.encode()) + entry.size)
+        if len(data) >= 30 and data[:4] == b"PK\x03\x04":
+            begin = 30 + sum(struct.unpack("<HH", data[26:30]))
+            if (missing := begin + entry.size - len(data)) > 0:
+                data += self._read_range(entry.offset + len(data), missing)
+            data = data[begin : begin + entry.size]
+            if len(data) == entry.size and zlib.crc32(data) == entry.crc:
+                return data
         raise DatasetError(f"{self.where(member)}: damaged")
+
+
+    def _read_range(self, start: int, size: int) -> bytes:
+        if self.stored:
+            return self.stored.read(start, start + size)
+        with self.path.open("rb") as file:
+            file.seek(start)
+            return file.read(size)
 
 
 class _BoundedReader(io.BufferedReader):
@@ -102,7 +113,7 @@ class _BoundedReader(io.BufferedReader):
 
 @contextmanager
 def open_zip(
-    stream: io.FileIO | io.BytesIO, limit: int = _MAX_DIRECTORY
+    stream: io.FileIO | io.BytesIO | RangeFile, limit: int = _MAX_DIRECTORY
 ) -> Generator[zipfile.ZipFile]:
     """Open a ZIP whose directory has at most `limit` bytes. Raises what ZipFile raises."""
     with _BoundedReader(stream) as bounded:  # pyright: ignore[reportArgumentType] # BytesIO is raw
@@ -113,46 +124,48 @@ def open_zip(
 
 
 def open_archive(path: Path) -> Archive:
-    """The archive at `path`, a ZIP file or a folder.
+    """The archive at `path`, a ZIP file or a folder, or a ZIP in object storage.
 
     Raises DatasetError if there is none, or if the ZIP is damaged or not of the contract's kind.
     """
+    where, stored = address(path), None
     try:
-        mode = path.stat().st_mode
-        if stat.S_ISDIR(mode):
-            return Archive(path, None)
-        if not stat.S_ISREG(mode):
-            raise DatasetError(f"{path}: neither a ZIP file nor a folder")
-        with open_zip(io.FileIO(path)) as file:
+        if is_remote(path):
+            if (stored := find_object(path)) is None:
+                raise DatasetError(f"{where}: is not there")
+            source, size = RangeFile(stored), stored.size
+        else:
+            status = path.stat()
+            if stat.S_ISDIR(status.st_mode):
+                return Archive(path, None)
+            if not stat.S_ISREG(status.st_mode):
+                raise DatasetError(f"{path}: neither a ZIP file nor a folder")
+            source, size = io.FileIO(path), status.st_size
+        with open_zip(source) as file:
             members = file.infolist()
             end = 22 + len(file.comment)
-        if not _tail(path, end).startswith(b"PK\x05\x06"):
-            # Of a file that is cut off, zipfile would open the last ZIP inside: state.npz.
-            raise zipfile.BadZipFile("its end is missing")
+            assert file.fp
+            file.fp.seek(max(0, size - end))
+            if not file.fp.read(end).startswith(b"PK\x05\x06"):
+                # Of a file that is cut off, zipfile would open the last ZIP inside: state.npz.
+                raise zipfile.BadZipFile("its end is missing")
     except OSError as error:
-        raise DatasetError(f"{path}: {error.strerror or error}") from error
+        raise DatasetError(f"{where}: {error.strerror or error}") from error
     except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
-        raise DatasetError(f"{path}: not a whole ZIP file ({error})") from error
-    size = path.stat().st_size
+        raise DatasetError(f"{where}: not a whole ZIP file ({error})") from error
     entries: dict[str, _Entry] = {}
     for info in members:
         if info.filename.endswith("/"):  # `is_dir` of Python 3.10 fails for an empty name
             continue
         _check_member(path, info, size, entries)
         entries[info.filename] = _Entry(info.header_offset, info.file_size, info.CRC)
-    return Archive(path, entries)
-
-
-def _tail(path: Path, size: int) -> bytes:
-    with path.open("rb") as file:
-        file.seek(-size, 2)
-        return file.read()
+    return Archive(path, entries, stored)
 
 
 def _check_member(path: Path, info: zipfile.ZipInfo, size: int, seen: Iterable[str]) -> None:
     name = info.filename
     parts = PurePosixPath(name).parts
-    where = f"{path}: {name!r}"
+    where = f"{address(path)}: {name!r}"
     if not name or name.startswith("/") or "\\" in name or ".." in parts or not name.isprintable():
         raise DatasetError(f"{where}: not a name for a member")
     if name in seen:

@@ -17,6 +17,7 @@ from ...errors import GcbenchError, RenderError
 from ...robots.files import show_progress
 from ...robots.model import ArticulatedModel
 from ..dataset import Dataset, sequence_paths
+from ..runtime import find_object, is_remote
 from ..scene import model_of, robot_of
 from ..types import Meta
 from .descriptions import joint_ranges
@@ -99,8 +100,12 @@ def _links(names: list[str], k: int) -> Links:
 
 def _digest(path: Path, links: Links, allow_model: bool) -> str:
     """Tells from what a page was made: the sequence's file, its links, and this version."""
-    stat = (path / "meta.json" if path.is_dir() else path).stat()
-    made_of = [__version__, stat.st_size, stat.st_mtime_ns, list(links), allow_model]
+    if stored := find_object(path) if is_remote(path) else None:
+        identity = [stored.size, stored.version]
+    else:
+        stat = (path / "meta.json" if path.is_dir() else path).stat()
+        identity = [stat.st_size, stat.st_mtime_ns]
+    made_of = [__version__, *identity, list(links), allow_model]
     return hashlib.sha256(json.dumps(made_of).encode()).hexdigest()
 
 

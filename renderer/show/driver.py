@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...errors import ConfigError
 from ..dataset import DATASET_FILE, Dataset, open_dataset, open_sequence, select_sequences
+from ..runtime import exists
 from . import video as film
 from .dataset_pages import Models, write_dataset_pages
 from .page import write_page
@@ -85,4 +86,4 @@ def show(
 
 
 def _dataset_at(path: Path) -> Dataset | None:
-    return open_dataset(path) if (path / DATASET_FILE).is_file() else None
+    return open_dataset(path) if exists(path / DATASET_FILE) else None

@@ -9,6 +9,7 @@ from typing import Any
 
 from ... import __version__
 from ..dataset import Dataset
+from ..runtime import address
 from .html import shared_text
 
 Links = Sequence[tuple[str, str, str]]
@@ -53,7 +54,7 @@ def index_page(dataset: Dataset, entries: Sequence[IndexEntry]) -> str:
     notes = []
     if missing := [int(entry.title) for entry in entries if not entry.address]:
         notes.append("Sequences without a link have no page yet. To write more pages: "
-                     f"<code>gcbench show {_text(str(dataset.path))} --sequences "
+                     f"<code>gcbench show {_text(address(dataset.path))} --sequences "
                      f"{missing[0]}-{missing[0] + 9}</code>")
     if more:
         notes.append(f"{more} more sequences are not listed.")

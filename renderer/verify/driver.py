@@ -22,7 +22,7 @@ from ..dataset import (
     open_sequence,
     select_sequences,
 )
-from ..runtime import hide_main
+from ..runtime import address, exists, hide_main, is_remote, list_folder
 from ..scene import RenderConfig, check_model_paths, packages_of, robot_of
 from ..types import Sequence
 from .checks import CheckResult, VerifyReport, check, merge_checks
@@ -110,10 +110,11 @@ def verify_dataset(
     path = Path(path)
     if workers < 1:
         raise ConfigError(f"{workers} workers cannot verify; give 1 or more")
-    if path.is_file() or (path / "meta.json").is_file():
+    if path.suffix == ".zip" if is_remote(path) else (
+            path.is_file() or (path / "meta.json").is_file()):
         if sequences:
-            raise ConfigError(f"--sequences {sequences}: {path} is one sequence")
-        return _verify_one(path.absolute(), allow_model)
+            raise ConfigError(f"--sequences {sequences}: {address(path)} is one sequence")
+        return _verify_one(path if is_remote(path) else path.absolute(), allow_model)
     dataset = open_dataset(path)
     files, warnings = _sequence_files(path)
     if sequences:
@@ -130,7 +131,7 @@ def verify_dataset(
 
 def _verify_one(path: Path, allow_model: bool) -> VerifyReport:
     seed, reference, notes = None, Reference(), ["alone, without a dataset's config"]
-    if (path.parent.parent / DATASET_FILE).is_file():
+    if exists(path.parent.parent / DATASET_FILE):
         config = open_dataset(path.parent.parent).config
         seed = config.seed
         reference, notes = _shared_reference(config, allow_model)
@@ -172,8 +173,7 @@ def reference_of(
 
 def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
     """The sequences in order, and a warning for each other file beside them."""
-    folder = path / SEQUENCES_FOLDER
-    entries = sorted(folder.iterdir()) if folder.is_dir() else []
+    entries = list_folder(path / SEQUENCES_FOLDER)
     named = {e: e.name.removesuffix(".zip") for e in entries}
     files = [e for e, name in named.items()
              if name.isdecimal() and (e.is_dir() or e.suffix == ".zip")]

@@ -7,6 +7,7 @@ from .atomic import (
     create_folder_atomically,
     remove_leftovers,
     replace_atomically,
+    scratch_folder,
     temporary_name,
     write_atomically,
 )
@@ -30,5 +31,6 @@ __all__ = [
     "MissingAssetError", "OutsideAssetError", "WheelFiles", "asset_finder", "cache_folder",
     "create_atomically", "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder",
     "new_element", "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers",
-    "replace_atomically", "show_progress", "temporary_name", "write_atomically", "xml_bytes",
+    "replace_atomically", "scratch_folder", "show_progress", "temporary_name", "write_atomically",
+    "xml_bytes",
 ]

@@ -100,6 +100,24 @@ def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], Non
     return target
 
 
+@contextmanager
+def scratch_folder(parent: Path) -> Generator[Path]:
+    """Yield an empty folder in `parent`, which is deleted when the block ends.
+
+    Folders of killed processes are deleted first.
+    """
+    parent.mkdir(parents=True, exist_ok=True)
+    for old in parent.iterdir():
+        if is_free(old):
+            shutil.rmtree(old, ignore_errors=True)
+    work = Path(tempfile.mkdtemp(dir=parent))
+    try:
+        with lock_folder(work):
+            yield work
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
 def _remove_old_scratch(folder: Path) -> None:
     """Delete scratch folders of killed processes: by their locks; by age where there are none."""
     for part in folder.glob("*.part"):

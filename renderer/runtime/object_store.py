@@ -1,0 +1,234 @@
+"""Files in object storage, `s3://bucket/path` and the like: listed, read by ranges, written whole.
+
+A path keeps an address: `Path("s3://bucket/data")` is s3:/bucket/data, so that names are made of it
+as of any path. The functions here take both kinds of paths; nothing else knows of object storage.
+fsspec does the work. It is an extra, and is imported when an address is used.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ...errors import DatasetError, GcbenchError
+from ...robots.files import create_atomically, read_bounded, write_atomically
+from .range_cache import cached_range
+
+_PACKAGES = {"s3:": "'gcbench[cloud]'", "gs:": "gcsfs", "az:": "adlfs"}
+"""What to install for each kind of address."""
+_OPTIONS: dict[str, dict[str, Any]] = {"s3:": {"config_kwargs": {
+    "connect_timeout": 5, "read_timeout": 15, "retries": {"max_attempts": 0}}}}
+"""Arguments of the file systems. Attempts are made here, not there."""
+_WAITS = (0.5, 1.0, 2.0, 4.0, 8.0, 8.0)
+"""s before another attempt: a server that starts again in time goes unnoticed."""
+_PATIENCE = 30.0
+"""s after which there is no other attempt."""
+_CREDENTIALS = ("NoCredentialsError", "PartialCredentialsError", "CredentialRetrievalError",
+                "ProfileNotFound", "TokenRetrievalError", "NoAuthTokenError", "RefreshError",
+                "DefaultCredentialsError", "ClientAuthenticationError", "PermissionError")
+_WRONG = ("ParamValidationError", "ValueError", "TypeError", "InvalidRegionError",
+          "IsADirectoryError", "NotImplementedError")
+"""Errors that another attempt does not change."""
+_TAIL = 2**16
+"""Bytes at the end of an object that are read at once: the directory of a usual ZIP."""
+_Answer = TypeVar("_Answer")
+
+
+def is_remote(path: Path) -> bool:
+    """Whether a path is an address in object storage."""
+    return next(iter(path.parts), "") in _PACKAGES
+
+
+def address(path: Path) -> str:
+    """Return a path as a user writes it."""
+    return f"{path.parts[0]}//{'/'.join(path.parts[1:])}" if is_remote(path) else str(path)
+
+
+@dataclass(frozen=True)
+class StoredObject:
+    """An object, as it was when it was found."""
+
+    path: Path
+    size: int
+    """bytes"""
+    version: str
+    """Another one if the content is another."""
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Return the bytes from `start` to `stop`; a local cache keeps them."""
+        def load() -> bytes:
+            found = _call(self.path, lambda files, key: files.cat_file(key, start=start, end=stop))
+            if len(found) != stop - start:
+                raise DatasetError(f"{address(self.path)}: changed while it was read")
+            return found
+
+        stop = min(stop, self.size)
+        if start >= stop:
+            return b""
+        return cached_range(f"{address(self.path)} {self.version} {start}", stop - start, load)
+
+
+def find_object(path: Path) -> StoredObject | None:
+    """Return the object at an address; None if there is none.
+
+    Raises DatasetError if the storage does not answer, or refuses.
+    """
+    try:
+        found = _call(path, lambda files, key: files.info(key))
+    except FileNotFoundError:
+        return None
+    if found["type"] != "file":
+        return None
+    versions = (found.get(k) for k in ("ETag", "etag", "LastModified", "mtime", "updated"))
+    return StoredObject(path, int(found["size"]), str(next(filter(None, versions), "")))
+
+
+def exists(path: Path) -> bool:
+    """Whether a file or an object is there. Raises DatasetError as `find_object`."""
+    return find_object(path) is not None if is_remote(path) else path.exists()
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """Return what is in a folder, sorted; nothing if there is no folder."""
+    if not is_remote(folder):
+        return sorted(folder.iterdir()) if folder.is_dir() else []
+    try:
+        found = _call(folder, lambda files, key: files.ls(key, detail=False))
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    return sorted(folder / key.rstrip("/").rpartition("/")[2] for key in found)
+
+
+def read_file(path: Path, limit: int) -> bytes:
+    """Return the bytes of a file or an object of at most `limit` bytes, or raise DatasetError."""
+    if not is_remote(path):
+        return read_bounded(path, limit, DatasetError)
+    found = find_object(path)
+    if found is None:
+        raise DatasetError(f"{address(path)}: is not there")
+    if found.size > limit:
+        raise DatasetError(f"{address(path)}: is larger than {limit} bytes, the largest file that "
+                           "is read")
+    return found.read(0, found.size)
+
+
+def store_file(path: Path, data: bytes, create: bool = False) -> bool:
+    """Create or replace a file or an object, whole; with `create`, return False if it exists.
+
+    Storage that cannot create exclusively may replace an object that another process creates in
+    the same moment.
+    """
+    if not is_remote(path):
+        if create:
+            return create_atomically(path, data)
+        write_atomically(path, data)
+        return True
+    mode = "create" if create else "overwrite"
+    try:
+        _write(path, lambda files, key: files.pipe_file(key, data, mode=mode))
+    except FileExistsError:  # perhaps by an attempt whose answer was lost
+        return read_file(path, len(data) + 1) == data
+    return True
+
+
+def upload_file(source: Path, target: Path) -> None:
+    """Write a local file to an address, whole."""
+    _write(target, lambda files, key: files.put_file(str(source), key))
+
+
+def _write(path: Path, action: Callable[[Any, str], Any]) -> None:
+    try:
+        _call(path, action)
+    except FileNotFoundError as error:
+        raise DatasetError(f"{address(path)}: there is no bucket {path.parts[1]!r}; create it, or "
+                           "name another") from error
+
+
+def _call(path: Path, action: Callable[[Any, str], _Answer]) -> _Answer:
+    """Return `action(file system, key)`; where the storage does not answer, try again.
+
+    Raises FileNotFoundError, FileExistsError and NotADirectoryError of the action, and DatasetError
+    for everything else.
+    """
+    scheme, *names = path.parts
+    if len(names) < 2:
+        raise DatasetError(f"{address(path)}: give a bucket and a path, such as "
+                           f"{scheme}//bucket/data")
+    files, key = _file_system(scheme, os.getpid()), "/".join(names)
+    end = time.monotonic() + _PATIENCE
+    for wait in (*_WAITS, None):
+        try:
+            return action(files, key)
+        except (FileNotFoundError, FileExistsError, NotADirectoryError, GcbenchError):
+            raise
+        except Exception as error:
+            fault = _fault(error)
+            if fault or wait is None or time.monotonic() > end:
+                fault = fault or "does not answer; when it does, run the same command again"
+                said = " ".join(str(error).split())[:200]
+                raise DatasetError(f"{address(path)}: the storage {fault} ({said})") from error
+        time.sleep(wait)
+    raise AssertionError("the last attempt returns or raises")
+
+
+def _fault(error: Exception) -> str:
+    """Return what is wrong, if another attempt does not change it."""
+    kinds = {kind.__name__ for kind in type(error).__mro__}
+    if kinds & {*_CREDENTIALS}:
+        return ("gives no access: no credentials, or none with permission; set them, for example "
+                "AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY")
+    return "cannot use this address or these settings" if kinds & {*_WRONG} else ""
+
+
+@cache
+def _file_system(scheme: str, process: int) -> Any:
+    """The file system of a process for a kind of address."""
+    try:
+        import fsspec
+
+        files = fsspec.filesystem(scheme[:-1], use_listings_cache=False, skip_instance_cache=True,
+                                  **_OPTIONS.get(scheme, {}))
+    except ImportError as error:
+        raise GcbenchError(f"{scheme}// needs {error.name or 'a package'}: pip install "
+                           f"{_PACKAGES[scheme]}") from error
+    files.retries = 1  # of s3fs
+    return files
+
+
+class RangeFile(io.RawIOBase):
+    """An object as a file to read; its end is read first, and at once."""
+
+    def __init__(self, stored: StoredObject) -> None:
+        self._stored, self._at = stored, 0
+        self._tail_at = max(0, stored.size - _TAIL)
+        self._tail = stored.read(self._tail_at, stored.size)
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
+        base = {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._stored.size}[whence]
+        if base + offset < 0:
+            raise OSError("a place before the beginning")
+        self._at = base + offset
+        return self._at
+
+    def readinto(self, buffer: Any, /) -> int:
+        view = memoryview(buffer).cast("B")
+        stop = min(self._at + len(view), self._stored.size)
+        if self._at >= self._tail_at:
+            data = self._tail[self._at - self._tail_at : max(0, stop - self._tail_at)]
+        else:
+            data = self._stored.read(self._at, stop)
+        view[: len(data)] = data
+        self._at += len(data)
+        return len(data)
