@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from .results import Results
 
 _GROUPS = {
-    "options": "--help --method --suite --data --inputs --knowledge --limit --workers --results "
-               "--quiet --json",
+    "options": "--help --method --suite --data --inputs --knowledge --limit --shard --workers "
+               "--results --quiet --json",
     "method": "--set --flow --depth --weights",
     "limit": "--timeout --memory --retry --python",
     "data": "--suites --keep-unobservable --allow-model",
@@ -26,13 +26,14 @@ def evaluate(args: Sequence[str]) -> tuple[object, int]:
     To continue an interrupted run, run the same command again. Each method runs in a separate
     process with a time limit. If it raises, hangs, crashes or returns an invalid estimate, that
     sequence is scored as no motion. At the end, a page of these results is written to
-    RESULTS/report. The exit code is 1 if no estimate succeeded.
+    RESULTS/report (not by a shard). The exit code is 1 if no estimate succeeded.
 
     Examples:
       gcbench eval --method gcpose
       gcbench eval --method icp icp@true-parts hold-still --data data/ur5 --inputs rgbd
       gcbench eval --method my_method.py:MyMethod --suite my_suite.toml --knowledge free
       gcbench eval --method gcpose --set rgbd.candidates=800 --data data/ur5 --limit 5
+      gcbench eval --method gcpose --data /shared/ur5 --results /shared/results --shard 3/64
     """
     from .. import EvalConfig, report
     from .. import evaluate as run_evaluation
@@ -45,7 +46,7 @@ def evaluate(args: Sequence[str]) -> tuple[object, int]:
     options = command_line.parse_options(args, "eval", Options, evaluate.__doc__, None, _GROUPS)
     results = run_evaluation(options, not options.quiet)
     pages: list[Path] = []
-    if results.usable:
+    if results.usable and not options.shard:  # all shards would write the same page
         pages = report(results, options.results / "report", False, False)[:1]
     return _describe(results, pages, options.json)
 
@@ -72,17 +73,19 @@ def _describe(results: "Results", pages: Sequence[Path], json: bool) -> tuple[ob
 
     board = build_leaderboard(results.runs)
     folders = [*dict.fromkeys(folder.path for folder in results.runs)]
-    if not results.usable:
+    code = 0 if results.usable or not results.failures else 1  # a shard may have no sequences
+    if code:
         print("gcbench: no sequence was estimated", file=sys.stderr)
-    code = 0 if results.usable else 1
     if json:
         return {
             "leaderboard": leaderboard_records(board), "estimated": results.estimated,
-            "usable": results.usable, "failures": results.failures, "folders": folders,
-            "pages": pages,
+            "usable": results.usable, "failures": results.failures,
+            "unfinished": results.unfinished, "folders": folders, "pages": pages,
         }, code  # fmt: skip
-    failures = [f"failed: {line}" for line in results.failures]
-    return "\n".join(map(str, [leaderboard_text(board), *failures, *folders, *pages])), code
+    notes = [f"failed: {line}" for line in results.failures]
+    notes += [f"unfinished: {line}" for line in results.unfinished]
+    text = [leaderboard_text(board)] * bool(board.lines)
+    return "\n".join(map(str, [*text, *notes, *folders, *pages])), code
 
 
 def report(

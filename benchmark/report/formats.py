@@ -109,8 +109,13 @@ def to_text(tables: Iterable[Table], without: tuple[str, ...] = ()) -> str:
     return "\n".join(out[1:])
 
 
-def to_markdown(parts: Mapping[str, Sequence[Table]], version: str) -> str:
-    """Return a document with a section for each part, which begins with its first caption."""
+def to_markdown(
+    parts: Mapping[str, Sequence[Table]], version: str, unfinished: Sequence[str] = ()
+) -> str:
+    """Return a document with a section for each part, which begins with its first caption.
+
+    Runs that are unfinished stand at its end.
+    """
     out: list[str] = []
     for title, tables in parts.items():
         out += [f"# {escape_markdown(title)}", "", *(table.caption for table in tables[:1])]
@@ -119,6 +124,8 @@ def to_markdown(parts: Mapping[str, Sequence[Table]], version: str) -> str:
             out += [table.caption, ""] if k and table.groups else []
             out += markdown_table(table)
         out.append("")
+    if unfinished:
+        out += ["# Not finished", "", *(f"* {escape_markdown(line)}" for line in unfinished), ""]
     return "\n".join([*out, f"Made by gcbench {version}.", ""])
 
 

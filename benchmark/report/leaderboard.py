@@ -91,7 +91,8 @@ class Line(Score):
     published: str = ""
     """Date of a published row, a reference beside the user's own; else empty."""
     extent: str = ""
-    """Number of sequences of each dataset of a published row, as "n = 20"."""
+    """Number of sequences of each dataset of a published row, as "n = 20"; of a row whose scores
+    lack some, as "5 of 6 sequences"; else empty."""
 
     @property
     def sequences(self) -> frozenset[str]:
@@ -134,8 +135,8 @@ class Leaderboard:
     """Paired difference a - b of two lines (by position, a < b) of one group, if they share enough
     clusters for an interval."""
     ranks: tuple[int, ...]
-    """Rank of each line in its group, see `shared_ranks`; 0 of a published line on other sequences
-    than the lines that it stands beside."""
+    """Rank of each line in its group, see `shared_ranks`; 0 of a line that lacks sequences, and of
+    a published line on other sequences than the lines that it stands beside."""
     unfinished: tuple[RunFolder, ...]
     """Runs without scores: stopped, or still running."""
     published: tuple[paper.PublishedCell, ...] = paper.PUBLISHED
@@ -149,13 +150,18 @@ class Leaderboard:
             out.setdefault(line.group, []).append(k)
         return out
 
+    def describe_unfinished(self) -> list[str]:
+        """Return a line for each run without scores."""
+        return [f"{f.run.row.title} on {dataset_title(f.run)}: {count_estimates(f)}"
+                for f in self.unfinished]
+
     @property
     def labels(self) -> list[str]:
         """Method, inputs and knowledge of each line, and the version where these are not unique."""
         plain = [
             " · ".join([
                 x.row.name, *(w for w in (x.row.inputs, x.row.knowledge) if w != "none"),
-                *([f"published, {x.extent}"] if x.published else []),
+                *(["published, " * bool(x.published) + x.extent] if x.extent else []),
             ])
             for x in self.lines
         ]  # fmt: skip
@@ -163,6 +169,13 @@ class Leaderboard:
         twice = {label for (_, label), n in number.items() if n > 1}
         return [f"{label} · {line.row.version}" if label in twice else label
                 for line, label in zip(self.lines, plain, strict=True)]  # fmt: skip
+
+
+def count_estimates(folder: RunFolder) -> str:
+    """Return what there is of a run without scores."""
+    done = sum(folder.estimate_path(name).exists() for name in folder.run.sequences)
+    return (f"{done} of {len(folder.run.sequences)} sequences estimated and none scored; the same "
+            "gcbench eval continues it")
 
 
 def read_leaderboard(
@@ -192,7 +205,8 @@ def read_leaderboard(
     board = build_leaderboard(runs, published)
     if all(line.published for line in board.lines):
         where = ", ".join(map(str, folders)) or "a folder: none is given"
-        raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first")
+        there = "".join(f"; {line}" for line in board.describe_unfinished()[:1])
+        raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first{there}")
     further = tuple(cell for file in files for cell in paper.read_published(file))
     return replace(board, published=board.published + further)
 
@@ -207,7 +221,8 @@ def build_leaderboard(
     """
     folders = list(folders)
     scored = without_copies(f for f in folders if (f.path / SCORES).exists())
-    lines = [line for folder in scored for line in lines_of(folder, folder.results())]
+    lines = [line for folder in scored
+             for line in _mark_partial(lines_of(folder, folder.results()))]
     configs = {line.dataset: line.run.run.config for line in lines}
     lines += [line for line in published if not configs or (
         line.dataset in configs
@@ -233,11 +248,22 @@ def _ranked(lines: Sequence[Line], mine: Sequence[int]) -> list[int]:
     same sequences. Where there are none of the user's, the sequences of most published lines count,
     if they suffice for an interval.
     """
+    mine = [k for k in mine if lines[k].published or not lines[k].extent]
     own = [k for k in mine if not lines[k].published]
+    if not mine:
+        return []
     number = Counter(lines[k].sequences for k in own or mine)
     same = max(number, key=lambda names: (
         len(names) >= MIN_CLUSTERS, number[names], len(names), sorted(names)))
     return [k for k in mine if k in own or lines[k].sequences == same]
+
+
+def _mark_partial(lines: Sequence[Line]) -> list[Line]:
+    """The lines of one run; if sequences have no scores, with their `extent`."""
+    scored = {name for line in lines for name in line.sequences}
+    return [line if scored >= {*line.run.run.sequences} else
+            replace(line, extent=f"{len(scored)} of {len(line.run.run.sequences)} sequences")
+            for line in lines]
 
 
 def lines_of(folder: RunFolder, results: Iterable[Result]) -> list[Line]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import DatasetError, GcbenchError
+from ...renderer.runtime import say
 from ...renderer.show import render_page
 from ...robots.files import remove_leftovers, write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
@@ -26,6 +27,7 @@ from .leaderboard import (
     Leaderboard,
     Line,
     build_leaderboard,
+    count_estimates,
     read_leaderboard,
 )
 from .provenance import provenance
@@ -120,12 +122,16 @@ def write_report(
     """Write the report of a leaderboard; see `report`."""
     chosen = select_pictures(board.lines) if pictures else []
     found = draw_pictures(board.lines, chosen, progress, allow_model)
+    if progress:
+        for line in board.describe_unfinished():
+            say(f"not in the report: {line}")
     found = write_pages(board.lines, found, out, progress)
     figure = draw_figure(board.lines, board.labels, found)
     contents = (
         report_page(board, found),
         to_markdown({"Leaderboard": suite_tables(board) + leaderboard_tables(board),
-                     "Tables in the paper's form": paper_tables(board)}, __version__)
+                     "Tables in the paper's form": paper_tables(board)}, __version__,
+                    board.describe_unfinished())
         + (f"\n![{CAPTION}]({FIGURE})\n" if figure else ""),
         leaderboard_csv(board),
         to_latex(paper_tables(board), __version__) + (latex_figure(FIGURE, CAPTION) * bool(figure)),
@@ -269,13 +275,9 @@ def _short(x: float | None) -> float | None:
 
 def _failures(board: Leaderboard) -> list[_Failure]:
     """List the failed sequences, the sequences without a score and the unfinished runs."""
-    out: list[_Failure] = []
-    for folder in board.unfinished:
-        run = folder.run
-        done = sum(folder.estimate_path(name).exists() for name in run.sequences)
-        out.append((one_line(run.row.title), one_line(dataset_title(run)), "", "unfinished",
-                    f"{done} of {len(run.sequences)} sequences estimated and none scored; the same "
-                    "gcbench eval continues it"))  # fmt: skip
+    out: list[_Failure] = [
+        (one_line(folder.run.row.title), one_line(dataset_title(folder.run)), "", "unfinished",
+         count_estimates(folder)) for folder in board.unfinished]
     own = [line for line in board.lines if not line.published]
     for folder in {str(line.run.path): line.run for line in own}.values():
         mine = [line for line in own if line.run.path == folder.path]

@@ -23,7 +23,7 @@ import msgspec
 from ...errors import DatasetError
 from ...renderer.runtime import dump_json, read_record
 from ...renderer.types import html_card
-from ...robots.files import write_atomically
+from ...robots.files import create_atomically, write_atomically
 from .rows import COLUMNS, Attribution, Result, Row, read_scores
 
 if TYPE_CHECKING:
@@ -108,15 +108,22 @@ def read_run(path: Path) -> Run:
     return read_record(path, Run, _FORMAT, only_known=True)
 
 
-def write_run(folder: Path, run: Run) -> None:
-    """Create or replace the `run.json` of a folder."""
+def write_run(folder: Path, run: Run, create: bool = False) -> bool:
+    """Create or replace the `run.json` of a folder; with `create`, return False if there is one."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / RUN, dump_json({"format": _FORMAT, **dataclasses.asdict(run)}))
+    data = dump_json({"format": _FORMAT, **dataclasses.asdict(run)})
+    if create:
+        return create_atomically(folder / RUN, data)
+    write_atomically(folder / RUN, data)
+    return True
 
 
 @dataclass(frozen=True)
 class Results:
-    """The scored runs of one or more methods on one or more datasets."""
+    """The scored runs of one or more methods on one or more datasets.
+
+    Of an evaluation with a shard, the numbers are those of the shard.
+    """
 
     runs: tuple[RunFolder, ...]
     """One for each row and dataset."""
@@ -127,6 +134,8 @@ class Results:
     failures: tuple[str, ...] = ()
     """One line for each estimate that failed, now or earlier, and for each method that did not
     run to its end."""
+    unfinished: tuple[str, ...] = ()
+    """One line for each run that is not scored, because other shards have not ended."""
 
     def __repr__(self) -> str:
         counts = {"row": len({run.run.row for run in self.runs}),
@@ -134,7 +143,8 @@ class Results:
                   "sequence": sum(len(run.run.sequences) for run in self.runs),
                   "failure": len(self.failures)}
         said = (f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
-        return f"Results({', '.join(said)})"
+        more = f", {len(self.unfinished)} unfinished" if self.unfinished else ""
+        return f"Results({', '.join(said)}{more})"
 
     def _repr_html_(self) -> str:
         try:

@@ -18,6 +18,7 @@ from ...renderer.dataset import (
     sequence_paths,
 )
 from ...renderer.runtime import command_line
+from ...renderer.scene import config_tree, differences
 from ..protocol import truth_digest
 from .suite import Suite
 
@@ -82,12 +83,13 @@ def from_folders(
 
 
 def from_suite(
-    suite: Suite, folder: Path = SUITES, selection: Selection = ALL, progress: bool = True
+    suite: Suite, folder: Path = SUITES, selection: Selection = ALL, progress: bool = True,
+    may_render: bool = True,
 ) -> list[Data]:
     """Open the datasets of a suite, in FOLDER/SUITE/NAME; missing sequences are rendered first.
 
     Raises DatasetError if a folder holds another dataset, or rendering fails, and ConfigError if a
-    dataset lacks a selected sequence.
+    dataset lacks a selected sequence, or one is missing that may not be rendered.
     """
     from ...renderer.generate import render_dataset
 
@@ -101,9 +103,17 @@ def from_suite(
             raise ConfigError(f"{name} has no sequence {last}; there are 0 to {entry.n - 1}")
         wanted = [*dict.fromkeys(k for r in ranges for k in r)]
         missing = len({sequence_name(k) for k in wanted} - {*sequence_paths(path)})
+        if missing and not may_render:
+            raise ConfigError(f"{name}: {missing} of {len(wanted)} sequences are not rendered, and "
+                              f"shards do not render; run gcbench eval --suite {suite.name} "
+                              "--method hold-still once without --shard")
         if missing:
             print(f"{name}: {missing} of {len(wanted)} sequences to render", file=sys.stderr)
-        render_dataset(entry.config, wanted, path, progress=progress and missing > 0)
+        if may_render:
+            render_dataset(entry.config, wanted, path, progress=progress and missing > 0)
+        elif changed := differences(
+                config_tree(open_dataset(path).config), config_tree(entry.config)):
+            raise DatasetError(f"{path} is not the dataset of the suite ({changed[0]}); delete it")
         here = replace(selection, sequences=",".join(map(str, wanted)))
         out.append(select(name, path, here, allow_model=True))
     return out

@@ -1,6 +1,7 @@
 """Run methods on datasets and score them, resumably; a failing method does not stop the run.
 
-Each estimate is stored at once. A run is scored when all of its estimates exist.
+Each estimate is stored at once. A run is scored when all of its estimates exist; shards of a run
+are processes that share its folder, and the last one scores.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Literal
 
 from ...errors import ConfigError, MethodError, printable
 from ...renderer.dataset import Dataset
-from ...renderer.runtime import Bar, cpu_count, say, uninterrupted
+from ...renderer.runtime import Bar, cpu_count, parse_shard, say, uninterrupted
 from ...renderer.scene import check_model_paths, model_of
 from ...renderer.types import Inputs, Knowledge, Observation
 from ...renderer.types import Sequence as Video
@@ -32,7 +33,7 @@ from ..methods import (
     with_options,
 )
 from ..protocol import Allocate, observe, shape_of
-from ..results import EstimateShape, Results, Row, Status
+from ..results import SCORES, EstimateShape, Results, Row, Status
 from .datasets import SUITES, Selection, from_folders, from_suite
 from .isolation import Limits, read_declaration, run_method
 from .jobs import Job, describe_run, prepare_job
@@ -75,6 +76,10 @@ class EvalConfig:
     """Numbers of the sequences of each dataset to evaluate, such as 0-9,15. Default: all."""
     limit: int = 0
     """Largest number of sequences of each dataset. 0: all."""
+    shard: str = ""
+    """Evaluate a share of the sequences of each row, such as 3/64 (the 4th, the 68th, ...). Several
+    machines that share the folder of results may work at the same time; the last one scores. auto:
+    as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
     workers: int = 0
     """Number of parallel processes. They share the CPU cores; use 1 to compare run times.
     0: one for each core, at most 4."""
@@ -137,7 +142,8 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     if config.data:
         data = from_folders(config.data, selection, config.allow_model)
     else:
-        data = from_suite(read_suite(config.suite), config.suites, selection, progress)
+        data = from_suite(read_suite(config.suite), config.suites, selection, progress,
+                          may_render=not config.shard)
     recorded = {
         "seconds_per_sequence": limits.timeout, "workers": limits.workers,
         "threads": limits.threads, **({"memory": limits.memory} if limits.memory else {}),
@@ -147,26 +153,33 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
             check_model_paths(d.dataset.config)
     jobs = cheap_first([
         prepare_job(describe_run(row, source, d, recorded, declared[source]), d, config.results,
-                    config.retry)
+                    config.retry, config.shard)
         for source, row in rows
         for d in data
     ])  # fmt: skip
     if progress:
         print(printable(describe_plan(jobs, limits.workers)), file=sys.stderr)
     refused |= _estimate(jobs, limits, progress)
-    complete = [job for job in jobs if job.folder.run.source not in refused]
-    failures = [line for job in complete for line in job.failures()]
+    estimated = [job for job in jobs if job.folder.run.source not in refused]
+    failures = [line for job in estimated for line in job.failures()]
+    complete = [job for job in estimated if (job.folder.path / SCORES).exists()]
     return Results(
         runs=tuple(job.folder for job in complete),
-        estimated=sum(len(job.todo) for job in complete),
-        usable=sum(len(job.folder.run.sequences) for job in complete) - len(failures),
+        estimated=sum(len(job.todo) for job in estimated),
+        usable=sum(len(job.share) for job in estimated) - len(failures),
         failures=(*(reason.splitlines()[0] for reason in refused.values()), *failures),
+        unfinished=tuple(job.describe_rest() for job in estimated if job not in complete),
     )
 
 
 def _limits(config: EvalConfig) -> Limits:
     if not config.method:
         raise ConfigError("name a method: --method gcpose (or several)")
+    if config.shard:
+        parse_shard(config.shard, 1)  # fail before anything is rendered or read
+        if "ok" in config.retry:
+            raise ConfigError("--retry ok and --shard exclude each other: a shard that continues "
+                              "would begin again; delete the folder of the row instead")
     if min(config.workers, config.limit, config.memory) < 0 or not config.timeout > 0:
         raise ConfigError("--timeout must be more than 0; --workers, --limit, --memory 0 or more")
     workers = config.workers or min(cpu_count(), 4)
@@ -243,7 +256,7 @@ def _estimate(jobs: Sequence[Job], limits: Limits, progress: bool) -> dict[str, 
     Returns why a method could not be run to its end, by its identity.
     """
     refused: dict[str, str] = {}
-    total = sum(len(job.folder.run.sequences) for job in jobs)
+    total = sum(len(job.share) for job in jobs)
     todo = sum(len(job.todo) for job in jobs)
     clock = Clock(limits.workers, list(jobs))
     with _bar(total, total - todo, progress and todo > 0) as bar:
@@ -266,7 +279,7 @@ def _estimate_by(
     left = {job: len(job.todo) for job in jobs}
     for job in jobs:
         if not job.todo:
-            job.score()
+            job.finish()
     failed, before = 0, time.monotonic()
     tasks = interleave(jobs)
     with closing(run_method(source, tasks, _Observer().observe, limits)) as answers:
@@ -283,7 +296,7 @@ def _estimate_by(
             bar.update()
             left[job] -= 1
             if not left[job]:
-                job.score()
+                job.finish()
 
 
 class _Observer:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,9 @@ from typing import Any
 from ... import __version__
 from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import environment
-from ...renderer.runtime import address, cpu_count, dump_json
+from ...renderer.runtime import address, cpu_count, dump_json, parse_shard
 from ...renderer.scene import differences
-from ...robots.files import remove_leftovers, write_atomically
+from ...robots.files import lock_briefly, remove_leftovers, write_atomically
 from ..methods import Declaration, method_identity
 from ..protocol import score_sequence, shape_of, truth_digest
 from ..results import (
@@ -45,7 +46,12 @@ class Job:
 
     folder: RunFolder
     data: Data
-    todo: tuple[str, ...]
+    share: tuple[str, ...]
+    """The sequences that this process estimates; with --shard, a part of them."""
+    todo: tuple[str, ...] = ()
+    """Those of `share` without an estimate."""
+    is_shared: bool = False
+    """Whether other processes estimate the rest."""
 
     @property
     def row(self) -> Row:
@@ -70,6 +76,42 @@ class Job:
                 write_atomically(path, dump_stored(stored))
             return stored
 
+    def finish(self) -> None:
+        """Score the run; of several shards, the last one does so.
+
+        Estimates that another shard replaces meanwhile are scored again.
+        """
+        if not self.is_shared:
+            self.score()
+            return
+        names = {self.folder.estimate_path(name).name for name in self.folder.run.sequences}
+        while names <= (before := self._estimates()).keys():
+            if read_run(self.folder.path / RUN).sequences != self.folder.run.sequences:
+                return  # other shards work on more sequences, or fewer
+            try:
+                self.score()
+            except DatasetError:
+                if self._estimates() == before:
+                    raise
+            if self._estimates() == before:
+                return
+
+    def _estimates(self) -> dict[str, tuple[int, int]]:
+        """What tells the files in the folder of estimates from those that replace them, by name."""
+        found: dict[str, tuple[int, int]] = {}
+        with os.scandir(self.folder.path / ESTIMATES) as entries:
+            for entry in entries:
+                with suppress(FileNotFoundError):  # another shard has just removed it
+                    found[entry.name] = (entry.stat().st_ino, entry.stat().st_mtime_ns)
+        return found
+
+    def describe_rest(self) -> str:
+        """Return in one line how many estimates of the run are there."""
+        run, there = self.folder.run, self._estimates()
+        done = sum(self.folder.estimate_path(name).name in there for name in run.sequences)
+        return (f"{self.row.title} on {run.dataset}: {done} of {len(run.sequences)} sequences are "
+                "estimated")
+
     def score(self) -> list[Result]:
         """Score every stored estimate, write the table and return its lines.
 
@@ -92,7 +134,7 @@ class Job:
 
     def failures(self) -> Iterator[str]:
         """Yield a line for each sequence whose estimate failed."""
-        for name in self.folder.run.sequences:
+        for name in self.share:
             if line := self.describe_failure(name, self.read(name)):
                 yield line
 
@@ -105,8 +147,12 @@ class Job:
         return f"{self.row.title} on {where}: {stored.status}: {reason}"
 
 
-def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = ()) -> Job:
+def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = (),
+                shard: str = "") -> Job:
     """Create or reopen the folder of a run, and find the sequences without an estimate.
+
+    With a shard ("3/64"), other processes may do so at the same time: only the estimates of the
+    shard are touched.
 
     Raises DatasetError if the folder has estimates of another method version or dataset, or cannot
     be written.
@@ -115,29 +161,48 @@ def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = (
     path = run_folder(results, new.row, new.dataset)
     estimates = path / ESTIMATES
     with name_unwritable(path):
-        if (path / RUN).exists() and estimates.is_dir() and any(estimates.glob("*.zip")):
-            old = read_run(path / RUN)
-            changed = differences(_identity(old, new), _identity(new, old))
-            if changed and "ok" in retry:
-                for file in estimates.glob("*.zip"):
-                    file.unlink()
-            elif changed:
-                raise DatasetError(
-                    f"{path} holds estimates of something else ({'; '.join(changed)}); choose "
-                    "another --results folder, delete this one, or discard them by --retry ok"
-                )
-            there = [e for e in old.environments if e not in new.environments]
-            new = replace(new, environments=(*there, *new.environments))
-        folder = RunFolder(path, new)
-        write_run(path, new)
-        estimates.mkdir(exist_ok=True)
-        remove_leftovers(path)
-        remove_leftovers(estimates)
-        job = Job(folder, data, ())
-        todo = tuple(name for name in new.sequences if not _is_done(job, name, retry))
+        estimates.mkdir(parents=True, exist_ok=True)
+        with lock_briefly(path) if shard else nullcontext():
+            new = _write_run(path, new, retry, bool(shard))
+        share = new.sequences
+        if shard:
+            share = tuple(share[k] for k in parse_shard(shard, len(share)))
+        else:
+            remove_leftovers(path)
+        remove_leftovers(estimates, {f"{name}.zip" for name in share} if shard else None)
+        job = Job(RunFolder(path, new), data, share, is_shared=bool(shard))
+        todo = tuple(name for name in share if not _is_done(job, name, retry))
+        if shard:  # a run with shards is complete when all files are there
+            for name in todo:
+                job.folder.estimate_path(name).unlink(missing_ok=True)
         if todo:
             (path / SCORES).unlink(missing_ok=True)  # outdated by the new estimates
     return replace(job, todo=todo)
+
+
+def _write_run(path: Path, new: Run, retry: Sequence[Status], is_shared: bool) -> Run:
+    """Compare a run with what is in its folder, write `run.json`, and return what it says.
+
+    Raises DatasetError if the folder has estimates of something else.
+    """
+    estimates = path / ESTIMATES
+    if (path / RUN).exists() and (is_shared or any(estimates.glob("*.zip"))):
+        old = read_run(path / RUN)
+        changed = differences(_identity(old, new), _identity(new, old))
+        if changed and "ok" in retry:
+            for file in estimates.glob("*.zip"):
+                file.unlink()
+        elif changed:
+            raise DatasetError(
+                f"{path} holds estimates of something else ({'; '.join(changed)}); choose another "
+                "--results folder, delete this one, or discard them by --retry ok"
+                + " without --shard" * is_shared
+            )
+        there = [e for e in old.environments if e not in new.environments]
+        new = replace(new, environments=(*there, *new.environments))
+    if not write_run(path, new, create=is_shared and not (path / RUN).exists()):
+        return _write_run(path, new, retry, is_shared)  # another shard has created it
+    return new
 
 
 @contextmanager

@@ -39,9 +39,9 @@ def interleave(jobs: Sequence[Job]) -> list[tuple[Job, str]]:
 def describe_plan(jobs: Sequence[Job], workers: int) -> str:
     """Return what an evaluation will do, and how long it will take if that is known."""
     todo = sum(len(job.todo) for job in jobs)
-    total = sum(len(job.folder.run.sequences) for job in jobs)
+    total = sum(len(job.share) for job in jobs)
     rows = len({job.row for job in jobs})
-    sequences = len({(job.data.name, s) for job in jobs for s in job.folder.run.sequences})
+    sequences = len({(job.data.name, s) for job in jobs for s in job.share})
     text = f"plan: {_plural(rows, 'row')} x {_plural(sequences, 'sequence')}"
     if todo < total:
         text += f", {total - todo} of {total} estimates exist"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -40,7 +39,7 @@ def cached_range(key: str, size: int, load: Callable[[], bytes]) -> bytes:
     data = load()
     with suppress(OSError):  # a full disk: then without a cache
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = temporary_name(path.with_name(f"{name}-{threading.get_ident()}"))
+        temporary = temporary_name(path)
         temporary.write_bytes(data)
         temporary.replace(path)
         _written += len(data)

@@ -20,7 +20,7 @@ _STALE = 24 * 3600.0
 """s: age of the scratch folder of a killed process."""
 _LOCKED = 1.0
 """s: age at which a running process has locked its scratch folder."""
-_TEMPORARY = re.compile(r"\.(?P<name>.+)\.(?P<pid>\d+)\.tmp")
+_TEMPORARY = re.compile(r"\.(?P<name>.+?)(\.[0-9a-f]{16})?\.(?P<pid>\d+)\.tmp")
 
 
 @contextmanager
@@ -50,8 +50,7 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 def create_atomically(path: Path, data: bytes) -> bool:
     """Create a file, whole; return False if it exists, also if another process was faster."""
-    # in containers on several machines, processes have the same numbers
-    temporary = temporary_name(path.with_name(f"{path.name}.{token_hex(8)}"))
+    temporary = temporary_name(path)
     try:
         with temporary.open("wb") as file:
             file.write(data)
@@ -141,7 +140,8 @@ def remove_leftovers(folder: Path, names: Container[str] | None = None) -> None:
 
 def temporary_name(path: Path) -> Path:
     """Return a name in the same folder that holds the process id; no reader takes its suffix."""
-    return path.parent / f".{path.name}.{os.getpid()}.tmp"
+    # in containers on several machines, processes have the same numbers
+    return path.parent / f".{path.name}.{token_hex(8)}.{os.getpid()}.tmp"
 
 
 def is_alive(pid: int) -> bool:
