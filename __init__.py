@@ -45,7 +45,12 @@ if TYPE_CHECKING:
     from .renderer.scene import RenderConfig
     from .renderer.show import show
     from .renderer.types import Camera, Estimate, Frame, Method, Observation, Sequence
-    from .renderer.verify import VerifyReport, verify_dataset
+    from .renderer.verify import (
+        VerifyReport,
+        merge_verification,
+        verify_dataset,
+        verify_shard,
+    )
     from .robots.catalog import fetch_robot, list_robots, load_robot
     from .robots.model import ArticulatedModel, JointType, Link
     from .robots.motion import JointTrajectory
@@ -57,8 +62,8 @@ __all__ = [
     "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
     "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
     "export_dataset", "export_observations", "fetch_robot", "list_robots", "load_robot",
-    "open_dataset", "render_dataset", "render_sequence", "report", "score", "show", "stream",
-    "verify_dataset",
+    "merge_verification", "open_dataset", "render_dataset", "render_sequence", "report", "score",
+    "show", "stream", "verify_dataset", "verify_shard",
 ]
 
 _HOMES = {
@@ -70,7 +75,7 @@ _HOMES = {
     "renderer.dataset": "Dataset open_dataset",
     "renderer.generate": "render_dataset render_sequence stream",
     "renderer.runtime": "Shard",
-    "renderer.verify": "VerifyReport verify_dataset",
+    "renderer.verify": "VerifyReport merge_verification verify_dataset verify_shard",
     "renderer.show": "show",
     "renderer.export": "export_dataset",
     "renderer.doctor": "doctor",

@@ -42,6 +42,8 @@ def submit(args: Sequence[str]) -> tuple[object, int]:
       gcbench submit --partition short --time 60 --wait -- render --robot microwave --n 5000
       gcbench submit --slurm account=robots mem=16G -- render --robot iiwa14 --n 1000
       gcbench submit --executor local --shards 2 --cpus 1 --wait -- render --robot ur5 --n 20
+      gcbench submit --shards 16 -- eval --method gcpose --data /shared/ur5 --results /shared/out
+      gcbench submit --shards 16 -- verify /shared/ur5
     """
     from .cluster import SubmitConfig, submit_shards, wait_for_shards
     from .generate import options as of_render
@@ -73,30 +75,47 @@ def submit(args: Sequence[str]) -> tuple[object, int]:
 
 
 def verify(
-    dataset: Path, /, workers: int = os.cpu_count() or 1, sequences: str = "",
-    allow_model: bool = False, quiet: bool = False, json: bool = False,
+    dataset: Path, /, workers: int = os.cpu_count() or 1, sequences: str = "", shard: str = "",
+    merge: bool = False, reports: Path | None = None, allow_model: bool = False,
+    quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Check a dataset: compute its ground truth in a second way.
 
     Recomputes flow, visibility, poses and axes for every pixel and frame. Prints the
-    worst and the mean residual of each check. The exit code is 1 if one is too large.
+    worst and the mean residual of each check. The exit code is 1 if one is too large. Processes
+    on several machines may share the work: each verifies a --shard, then --merge makes the report.
 
     Examples:
       gcbench verify data/ur5
       gcbench verify data/ur5 --sequences 0-9,15 --workers 4
       gcbench verify data/ur5/sequences/000000.zip
+      gcbench verify /shared/ur5 --shard 3/64 --reports /shared/ur5-verify
+      gcbench verify /shared/ur5 --merge --reports /shared/ur5-verify
 
     Args:
         dataset: Folder of a dataset, or one sequence (ZIP or folder).
         workers: Processes that check sequences side by side.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
+        shard: Check a share of the sequences, such as 3/64, and write what is found to a file.
+            auto: as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say.
+        merge: Make one report of the files of all shards.
+        reports: Folder of the files of the shards. Default: DATASET-verify.
         allow_model: Read the model from a path that the dataset names.
         quiet: Show no progress: print the result and errors only.
         json: Print the result as one JSON document.
     """
-    from .. import verify_dataset
+    from .. import merge_verification, verify_dataset, verify_shard
 
-    report = verify_dataset(dataset, workers, not quiet, allow_model, sequences)
+    if bool(shard) + merge + bool(sequences) > 1:
+        raise ConfigError("--shard, --merge and --sequences exclude each other; give one of them")
+    if reports and not (shard or merge):
+        raise ConfigError("--reports is for --shard and --merge; leave it out")
+    if shard:
+        report = verify_shard(dataset, shard, reports, workers, not quiet, allow_model)
+    elif merge:
+        report = merge_verification(dataset, reports)
+    else:
+        report = verify_dataset(dataset, workers, not quiet, allow_model, sequences)
     record = {"ok": report.ok, "checks": report.checks, "warnings": report.warnings}
     return record if json else report.table(), 0 if report.ok else 1
 

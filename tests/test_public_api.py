@@ -25,8 +25,8 @@ def test_what_is_public() -> None:
         "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
         "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
         "export_dataset", "export_observations", "fetch_robot", "list_robots", "load_robot",
-        "open_dataset", "render_dataset", "render_sequence", "report", "score", "show", "stream",
-        "verify_dataset",
+        "merge_verification", "open_dataset", "render_dataset", "render_sequence", "report",
+        "score", "show", "stream", "verify_dataset", "verify_shard",
     }
     assert set(gb.__all__) <= set(dir(gb))
 

@@ -16,7 +16,7 @@ from .shard_job import ShardJob
 if TYPE_CHECKING:
     from submitit import AutoExecutor, Job
 
-SHARDED = ("render",)
+SHARDED = ("render", "eval", "verify")
 """Commands that have the option --shard."""
 _MOST = 100_000  # shards
 _REQUEUES = 1000  # at the time limit; a loop without progress shall end

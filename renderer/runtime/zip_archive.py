@@ -7,6 +7,7 @@ stored cannot inflate.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import stat
 import struct
@@ -63,6 +64,16 @@ class Archive:
             )
             if not there:
                 raise DatasetError(f"{self.where(member)}: missing")
+
+    def digest(self) -> str:
+        """Hash of the names, sizes and checksums of the members; only a folder's are read."""
+        if self.entries is not None:
+            members = [(name, e.size, e.crc) for name, e in self.entries.items()]
+        else:
+            files = {file.relative_to(self.path).as_posix(): file.read_bytes()
+                     for file in self.path.rglob("*") if file.is_file()}
+            members = [(name, len(data), zlib.crc32(data)) for name, data in files.items()]
+        return hashlib.sha256(repr(sorted(members)).encode()).hexdigest()
 
     def read(self, member: str, limit: int = MAX_MEMBER) -> bytes:
         """The member's bytes. Raises DatasetError if missing, over `limit` bytes, or damaged."""

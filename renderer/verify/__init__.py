@@ -10,5 +10,9 @@ from __future__ import annotations
 
 from .checks import CheckResult, VerifyReport
 from .driver import verify_dataset, verify_sequence
+from .shards import merge_verification, verify_shard
 
-__all__ = ["CheckResult", "VerifyReport", "verify_dataset", "verify_sequence"]
+__all__ = [
+    "CheckResult", "VerifyReport", "merge_verification", "verify_dataset", "verify_sequence",
+    "verify_shard",
+]

@@ -116,15 +116,15 @@ def verify_dataset(
             raise ConfigError(f"--sequences {sequences}: {address(path)} is one sequence")
         return _verify_one(path if is_remote(path) else path.absolute(), allow_model)
     dataset = open_dataset(path)
-    files, warnings = _sequence_files(path)
+    files, warnings = sequence_files(path)
     if sequences:
         chosen = select_sequences(dataset, sequences)
         files, warnings, checks = [f for f in files if f.stem in chosen], [], list[CheckResult]()
     else:
-        checks = _dataset_checks(files, dataset.info.counts)
-    reference, notes = _shared_reference(dataset.config, allow_model)
+        checks = dataset_checks(files, dataset.info.counts)
+    reference, notes = shared_reference(dataset.config, allow_model)
     jobs = [(file, reference, dataset.config.seed) for file in files]
-    for found in _run(jobs, workers, progress):
+    for found in verify_files(jobs, workers, progress):
         checks += found
     return VerifyReport(merge_checks(checks), (*warnings, *notes))
 
@@ -134,11 +134,11 @@ def _verify_one(path: Path, allow_model: bool) -> VerifyReport:
     if exists(path.parent.parent / DATASET_FILE):
         config = open_dataset(path.parent.parent).config
         seed = config.seed
-        reference, notes = _shared_reference(config, allow_model)
+        reference, notes = shared_reference(config, allow_model)
     return VerifyReport(merge_checks(_verify_file((path, reference, seed))), tuple(notes))
 
 
-def _shared_reference(
+def shared_reference(
     config: RenderConfig, allow_model: bool
 ) -> tuple[Reference | RenderConfig, list[str]]:
     """The reference of all sequences; the config itself where each shows its own instance."""
@@ -171,7 +171,7 @@ def reference_of(
     return Reference(surfaces_to_check(model), file, names, config.scale), []
 
 
-def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
+def sequence_files(path: Path) -> tuple[list[Path], list[str]]:
     """The sequences in order, and a warning for each other file beside them."""
     entries = list_folder(path / SEQUENCES_FOLDER)
     named = {e: e.name.removesuffix(".zip") for e in entries}
@@ -182,7 +182,7 @@ def _sequence_files(path: Path) -> tuple[list[Path], list[str]]:
     return files, warnings
 
 
-def _dataset_checks(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[CheckResult]:
+def dataset_checks(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[CheckResult]:
     """Checks of the dataset apart from its sequences; `counts` is from dataset.json."""
     indices = [int(f.stem) for f in files]
     said = counts["sequences"] if counts and "sequences" in counts else len(files)
@@ -202,7 +202,7 @@ def _dataset_checks(files: Stack[Path], counts: Mapping[str, Any] | None) -> lis
 _Job = tuple[Path, "Reference | RenderConfig", "int | None"]
 
 
-def _run(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[CheckResult]]:
+def verify_files(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[CheckResult]]:
     """The checks of each sequence, in order."""
     from tqdm import tqdm
 

@@ -40,7 +40,7 @@ def submit(*args: str, environment: dict[str, str] | None = None) -> subprocess.
 
 
 @pytest.mark.parametrize(("command", "config", "message"), [
-    ([], SubmitConfig(), "no command ''; there are render"),
+    ([], SubmitConfig(), "no command ''; there are render, eval, verify"),
     (["rander"], SubmitConfig(), "no command 'rander'.*render"),
     (["render", "--shard", "0/2"], SubmitConfig(), "gives each job its --shard; leave it out"),
     (["render"], SubmitConfig(shards=0), "--shards 0: give 1 to"),
