@@ -18,7 +18,7 @@ DEPTH_NOISE = 0.05
 _NEAREST = 0.001  # m; noise does not turn a surface into none
 _NOISE_STREAM = 0x6E6F6973
 
-Oracle = Literal["true-parts", "true-flow"]
+Oracle = Literal["true-parts", "true-flow", "true-mask"]
 ORACLES: tuple[Oracle, ...] = get_args(Oracle)
 Allocate = Callable[[tuple[int, ...], DTypeLike], NDArray[Any]]
 """Makes an array of a shape and type; its content is arbitrary."""
@@ -58,6 +58,8 @@ def observe(
     noise = DEPTH_NOISE if inputs == "rgbd-noise" else 0.0
     if depth is not None and noise:
         depth[...] = add_noise(depth, noise, sequence.meta.seed, sequence.meta.index)
+    asked = {"true-parts", "true-mask"} & set(oracles)
+    part = true_parts(sequence, truth.label) if asked else None
     return Observation(
         rgb=None if inputs == "none" else _stack(sequence.rgb, np.uint8, allocate),
         depth=depth,
@@ -71,8 +73,9 @@ def observe(
         axis_direction=truth.screw[:, :3].copy() if axes else None,
         axis_line=truth.screw.copy() if lines else None,
         model=model if knowledge == "model" else None,
-        part=true_parts(sequence, truth.label) if "true-parts" in oracles else None,
+        part=part if "true-parts" in oracles else None,
         flow=np.array(sequence.flow[0 : len(sequence) - 1]) if "true-flow" in oracles else None,
+        mask=part > 0 if part is not None and "true-mask" in oracles else None,
     )
 
 

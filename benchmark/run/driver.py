@@ -47,7 +47,8 @@ class EvalConfig:
 
     method: tuple[str, ...] = ()
     """Methods to evaluate: registered names, module:attribute or FILE.py:attribute. The suffix
-    @true-parts, @true-flow or @true-parts+true-flow gives the method ground truth."""
+    @true-parts, @true-flow, @true-mask or some of them (@true-mask+true-flow) gives the method
+    ground truth."""
     flow: str = ""
     """Optical flow, for methods with this option: dis, dis-fine, raft, raft:WEIGHTS,
     flownet2:CHECKPOINT or torchvision:NAME[:WEIGHTS] (torchvision downloads its own weights).

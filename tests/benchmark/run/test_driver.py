@@ -254,6 +254,10 @@ def test_knowledge_is_exactly_what_is_handed_over(data: Path) -> None:
     assert set(np.unique(oracle.part)) == {0, 1, 2}
     assert oracle.flow is not None
     assert oracle.flow.shape == (3, 36, 48, 2)
+    assert oracle.mask is None
+    masked = observe(sequence, "rgb", "free", ("true-mask",))
+    assert masked.mask is not None and masked.part is None
+    assert np.array_equal(masked.mask, oracle.part > 0)
     for i, k in (("none", "free"), ("rgb", "none")):
         with pytest.raises(GcbenchError, match="do not go together"):
             observe(sequence, i, k)  # type: ignore[arg-type]
