@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _GROUPS = {
     "options": "--help --method --suite --data --inputs --knowledge --limit --shard --workers "
                "--results --quiet --json",
-    "method": "--set --flow --depth --weights",
+    "method": "--set --flow --depth --foreground --weights",
     "limit": "--timeout --memory --retry --python",
     "data": "--suites --keep-unobservable --allow-model",
 }

@@ -9,6 +9,11 @@ def train_flow(args: Sequence[str]) -> tuple[object, int]:
     return _train("flow", args)
 
 
+def train_foreground(args: Sequence[str]) -> tuple[object, int]:
+    """Train the network of GC-Pose that finds what moves in a plain video."""
+    return _train("foreground", args)
+
+
 def train_screwnet(args: Sequence[str]) -> tuple[object, int]:
     """Train ScrewNet, a baseline: one joint from depth video."""
     return _train("screwnet", args)

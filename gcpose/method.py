@@ -9,7 +9,16 @@ from threadpoolctl import threadpool_limits
 
 from ..renderer.types import Estimate, Inputs, Knowledge, Observation
 from .chain import JointPriors, joint_priors, screws_of
-from .images import Flow, depth_named, dis_flow, flow_named, row_suffix, training_of
+from .images import (
+    Flow,
+    FrontEnd,
+    depth_named,
+    dis_flow,
+    flow_named,
+    foreground_named,
+    row_suffix,
+    training_of,
+)
 from .rgb import estimate_rgb
 from .rgbd import estimate_rgbd
 from .settings import Settings
@@ -26,18 +35,21 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "14"
+    version = "15"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
     def __init__(
-        self, flow: Flow | str = "", depth: str = "", settings: Settings = _DEFAULT
+        self, flow: Flow | str = "", depth: str = "", foreground: str = "",
+        settings: Settings = _DEFAULT,
     ) -> None:
-        """Make a method with an optical flow, a depth network, and settings.
+        """Make a method with an optical flow, a depth network, a foreground, and settings.
 
         Args:
             flow: A flow, or the name of one (images/flow.py); default: OpenCV's DIS.
             depth: Name of a network for depth from single images (images/depth.py).
+            foreground: Name of what finds the moving pixels of plain video (images/foreground.py);
+                default: the network whose weights come with gcbench.
             settings: The tuned numbers. The method's name lists those that are changed.
 
         Raises:
@@ -47,11 +59,16 @@ class GCPose:
         of = settings.images.flow
         named = (flow_named(flow, of) if flow else None) if isinstance(flow, str) else flow
         self.flow: Flow = named or dis_flow
-        self.fine_flow: Flow = named or flow_named("dis-fine", of)
-        self.depth = depth_named(depth) if depth else None
-        self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth)
+        self.front_end = FrontEnd(
+            named or flow_named("dis-fine", of),
+            foreground_named(foreground or "network", settings.images),
+            depth_named(depth) if depth else None)
+        """On plain video."""
+        self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
+                                foreground=foreground)
         self.name += "".join(f" {k}={v}" for k, v in settings.changes().items())
-        self.training = training_of(self.flow, self.depth)
+        end = self.front_end
+        self.training = training_of(self.flow, end.foreground, end.depth)
 
     def estimate(self, observation: Observation) -> Estimate:
         """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves."""
@@ -61,7 +78,7 @@ class GCPose:
     def _estimate(self, observation: Observation) -> Estimate:
         priors, settings = joint_priors(observation), self.settings
         if observation.depth is None:
-            found = estimate_rgb(observation, priors, self.fine_flow, self.depth, settings.rgb,
+            found = estimate_rgb(observation, priors, self.front_end, settings.rgb,
                                  settings.images)
         else:
             found = estimate_rgbd(observation, priors, self.flow, settings.rgbd, settings.images)

@@ -21,7 +21,7 @@ from ..robots.files import cache_folder
 
 PACKAGES = ("numpy", "opencv-python-headless", "scikit-robot-pyrender", "PyOpenGL", "trimesh",
             "yourdfpy", "python-fcl", "pygltflib")
-EXTRAS = {"torch": "learn", "safetensors": "learn", "sapien": "sapien", "pycocotools": "export",
+EXTRAS = {"torch": "learn", "sapien": "sapien", "pycocotools": "export",
           "rerun-sdk": "export", "h5py": "export", "submitit": "cluster", "playwright": "test"}
 
 

@@ -308,7 +308,7 @@ def test_the_base_install_needs_no_extra() -> None:
     """Every public name is there without what the extras bring."""
     code = """
 import sys
-for name in ("torch", "safetensors", "sapien", "pycocotools", "rerun", "h5py", "webdataset",
+for name in ("torch", "sapien", "pycocotools", "rerun", "h5py", "webdataset",
              "submitit", "ray", "fsspec", "s3fs"):
     sys.modules[name] = None
 import gcbench as gb

@@ -434,7 +434,7 @@ def completion() -> str:
         ("ver", {"verify"}),
         ("render --camera.f", {"--camera.fov", "--camera.fill"}),
         ("verify --allow", {"--allow-model"}),
-        ("train f", {"flow"}),
+        ("train f", {"flow", "foreground"}),
         ("train flow --step", {"--steps"}),
         ("eval --knowledge ki", {"kinematics"}),
     ],

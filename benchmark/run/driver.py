@@ -58,6 +58,9 @@ class EvalConfig:
     hf:MODEL (a folder or OWNER/NAME on the Hugging Face hub, read by transformers; hf-metric and
     hf-relative say what it returns). Default: chosen by the method. Becomes part of the row's
     name."""
+    foreground: str = ""
+    """What finds the moving pixels of plain video, for methods with this option: network,
+    network:WEIGHTS or background. Default: chosen by the method. Becomes part of the row's name."""
     weights: tuple[str, ...] = ()
     """Trained weights, for methods with this option (screwnet, abbatematteo, craves): a file
     that gcbench train wrote, or the name of weights that come with gcbench. METHOD=WEIGHTS is for
@@ -227,7 +230,8 @@ def _with_options(config: EvalConfig) -> list[tuple[str, tuple[str, ...]]]:
     """Return each method with all options that are meant for it, and its oracles; once for each of
     its weights. Raises MethodError for an unknown method."""
     methods = [split_oracles(method) for method in config.method]
-    options = {"flow": config.flow, "depth": config.depth, "set": " ".join(config.set)}
+    options = {"flow": config.flow, "depth": config.depth, "foreground": config.foreground,
+               "set": " ".join(config.set)}
     out: dict[tuple[str, tuple[str, ...]], None] = {}
     for method, oracles in methods:
         method_source(method)  # fail on an unknown name before a process starts

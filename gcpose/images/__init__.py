@@ -15,15 +15,26 @@ from .flow import (
     row_suffix,
     training_of,
 )
+from .foreground import Foreground, LearnedForeground, foreground_named, subtract_background
+from .foreground_input import (
+    FOREGROUND_CHANNELS,
+    Square,
+    changing_square,
+    color_and_change,
+    cut_square,
+)
+from .foreground_network import ForegroundInference
 from .patches import PredictedPatches, find_patches
 from .regions import Candidates, geodesic_rank, smooth_costs
 from .settings import ImageSettings
-from .still_camera import VideoEvidence, video_evidence
+from .still_camera import FrontEnd, VideoEvidence, video_evidence
 from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 
 __all__ = [
-    "Candidates", "Depth", "Flow", "ImageSettings", "PredictedPatches", "Surfaces",
-    "VideoEvidence", "depth_named", "dis_flow", "find_patches", "fine_dis_flow", "flow_named",
-    "for_cuts_of", "geodesic_rank", "row_suffix", "smooth_costs", "surfaces_from_depth",
+    "FOREGROUND_CHANNELS", "Candidates", "Depth", "Flow", "Foreground", "ForegroundInference",
+    "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches", "Square", "Surfaces",
+    "VideoEvidence", "changing_square", "color_and_change", "cut_square", "depth_named", "dis_flow",
+    "find_patches", "fine_dis_flow", "flow_named", "for_cuts_of", "foreground_named",
+    "geodesic_rank", "row_suffix", "smooth_costs", "subtract_background", "surfaces_from_depth",
     "surfaces_from_noisy_depth", "training_of", "video_evidence",
 ]

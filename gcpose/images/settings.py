@@ -30,6 +30,11 @@ class ImageSettings:
     flow: FlowSettings = field(default_factory=FlowSettings)
 
     # moving foreground of a still camera
+    foreground_margin: Positive = 0.15
+    """Margin around what changes in the square that the network sees, by its side."""
+    foreground_edge: Positive = 1.5
+    """Distance from the network's mask up to which pixels may move, pixels of the network."""
+    foreground_frames: Count = 30  # Frames at most in which the usual color is searched.
     change_threshold: Count = 3  # Change of a pixel that may move, grey levels.
     background_threshold: Count = 6  # The same of the foreground from the background.
     same_threshold: Count = 1  # Grey levels within which a pixel shows the same in two frames.

@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...renderer.types import Observation
 from ...robots.geometry import Array
 from ..numerics import Image
 from .depth import Depth
 from .flow import Flow, for_cuts_of
+from .foreground import Foreground
 from .regions import bounding_box
 from .settings import ImageSettings
 
@@ -44,35 +46,49 @@ class VideoEvidence:
         return len(self.moving)
 
 
-def video_evidence(
-    rgb: NDArray[np.uint8], intrinsics: Array, flow: Flow | NDArray[np.float32],
-    depth: Depth | NDArray[np.float32] | None, part: NDArray[np.uint8] | None,
-    settings: ImageSettings,
-) -> VideoEvidence | None:
-    """Return the evidence in images [T H W 3]; None if nothing moves.
+@dataclass(frozen=True)
+class FrontEnd:
+    """The estimators of evidence in images."""
 
-    `flow` is an estimator or the flow itself [T-1 H W 2] px, `depth` an estimator or the depth
-    itself [T H W] (0: no surface), `part` the true parts [T H W] for an oracle.
+    flow: Flow
+    foreground: Foreground
+    depth: Depth | None = None
+    """None: without depth."""
+
+
+def video_evidence(
+    observation: Observation, front_end: FrontEnd, settings: ImageSettings
+) -> VideoEvidence | None:
+    """Return the evidence in the images of an observation; None if nothing moves.
+
+    Flow, depth, parts and a mask that the observation has replace those of the estimators.
     """
-    moving = moving_foreground(rgb, settings) if part is None else part > 0
+    rgb, part = observation.rgb, observation.part
+    assert rgb is not None
+    if part is not None:
+        moving = part > 0
+    else:
+        moving = front_end.foreground(rgb) if observation.mask is None else observation.mask
     if not moving.any():
         return None
     box = bounding_box(np.asarray(moving.any(axis=0)), settings.crop_margin)
     crop = np.ascontiguousarray(rgb[:, box[0], box[1]])
     inside = np.ascontiguousarray(moving[:, box[0], box[1]])
-    k = intrinsics.astype(np.float64).copy()
+    k = observation.intrinsics.astype(np.float64).copy()
     k[0, 2] -= box[1].start
     k[1, 2] -= box[0].start
-    if isinstance(flow, np.ndarray):
-        flows = np.nan_to_num(flow[:, box[0], box[1]])
+    if observation.flow is not None:
+        flows = np.nan_to_num(observation.flow[:, box[0], box[1]])
     else:
-        sized = for_cuts_of(flow, *rgb.shape[1:3])
+        sized = for_cuts_of(front_end.flow, *rgb.shape[1:3])
         flows = np.stack([sized(crop[t], crop[t + 1]) for t in range(len(crop) - 1)])
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in crop])
     inverse_depth = None
+    depth = observation.depth
+    if depth is None and front_end.depth is not None:
+        depth = np.stack([front_end.depth(i) for i in rgb])
     if depth is not None:
-        whole = depth if isinstance(depth, np.ndarray) else np.stack([depth(i) for i in rgb])
-        inverse_depth = _relative_inverse_depth(whole[:, box[0], box[1]], inside, settings)
+        inverse_depth = _relative_inverse_depth(depth[:, box[0], box[1]], inside, settings)
     return VideoEvidence(
         (box[1].start, box[0].start), k, inside,
         np.stack([appearance(g, m, settings) for g, m in zip(gray, inside, strict=True)]),
@@ -91,43 +107,6 @@ def _relative_inverse_depth(
     out = (middle / np.where(depth > 0, depth, middle)).clip(
         settings.min_relative_depth, settings.max_relative_depth)
     return out.astype(np.float32)
-
-
-def moving_foreground(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.bool_]:
-    """Return where images [T H W 3] differ from the background [T H W].
-
-    The background of a pixel is the color that it shows in most frames.
-    """
-    live = (rgb.max(axis=0) - rgb.min(axis=0)).max(axis=-1) > settings.change_threshold
-    values = rgb[:, live].astype(np.int16)
-    alike = np.zeros(values.shape[:2], np.int8)
-    for a in range(len(values)):
-        for b in range(a + 1, len(values)):
-            same = np.abs(values[a] - values[b]).max(axis=-1) <= settings.same_threshold
-            alike[a] += same
-            alike[b] += same
-    usual = values[alike.argmax(axis=0), np.arange(values.shape[1])]
-    raw = np.zeros(rgb.shape[:3], np.uint8)
-    raw[:, live] = np.abs(values - usual).max(axis=-1) > settings.background_threshold
-    return np.stack([_clean_mask(mask, live, settings) for mask in raw])
-
-
-def _clean_mask(
-    mask: NDArray[np.uint8], live: NDArray[np.bool_], settings: ImageSettings
-) -> NDArray[np.bool_]:
-    """Remove specks, and fill gaps, as where a plain surface hardly changes."""
-    out = cv2.morphologyEx(cv2.medianBlur(mask, 3), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    count, found, stats, _ = cv2.connectedComponentsWithStats(1 - out, connectivity=4)
-    label = np.asarray(found, np.int64)
-    size = stats[:, cv2.CC_STAT_AREA]
-    still = np.bincount(label.ravel(), weights=~live.ravel(), minlength=count) / np.maximum(1, size)
-    gap = (size < settings.max_gap) | (
-        (still > settings.static_gap_share) & (size < settings.max_static_gap))
-    filled = (out > 0) | gap[label]
-    _, found, stats, _ = cv2.connectedComponentsWithStats(filled.astype(np.uint8))
-    large = stats[:, cv2.CC_STAT_AREA] >= settings.min_foreground
-    large[0] = False
-    return np.asarray(large[np.asarray(found, np.int64)], bool)
 
 
 def appearance(gray: Image, moving: NDArray[np.bool_], settings: ImageSettings) -> Image:

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError, MethodError
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file, save
+
+from ...errors import ConfigError
 from ...robots.files import write_atomically
 from .torch_runtime import Tensor, nn, torch
 
@@ -29,7 +32,6 @@ def read_weights(path: Path, like: Mapping[str, Tensor], network: str) -> dict[s
     Raises:
         ConfigError: If the file cannot be read, or a tensor is missing, not finite, or has another
             shape.
-        MethodError: If a package is missing.
     """
     there = read_tensors(path)
     for key, tensor in like.items():
@@ -51,18 +53,13 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
     Raises:
         ConfigError: If it cannot be read.
-        MethodError: If a package is missing.
     """
     if not path.is_file():
         raise ConfigError(f"{path}: there is no such file")
     try:
         if path.suffix == ".safetensors":
-            from safetensors.torch import load_file
-
             return load_file(path)
         tree: Any = torch.load(path, map_location="cpu", weights_only=True)
-    except ImportError as error:
-        raise MethodError("weights need safetensors: pip install 'gcbench[learn]'") from error
     except Exception as error:  # a damaged file, or a pickle of other objects
         reason = (str(error) or type(error).__name__).splitlines()[0][:120]
         raise ConfigError(f"{path}: holds no tensors that can be read safely ({reason})") from None
@@ -79,8 +76,6 @@ def read_notes(path: Path) -> dict[str, str]:
     Raises:
         ConfigError: If the file cannot be read.
     """
-    from safetensors import SafetensorError, safe_open
-
     try:
         with safe_open(path, framework="pt") as file:
             return dict(file.metadata() or {})
@@ -104,8 +99,6 @@ def write_weights(
 def _write_tensors(
     path: Path, tensors: dict[str, Tensor], notes: Mapping[str, str] | None = None
 ) -> None:
-    from safetensors.torch import save
-
     data = save({k: v.detach().cpu().contiguous() for k, v in tensors.items()},
                 dict(notes) if notes else None)
     try:  # safetensors would raise an error of its own on a full disk

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,13 @@ from ..chain import Articulation, axis_twists, joint_priors, locate_hinges
 from ..images import (
     Depth,
     Flow,
+    FrontEnd,
     VideoEvidence,
     depth_named,
     flow_named,
     for_cuts_of,
     row_suffix,
+    subtract_background,
     training_of,
     video_evidence,
 )
@@ -82,7 +85,7 @@ class FlowOnly:
         Raises:
             MethodError: If a joint slides: without scale its step is unknown.
         """
-        video = _observe(observation, self.name, self.flow, None, self.settings)
+        video = _observe(observation, self.name, self.flow, self.settings)
         return _estimate(observation, video, _angles_by_flow)
 
 
@@ -115,7 +118,7 @@ class Epipolar:
         Raises:
             MethodError: If a joint slides: without scale its step is unknown.
         """
-        video = _observe(observation, self.name, self.network, None, self.settings)
+        video = _observe(observation, self.name, self.network, self.settings)
         return _estimate(observation, _tune(video, self.network), _angles_by_flow)
 
 
@@ -152,11 +155,10 @@ class WithDepth:
         Raises:
             MethodError: If a joint slides, or there is no depth.
         """
-        depth = self.depth if observation.depth is None else observation.depth
-        if depth is None:
+        if self.depth is None and observation.depth is None:
             raise MethodError(f"{self.name} needs depth: a network (--depth mono:FOLDER or "
                               "hf:MODEL), or --inputs rgbd")
-        video = _observe(observation, self.name, self.network, depth, self.settings)
+        video = _observe(observation, self.name, self.network, self.settings, self.depth)
         return _estimate(observation, _tune(video, self.network), _angles_by_depth)
 
 
@@ -208,8 +210,8 @@ class _Video:
 
 
 def _observe(
-    observation: Observation, name: str, flow: Flow, depth: Depth | Image | None,
-    settings: PublishedSettings,
+    observation: Observation, name: str, flow: Flow, settings: PublishedSettings,
+    depth: Depth | None = None,
 ) -> _Video | None:
     """Measure the images and sample pixels; None where nothing moves or axes are unknown."""
     known = joint_priors(observation)
@@ -217,10 +219,8 @@ def _observe(
         j = int(np.flatnonzero(known.prismatic)[0]) + 1
         raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
     assert observation.rgb is not None
-    evidence = video_evidence(
-        observation.rgb, observation.intrinsics,
-        flow if observation.flow is None else observation.flow, depth, observation.part,
-        settings.images)
+    by_color = partial(subtract_background, settings=settings.images)
+    evidence = video_evidence(observation, FrontEnd(flow, by_color, depth), settings.images)
     if evidence is None or known.direction is None:
         return None
     tracker = VideoTracker(evidence, known, settings.rgb)

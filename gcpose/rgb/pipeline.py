@@ -17,7 +17,7 @@ from ...errors import MethodError
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array, pinhole
 from ..chain import JointPriors, screws_of
-from ..images import Depth, Flow, ImageSettings, VideoEvidence, video_evidence
+from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .points import predict_places
 from .search import search_video
 from .settings import RgbSettings
@@ -26,13 +26,11 @@ from .uncertainty import reported_deviation
 
 
 def estimate_rgb(
-    observation: Observation, known: JointPriors, flow: Flow, depth: Depth | None,
-    settings: RgbSettings, image_settings: ImageSettings,
+    observation: Observation, known: JointPriors, front_end: FrontEnd, settings: RgbSettings,
+    image_settings: ImageSettings,
 ) -> Estimate | None:
     """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4); None where nothing is
     seen to move.
-
-    The observation's own flow, if given, replaces `flow`; `depth` is a prior of the points' depths.
     """
     rgb, k = observation.rgb, observation.intrinsics
     if rgb is None or len(rgb) < 2:
@@ -40,8 +38,7 @@ def estimate_rgb(
     if not np.isclose(k[0, 0], k[1, 1], rtol=1e-3):
         raise MethodError(f"gcpose on rgb needs square pixels, not focal lengths {k[0, 0]:g} and "
                           f"{k[1, 1]:g} px; resize the images first")
-    given = flow if observation.flow is None else observation.flow
-    evidence = video_evidence(rgb, k, given, depth, observation.part, image_settings)
+    evidence = video_evidence(observation, front_end, image_settings)
     if evidence is None:
         return None
     distance = object_distance(known, evidence)

@@ -126,6 +126,34 @@ class FlowTraining(TrainConfig):
 
 
 @dataclass(frozen=True)
+class ForegroundTraining(TrainConfig):
+    """Train the network of GC-Pose that finds what moves in a plain video.
+
+    To continue an interrupted run, run the same command again. Without --data, the command renders
+    appliances and random objects of the stream "train", and others to measure the errors on.
+
+    Examples:
+      gcbench train foreground --out foreground
+      gcbench train foreground --data data/train --held-out data/held --out mask --steps 4000
+      gcbench eval --method gcpose --inputs rgb --foreground network:mask/foreground.safetensors
+    """
+
+    out: Path = Path("foreground")
+    steps: int = 5000
+    batch: int = 3  # Videos in a step.
+    rate: float = 2e-3  # Highest learning rate; it rises first and then falls to 0.
+    frames: int = 8  # Successive frames that are learned from together.
+    appliances: int = 250  # Sequences of each class of appliances, if no data are given.
+    models: int = 60  # Random objects, of 4 sequences each, if no data are given.
+    held_out_sequences: int = 12  # Further ones of each class, for the checks.
+    scale: tuple[float, float] = (0.85, 1.35)  # Range of the factor of the square's side.
+    noise: tuple[float, float] = (0.0, 2.0)  # Range of its standard deviation, grey levels.
+    noise_probability: float = 0.4
+    gain: tuple[float, float] = (0.7, 1.25)  # Range of the gain of each color channel.
+    gamma: tuple[float, float] = (0.75, 1.35)
+
+
+@dataclass(frozen=True)
 class ObjectTraining(TrainConfig):
     """Options of the networks that learn from objects with one joint."""
 
@@ -212,7 +240,8 @@ class CravesTraining(TrainConfig):
 
 
 CONFIGS: dict[str, type[TrainConfig]] = {
-    "flow": FlowTraining, "screwnet": ScrewNetTraining,
-    "abbatematteo": AbbatematteoTraining, "craves": CravesTraining,
+    "flow": FlowTraining, "foreground": ForegroundTraining,
+    "screwnet": ScrewNetTraining, "abbatematteo": AbbatematteoTraining,
+    "craves": CravesTraining,
 }
 """Options by the name of the network."""

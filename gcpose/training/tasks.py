@@ -9,11 +9,13 @@ from .config import (
     AbbatematteoTraining,
     CravesTraining,
     FlowTraining,
+    ForegroundTraining,
     ScrewNetTraining,
     TrainConfig,
 )
 from .craves_task import CravesTask
 from .flow_task import FlowTask
+from .foreground_task import ForegroundTask
 from .loop import train
 from .screwnet_task import ScrewNetTask
 from .task import Scores, TrainingTask
@@ -23,6 +25,8 @@ def task_of(config: TrainConfig) -> TrainingTask:
     """Return the task of a network's options."""
     if isinstance(config, FlowTraining):
         return FlowTask(config)
+    if isinstance(config, ForegroundTraining):
+        return ForegroundTask(config)
     if isinstance(config, ScrewNetTraining):
         return ScrewNetTask(config)
     if isinstance(config, AbbatematteoTraining):

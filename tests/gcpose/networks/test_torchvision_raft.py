@@ -16,7 +16,6 @@ from gcbench.gcpose.images.flow import flow_named
 from ...support import analytic, bench_data
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
-pytest.importorskip("safetensors", reason="weights need safetensors")
 if find_spec("torchvision") is None:
     pytest.skip("networks of torchvision need torchvision", allow_module_level=True)
 

@@ -13,8 +13,9 @@ from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.priors import JointPriors
 from gcbench.gcpose.images.flow import Flow, dis_flow
+from gcbench.gcpose.images.foreground import subtract_background
 from gcbench.gcpose.images.settings import ImageSettings
-from gcbench.gcpose.images.still_camera import VideoEvidence, moving_foreground, video_evidence
+from gcbench.gcpose.images.still_camera import FrontEnd, VideoEvidence, video_evidence
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.numerics.threads import thread_map
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
@@ -31,10 +32,12 @@ from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door, texture
 SETTINGS = RgbSettings()
 
 
+def by_color(rgb: np.ndarray) -> np.ndarray:
+    return subtract_background(rgb, ImageSettings())
+
+
 def evidence_of(observation: Observation, flow: Flow = dis_flow) -> VideoEvidence:
-    assert observation.rgb is not None
-    found = video_evidence(
-        observation.rgb, observation.intrinsics, flow, None, None, ImageSettings())
+    found = video_evidence(observation, FrontEnd(flow, by_color), ImageSettings())
     assert found is not None
     return found
 
@@ -58,9 +61,9 @@ def test_the_foreground_is_what_moves() -> None:
     for t in range(6):
         video[t, 30:60, 10 + 14 * t : 40 + 14 * t] = box
         truth[t, 30:60, 10 + 14 * t : 40 + 14 * t] = True
-    found = moving_foreground(video, ImageSettings())
+    found = by_color(video)
     assert np.mean(found != truth) < 0.003
-    assert not moving_foreground(np.repeat(wall[None], 4, axis=0), ImageSettings()).any()
+    assert not by_color(np.repeat(wall[None], 4, axis=0)).any()
 
 
 def test_a_flow_of_cuts_is_told_how_large_the_images_are() -> None:
@@ -87,6 +90,18 @@ def test_a_door_opens_without_depth() -> None:
     assert np.degrees(np.abs(estimate.displacement[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
     assert estimate.sigma is not None and estimate.reliable is not None
     assert estimate.sigma[0] == 0 and estimate.reliable.all()
+
+
+def test_a_true_mask_replaces_the_foreground() -> None:
+    observation = door(0.5)
+    mask = np.zeros((8, 180, 240), bool)
+    mask[:, 40:90, 100:140] = True
+    seen = video_evidence(
+        replace(observation, mask=mask), FrontEnd(dis_flow, by_color), ImageSettings())
+    assert seen is not None and seen.part is None
+    left, top = seen.corner
+    assert seen.moving.sum() == mask.sum()
+    assert seen.moving[0, 40 - top : 90 - top, 100 - left : 140 - left].all()
 
 
 def test_a_machine_of_several_joints_stands_at_the_origin_of_the_world() -> None:
@@ -267,7 +282,11 @@ def test_two_threads_sample_the_same_pixels(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_options_make_another_row() -> None:
     source = "gcbench.gcpose.method:GCPose"
-    assert (load_method(source).name, load_method(source).training) == ("gcpose", "none")
+    method = load_method(source)
+    assert (method.name, method.training) == (
+        "gcpose", "supervised: masks of synthetic video, for rgb")
+    without = load_method(with_options(source, {"foreground": "background"}))
+    assert (without.name, without.training) == ("gcpose foreground=background", "none")
     assert load_method(with_options(source, {"flow": "dis"})).name == "gcpose flow=dis"
     with pytest.raises(GcbenchError, match="no flow 'magic'"):
         load_method(with_options(source, {"flow": "magic"}))

@@ -21,7 +21,6 @@ from gcbench.robots.geometry import apply, inverse, se3
 from ...support.one_joint import dataset, moved
 
 torch = pytest.importorskip("torch", reason="training needs PyTorch")
-pytest.importorskip("safetensors", reason="weights need safetensors")
 
 from gcbench.gcpose.learned.abbatematteo import camera_screw  # noqa: E402
 from gcbench.gcpose.networks.abbatematteo import (  # noqa: E402

@@ -23,7 +23,6 @@ from ...support import analytic, bench_data
 from ...support.one_joint import dataset
 
 torch = pytest.importorskip("torch", reason="training needs PyTorch")
-pytest.importorskip("safetensors", reason="weights need safetensors")
 
 from gcbench.gcpose.learned import craves  # noqa: E402
 from gcbench.gcpose.learned.arm_fit import ArmFit, _Problem  # noqa: E402

@@ -168,7 +168,6 @@ def test_half_of_the_recipe_is_of_robots_that_are_given(tmp_path: Path) -> None:
 
 @pytest.fixture
 def torch():
-    pytest.importorskip("safetensors", reason="weights need safetensors")
     return pytest.importorskip("torch", reason="training needs PyTorch")
 
 

@@ -1,0 +1,141 @@
+"""What moves in a video from a still camera: by a network, or by the usual color of each pixel."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import ConfigError, suggestion
+from ..numerics import Image
+from .foreground_input import (
+    FOREGROUND_SIDE,
+    changing_square,
+    color_and_change,
+    cut_square,
+    paste_square,
+)
+from .foreground_network import FOREGROUND_WEIGHTS, ForegroundInference, load_foreground
+from .settings import ImageSettings
+
+_NAMES = ("network", "network:WEIGHTS", "background")
+
+
+class Foreground(Protocol):
+    """Finds what moves; an attribute `training` names a network's data."""
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return where images [T H W 3] of a still camera show something that moves [T H W]."""
+        ...
+
+
+def foreground_named(name: str, settings: ImageSettings) -> Foreground:
+    """Return the foreground of a name: one of `_NAMES`, where WEIGHTS stands for a file.
+
+    Raises:
+        ConfigError: If the name is unknown, or a file is missing or does not fit.
+    """
+    kind, colon, file = name.partition(":")
+    if name == "background":
+        return partial(subtract_background, settings=settings)
+    if kind == "network" and bool(colon) == bool(file):
+        return LearnedForeground(load_foreground(Path(file) if file else FOREGROUND_WEIGHTS),
+                                 settings)
+    raise ConfigError(
+        f"no foreground {name!r}{suggestion(name, _NAMES)}; there are {', '.join(_NAMES)}")
+
+
+class LearnedForeground:
+    """The foreground of a network, which sees all frames at once."""
+
+    training = "supervised: masks of synthetic video, for rgb"
+
+    def __init__(self, network: ForegroundInference, settings: ImageSettings) -> None:
+        """Take a network and the settings of its input."""
+        self._network, self._settings = network, settings
+
+    def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return where images [T H W 3] show something that moves [T H W]."""
+        height, width = rgb.shape[1:3]
+        square = changing_square(rgb, self._settings)
+        if square is None:
+            return np.zeros(rgb.shape[:3], bool)
+        logits = self._network(color_and_change(cut_square(rgb, square), self._settings))
+        whole = np.stack([paste_square(frame, square, height, width) for frame in logits])
+        margin = round(self._settings.foreground_edge * square.side / FOREGROUND_SIDE)
+        return _compare_with_background(rgb, whole, max(1, margin), self._settings)
+
+
+def _compare_with_background(
+    rgb: NDArray[np.uint8], logits: Image, margin: int, settings: ImageSettings
+) -> NDArray[np.bool_]:
+    """Return masks [T H W] of what differs from the background where the network sees motion.
+
+    The network's pixels are coarser than those of an image, so that its masks are enlarged by
+    `margin` px. The background of a pixel is its color in the frame in which the network is most
+    sure that nothing moves there; where there is no such frame, the network decides.
+    """
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
+    found = (logits > 0).astype(np.uint8)
+    near = np.stack([cv2.dilate(mask, window) for mask in found]) > 0
+    free = np.where(near, np.float32(np.inf), logits)
+    best = free.argmin(axis=0)[None]
+    background = np.take_along_axis(rgb, best[..., None], axis=0)[0]
+    known = np.isfinite(np.take_along_axis(free, best, axis=0)[0])
+    live = _changes(rgb, settings)
+    out = np.empty(found.shape, bool)
+    for t, image in enumerate(rgb):
+        differs = cv2.absdiff(image, background).max(axis=2) > settings.background_threshold
+        mask = np.where(known, near[t] & differs, found[t]).astype(np.uint8)
+        out[t] = _clean_mask(mask, live, settings)
+    return out
+
+
+def _changes(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.bool_]:
+    """Return which pixels [H W] of images [T H W 3] change."""
+    return (rgb.max(axis=0) - rgb.min(axis=0)).max(axis=-1) > settings.change_threshold
+
+
+def _without_specks(mask: NDArray[np.bool_], settings: ImageSettings) -> NDArray[np.bool_]:
+    """Remove pieces that are smaller than `min_foreground`."""
+    _, found, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    large = stats[:, cv2.CC_STAT_AREA] >= settings.min_foreground
+    large[0] = False
+    return np.asarray(large[np.asarray(found, np.int64)], bool)
+
+
+def subtract_background(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.bool_]:
+    """Return where images [T H W 3] differ from the background [T H W].
+
+    The background of a pixel is the color that it shows in most frames.
+    """
+    live = _changes(rgb, settings)
+    values = rgb[:, live].astype(np.int16)
+    alike = np.zeros(values.shape[:2], np.int8)
+    for a in range(len(values)):
+        for b in range(a + 1, len(values)):
+            same = np.abs(values[a] - values[b]).max(axis=-1) <= settings.same_threshold
+            alike[a] += same
+            alike[b] += same
+    usual = values[alike.argmax(axis=0), np.arange(values.shape[1])]
+    raw = np.zeros(rgb.shape[:3], np.uint8)
+    raw[:, live] = np.abs(values - usual).max(axis=-1) > settings.background_threshold
+    return np.stack([_clean_mask(mask, live, settings) for mask in raw])
+
+
+def _clean_mask(
+    mask: NDArray[np.uint8], live: NDArray[np.bool_], settings: ImageSettings
+) -> NDArray[np.bool_]:
+    """Remove specks, and fill gaps, as where a plain surface hardly changes."""
+    out = cv2.morphologyEx(cv2.medianBlur(mask, 3), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    count, found, stats, _ = cv2.connectedComponentsWithStats(1 - out, connectivity=4)
+    label = np.asarray(found, np.int64)
+    size = stats[:, cv2.CC_STAT_AREA]
+    still = np.bincount(label.ravel(), weights=~live.ravel(), minlength=count) / np.maximum(1, size)
+    gap = (size < settings.max_gap) | (
+        (still > settings.static_gap_share) & (size < settings.max_static_gap))
+    return _without_specks((out > 0) | gap[label], settings)

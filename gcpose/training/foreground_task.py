@@ -1,0 +1,120 @@
+"""Training of the network of the foreground."""
+
+# pyright: basic
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import ConfigError
+from ...renderer.dataset import open_dataset
+from ...renderer.scene import RenderConfig
+from ...robots.appliances import CATEGORIES
+from ..images import (
+    FOREGROUND_CHANNELS,
+    Foreground,
+    ForegroundInference,
+    ImageSettings,
+    LearnedForeground,
+    subtract_background,
+)
+from ..networks.foreground import ForegroundNet
+from ..networks.torch_runtime import F, Tensor, nn, torch
+from .config import ForegroundTraining
+from .data import PlannedDataset
+from .flow_task import one_cycle
+from .foreground_videos import ForegroundVideos, true_foreground
+from .task import Samples, Scores, reduced_precision
+
+_WARM_UP, _FIRST_RATE = 0.05, 0.05
+_SEQUENCES = 4  # of each random object
+
+
+@dataclass(frozen=True)
+class ForegroundTask:
+    """Errors are measured beside those of the foreground by the usual color."""
+
+    config: ForegroundTraining
+    name: str = "foreground"
+    unit: str = "iou: %, a mean over the sequences; worst: that of the worst tenth of them"
+
+    def check_options(self) -> None:
+        c = self.config
+        if c.steps < 0 or c.frames < 2:
+            raise ConfigError("--steps must be 0 or more, and --frames 2 or more")
+        if min(c.appliances, c.models, c.held_out_sequences) < 1:
+            raise ConfigError("--appliances, --models and --held-out-sequences must be 1 or more")
+        for option, (low, high) in (("scale", c.scale), ("gain", c.gain), ("gamma", c.gamma)):
+            if not 0 < low <= high:
+                raise ConfigError(f"--{option} {low:g} {high:g}: give the smaller factor first, "
+                                  "above 0")
+
+    def notes(self) -> Mapping[str, str]:
+        return {}
+
+    def make_network(self) -> nn.Module:
+        return ForegroundNet(FOREGROUND_CHANNELS)
+
+    def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
+        return torch.optim.AdamW(network.parameters(), self.config.rate, (0.9, 0.99),
+                                 weight_decay=self.config.weight_decay)
+
+    def plan_data(self) -> Iterator[PlannedDataset]:
+        """Yield datasets of appliances and of random objects, and those to measure errors on."""
+        c = self.config
+        first = 1000 * c.seed
+        for k, category in enumerate(CATEGORIES):
+            yield _plan(category, first + k, c.appliances)
+            yield _plan(category, first + 50 + k, c.held_out_sequences, held_out=True)
+        for k in range(c.models):
+            yield _plan(f"random:{first + 100 + k}", first + 100 + k, _SEQUENCES)
+        yield _plan(f"random:{first + 99}", first + 99, c.held_out_sequences, held_out=True)
+
+    def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
+        return ForegroundVideos(folders, self.config)
+
+    def count_steps(self, samples: Samples) -> int:
+        return self.config.steps
+
+    def rate(self, progress: float) -> float:
+        return self.config.rate * one_cycle(progress, _WARM_UP, _FIRST_RATE)
+
+    def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
+        """Return the cross-entropy and one minus the overlap of each video."""
+        frames, moving = batch
+        with reduced_precision(self.config, frames.device):
+            logits = network(frames)
+        logits = logits.float()
+        found = logits.sigmoid()
+        both, either = ((found * moving).sum((1, 2, 3)), (found + moving).sum((1, 2, 3)))
+        overlap = (2 * both + 1) / (either + 1)
+        return F.binary_cross_entropy_with_logits(logits, moving) + 0.3 * (1 - overlap).mean()
+
+    def measure(self, network: nn.Module, folder: Path) -> Scores:
+        """Return the overlap with the truth in whole images, of this network and without it."""
+        settings = ImageSettings()
+        tensors = {k: v.detach().float().cpu().numpy() for k, v in network.state_dict().items()}
+        learned = LearnedForeground(ForegroundInference(tensors, self.name), settings)
+        methods: dict[str, Foreground] = {
+            "background": lambda rgb: subtract_background(rgb, settings), "network": learned}
+        found: dict[str, list[float]] = {name: [] for name in methods}
+        for sequence in open_dataset(folder):
+            true = true_foreground(sequence, slice(None))
+            rgb = np.asarray(sequence.rgb[:])
+            for name, method in methods.items():
+                mask = method(rgb)
+                found[name].append(float((mask & true).sum() / max(1, (mask | true).sum())))
+        return {name: {"iou": 100 * float(np.mean(v)), "worst": 100 * _worst_tenth(v)}
+                for name, v in found.items()}
+
+
+def _plan(robot: str, seed: int, sequences: int, held_out: bool = False) -> PlannedDataset:
+    config = RenderConfig(robot=robot, seed=seed, stream="train", width=320, height=240)
+    return PlannedDataset(f"{robot.partition(':')[0]}-{seed}", config, sequences, held_out)
+
+
+def _worst_tenth(values: list[float]) -> float:
+    return float(np.mean(sorted(values)[: -(-len(values) // 10)]))
