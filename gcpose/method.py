@@ -12,10 +12,10 @@ from .chain import JointPriors, joint_priors, screws_of
 from .images import (
     Flow,
     FrontEnd,
-    depth_named,
     dis_flow,
-    flow_named,
-    foreground_named,
+    find_depth,
+    find_flow,
+    find_foreground,
     row_suffix,
     training_of,
 )
@@ -57,12 +57,12 @@ class GCPose:
         """
         self.settings = settings
         of = settings.images.flow
-        named = (flow_named(flow, of) if flow else None) if isinstance(flow, str) else flow
+        named = (find_flow(flow, of) if flow else None) if isinstance(flow, str) else flow
         self.flow: Flow = named or dis_flow
         self.front_end = FrontEnd(
-            named or flow_named("dis-fine", of),
-            foreground_named(foreground or "network", settings.images),
-            depth_named(depth) if depth else None)
+            named or find_flow("dis-fine", of),
+            find_foreground(foreground or "network", settings.images),
+            find_depth(depth) if depth else None)
         """On plain video."""
         self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
                                 foreground=foreground)

@@ -75,3 +75,46 @@ def test_a_public_name_hides_no_module() -> None:
                 if isinstance(node, ast.ImportFrom) and node.level and node.module:
                     assigned |= {a.asname or a.name for a in node.names}
             assert not assigned & beside, name_of(path)
+
+
+IRREGULAR = {
+    "begun", "bound", "broken", "brought", "built", "caught", "chosen", "cut", "dealt", "done",
+    "drawn", "driven", "fallen", "found", "given", "gone", "grown", "held", "hidden", "kept",
+    "known", "laid", "left", "lent", "lost", "made", "met", "paid", "put", "run", "said", "seen",
+    "sent", "set", "shown", "shut", "split", "spread", "stood", "taken", "taught", "thought",
+    "thrown", "told", "understood", "won", "written",
+}
+"""Participles that do not end in -ed."""
+
+NOT_PARTICIPLES = {
+    "embed", "exceed", "feed", "heading", "mapping", "need", "proceed", "seed", "speed", "string",
+    "tiling",
+}
+"""Words that end like one."""
+
+VERBS = {
+    "add", "check", "count", "cut", "describe", "dump", "fill", "find", "has", "is", "list", "load",
+    "open", "pose", "put", "read", "refine", "rescore", "round", "run", "score", "select", "set",
+    "split", "spread", "subtract", "verify", "write",
+}
+"""Verbs that may stand alone, or before a participle: `read_stored` reads what is stored."""
+
+OTHERS = {"compiled", "namespaced"}
+"""A decorator, which describes the function below it, and a method that trimesh calls."""
+
+
+def is_participle(word: str) -> bool:
+    regular = word.endswith(("ed", "ing")) and len(word) > 4 and word not in NOT_PARTICIPLES
+    return word in IRREGULAR or regular
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_no_function_is_called_by_a_participle(path: Path) -> None:
+    """`round_values`, not `rounded`; `find_flow`, not `flow_named`."""
+    wrong: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef) and node.name not in OTHERS:
+            words = node.name.strip("_").split("_")
+            if is_participle(words[-1]) and words[0] not in VERBS:
+                wrong.append(f"{node.name}, line {node.lineno}")
+    assert not wrong

@@ -144,7 +144,7 @@ def _draw_folder(
             return
         for k, picture in pictures.items():
             try:
-                yield k, _drawn(picture, dataset, painter, lines[picture.line])
+                yield k, _draw_picture(picture, dataset, painter, lines[picture.line])
             except Exception as error:
                 yield k, _without_image(picture, error)
 
@@ -155,7 +155,7 @@ def _without_image(picture: Picture, error: Exception) -> Picture:
     return replace(picture, reason=f"{name}{error}")
 
 
-def _drawn(picture: Picture, dataset: Dataset, painter: Painter, line: Line) -> Picture:
+def _draw_picture(picture: Picture, dataset: Dataset, painter: Painter, line: Line) -> Picture:
     """Return the picture with its image and, of the worst sequence, its film."""
     name = picture.sequence
     sequence = dataset[name]

@@ -200,7 +200,7 @@ def read_leaderboard(
     files = [path for path in results if path.suffix.lower() == ".csv"]
     folders = [r for r in results if r not in files]
     folders += [path for path in named if path not in [r.resolve() for r in folders]]
-    runs = [_labelled(run, named.get(folder.resolve(), ""))
+    runs = [_add_label(run, named.get(folder.resolve(), ""))
             for folder in folders for run in find_runs(folder)]  # fmt: skip
     board = build_leaderboard(runs, published)
     if all(line.published for line in board.lines):
@@ -234,7 +234,7 @@ def build_leaderboard(
     unfinished = tuple(f for f in folders if not (f.path / SCORES).exists())
     differences: dict[tuple[int, int], Difference] = {}
     board = Leaderboard(tuple(lines), differences, (), unfinished)
-    ranked = {k for mine in board.groups.values() for k in _ranked(lines, mine)}
+    ranked = {k for mine in board.groups.values() for k in _find_rankable(lines, mine)}
     for mine in board.groups.values():
         mine = [k for k in mine if k in ranked]
         found = compare_rows([(lines[k].error, lines[k].cluster) for k in mine])
@@ -243,7 +243,7 @@ def build_leaderboard(
     return replace(board, ranks=tuple(r * (k in ranked) for k, r in enumerate(ranks)))
 
 
-def _ranked(lines: Sequence[Line], mine: Sequence[int]) -> list[int]:
+def _find_rankable(lines: Sequence[Line], mine: Sequence[int]) -> list[int]:
     """Return those of a group that can be ranked: the user's own, and the published lines on the
     same sequences. Where there are none of the user's, the sequences of most published lines count,
     if they suffice for an interval.
@@ -329,7 +329,7 @@ def _summary(
     )
 
 
-def _labelled(folder: RunFolder, label: str) -> RunFolder:
+def _add_label(folder: RunFolder, label: str) -> RunFolder:
     """Add a label to the name of the method."""
     row = folder.run.row
     if not label:

@@ -101,7 +101,7 @@ class PublishedRow:
     seconds [S] and peak_memory [S], MiB; NaN, or -1 of `reliable`, where the method said nothing.
     And their score, the final error [S J], deg or m."""
 
-    def stored(self) -> list[Stored]:
+    def unpack_estimates(self) -> list[Stored]:
         """Return the estimates in the order of the run's sequences."""
         a = self.arrays
         out: list[Stored] = []
@@ -167,7 +167,7 @@ def score_published(row: PublishedRow, truth: PublishedTruth) -> PublishedRow:
     run = replace(row.run, config=truth.config)
     cluster = dict(zip(truth.sequences, truth.clusters, strict=True))
     results: list[Result] = []
-    for name, stored in zip(run.sequences, row.stored(), strict=True):
+    for name, stored in zip(run.sequences, row.unpack_estimates(), strict=True):
         results += score_motion(truth.of(name), stored, run, name, cluster[name])
     scores: list[Score] = []
     error = np.zeros((len(run.sequences), len(truth.joint_names)), np.float32)

@@ -184,7 +184,7 @@ def _by_dataset(
     caption = f"In the form of table {number} of the GC-Pose paper. " \
               f"Error at the last frame in {unit}, mean and standard deviation over all pairs of " \
               f"sequence and joint, and the share of pairs within {limit}."  # fmt: skip
-    return _table(title, caption, columns, _ordered(named))
+    return _table(title, caption, columns, _order_labels(named))
 
 
 def _by_joint(
@@ -206,7 +206,7 @@ def _by_joint(
     form = "In the form of table 2 of the GC-Pose paper. " if first.robot == paper.OWI else ""
     caption = f"{form}Error of each joint at the last frame in {first.unit}, mean and standard " \
               "deviation."  # fmt: skip
-    return _table(f"Joints of {first.dataset}", caption, columns, _ordered(named))
+    return _table(f"Joints of {first.dataset}", caption, columns, _order_labels(named))
 
 
 def _reference(
@@ -216,22 +216,22 @@ def _reference(
     printed = {p.method: p for p in published}
     if not printed:
         return []
-    cells = {f"{name} (paper)": _printed(p) for name, p in printed.items()}
+    cells = {f"{name} (paper)": _print_cell(p) for name, p in printed.items()}
     for line, label in named:
         other = paper.counterpart(line.row, published[0].table, line.robot)
         if other in printed:
-            cells[label] = cells.pop(f"{other} (paper)", _printed(printed[other]))
+            cells[label] = cells.pop(f"{other} (paper)", _print_cell(printed[other]))
     return [_Column(head, "paper", cells, reference=True)]
 
 
-def _printed(p: paper.PublishedCell) -> str:
+def _print_cell(p: paper.PublishedCell) -> str:
     text = f"{p.mean:.2f}"
     if p.std is not None:
         text += f" ± {p.std:.2f}"
     return text if p.pcp5 is None else f"{text}, {p.pcp5:.1f} %"
 
 
-def _ordered(named: Iterable[tuple[Line, str]]) -> list[str]:
+def _order_labels(named: Iterable[tuple[Line, str]]) -> list[str]:
     """Labels of our rows, by increasing mean error over the datasets."""
     means: dict[str, list[float]] = {}
     for line, label in named:

@@ -16,7 +16,7 @@ from typing import Literal
 
 from ...errors import ConfigError, MethodError, printable
 from ...renderer.dataset import Dataset
-from ...renderer.runtime import Bar, cpu_count, parse_shard, say, uninterrupted
+from ...renderer.runtime import Bar, cpu_count, defer_interrupts, parse_shard, say
 from ...renderer.scene import check_model_paths, model_of
 from ...renderer.types import Inputs, Knowledge, Observation
 from ...renderer.types import Sequence as Video
@@ -295,7 +295,7 @@ def _estimate_by(
                 say(line)
             clock.count(job, stored, time.monotonic() - before)
             before = time.monotonic()
-            left_time = clock.left()
+            left_time = clock.remaining_time()
             more = [f"{left_time} left"] * bool(left_time) + [f"{failed} failed"] * bool(failed)
             bar.set_postfix_str(", ".join(more), refresh=False)
             bar.update()
@@ -332,7 +332,7 @@ class _Observer:
 
 
 def _bar(total: int, done: int, visible: bool) -> Bar:
-    with uninterrupted():
+    with defer_interrupts():
         return Bar(
             total=total, initial=done, unit="sequence", desc="estimate", disable=not visible,
             bar_format="{desc}: {percentage:3.0f}% {n_fmt}/{total_fmt} [{elapsed}{postfix}]",

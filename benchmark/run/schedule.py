@@ -24,7 +24,8 @@ _COMPILED = "gcpose"
 def cheap_first(jobs: Sequence[Job]) -> list[Job]:
     """Return jobs by the expected time of a frame; unknown methods by their inputs, last."""
     return sorted(jobs, key=lambda job: (
-        _expected(job.row) is None, _expected(job.row) or _INPUTS.index(job.row.inputs),
+        _expected_seconds(job.row) is None,
+        _expected_seconds(job.row) or _INPUTS.index(job.row.inputs),
     ))  # fmt: skip
 
 
@@ -47,7 +48,7 @@ def describe_plan(jobs: Sequence[Job], workers: int) -> str:
         text += f", {total - todo} of {total} estimates exist"
     if not todo:
         return text
-    seconds = Clock(workers, list(jobs)).left()
+    seconds = Clock(workers, list(jobs)).remaining_time()
     text += f", {seconds}" if seconds else ", the time left shows after one sequence of each row"
     if any(job.todo and job.row.method.startswith(_COMPILED) for job in jobs):
         text += "; the first run after an installation compiles, for about half a minute"
@@ -72,13 +73,13 @@ class Clock:
         took = seconds if stored.seconds is None else stored.seconds
         self._times.setdefault(job.row, []).append(took)
 
-    def left(self) -> str:
+    def remaining_time(self) -> str:
         """Return the time left, such as "about 12 min"; empty if there is none or it is unknown."""
         total, unknown = 0.0, False
         for job in self.jobs:
             times = self._times.get(job.row)
             frames = job.data.dataset.config.frames
-            expected = _expected(job.row)
+            expected = _expected_seconds(job.row)
             if times:
                 total += self._left[job] * sum(times) / len(times)
             elif expected is not None:
@@ -92,7 +93,7 @@ class Clock:
             f"{minutes:.0f} min" if minutes >= 1.5 else f"{max(5, round(minutes * 12) * 5)} s")
 
 
-def _expected(row: Row) -> float | None:
+def _expected_seconds(row: Row) -> float | None:
     return SECONDS_PER_FRAME.get((row.method.partition(" ")[0], row.inputs, row.knowledge))
 
 

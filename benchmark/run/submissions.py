@@ -247,7 +247,7 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
             raise ValueError(f"line {at}: {len(cells)} cells instead of {len(_COLUMNS)}")
         key, frame, joint, value = (cell.strip() for cell in cells)
         if key not in wanted:
-            raise ValueError(f"line {at}: no sequence {_short(key)}; {_known(wanted)}")
+            raise ValueError(f"line {at}: no sequence {_short(key)}; {_list_known(wanted)}")
         target = wanted[key]
         t = _whole(frame, 0, target.frames - 1, f"line {at}: frame")
         if joint in target.names:
@@ -341,7 +341,7 @@ def _real(text: str, where: str) -> float:
     return value if math.isfinite(value) else math.nan
 
 
-def _known(wanted: Mapping[str, Target]) -> str:
+def _list_known(wanted: Mapping[str, Target]) -> str:
     names = list(wanted)
     return f"there are {names[0]} to {names[-1]}" if len(names) > 1 else f"there is {names[0]}"
 

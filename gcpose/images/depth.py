@@ -43,7 +43,7 @@ class NetworkDepth:
 _NAMES = ("none", "mono:FOLDER", "hf:MODEL", "hf-metric:MODEL", "hf-relative:MODEL")
 
 
-def depth_named(name: str) -> Depth | None:
+def find_depth(name: str) -> Depth | None:
     """Return the depth of a name: "none", "mono:FOLDER" with Monodepth2's weights, or "hf:MODEL".
 
     The folder holds encoder.pth and depth.pth. MODEL is one of transformers: a folder, or
@@ -74,10 +74,10 @@ def depth_named(name: str) -> Depth | None:
 
 def _load_monodepth2(folder: Path, device: str = "auto") -> Depth:
     from ..networks import monodepth2
-    from ..networks.torch_runtime import device_named, padded, torch, unit_range
+    from ..networks.torch_runtime import find_device, pad_image, torch, unit_range
     from ..networks.weights import read_weights
 
-    place = device_named(device)
+    place = find_device(device)
     encoder, decoder = monodepth2.DepthEncoder(), monodepth2.DepthDecoder()
     for network, file in ((encoder, "encoder.pth"), (decoder, "depth.pth")):
         network.load_state_dict(read_weights(folder / file, network.state_dict(), "Monodepth2"))
@@ -86,7 +86,7 @@ def _load_monodepth2(folder: Path, device: str = "auto") -> Depth:
 
     def depth(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-        image = padded(unit_range(np.asarray(small, np.uint8)), 1).to(place)
+        image = pad_image(unit_range(np.asarray(small, np.uint8)), 1).to(place)
         with torch.no_grad():
             out = monodepth2.depth_from_disparity(decoder(encoder(image)))[0, 0].cpu().numpy()
         full = (rgb.shape[1], rgb.shape[0])

@@ -62,7 +62,7 @@ _NAMES = ("dis", "dis-fine", "raft", "raft:WEIGHTS", "flownet2:CHECKPOINT",
           "torchvision:NAME[:WEIGHTS]")
 
 
-def flow_named(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
+def find_flow(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
     """Return the flow of a name: one of `_NAMES`, where capitals stand for files and networks.
 
     Raises:

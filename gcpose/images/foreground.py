@@ -33,7 +33,7 @@ class Foreground(Protocol):
         ...
 
 
-def foreground_named(name: str, settings: ImageSettings) -> Foreground:
+def find_foreground(name: str, settings: ImageSettings) -> Foreground:
     """Return the foreground of a name: one of `_NAMES`, where WEIGHTS stands for a file.
 
     Raises:

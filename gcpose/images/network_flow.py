@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..networks import flownet2, raft
-from ..networks.torch_runtime import F, device_named, nn, padded, torch, unit_range
+from ..networks.torch_runtime import F, find_device, nn, pad_image, torch, unit_range
 from ..networks.weights import read_weights
 from .settings import FlowSettings
 
@@ -31,7 +31,7 @@ def load_raft(
     """
     network = raft.Raft()
     network.load_state_dict(read_weights(weights, network.state_dict(), "raft"))
-    return RaftFlow(network.to(device_named(device)), settings)
+    return RaftFlow(network.to(find_device(device)), settings)
 
 
 class NetworkFlow(ABC):
@@ -71,7 +71,7 @@ class RaftFlow(NetworkFlow):
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
         device = next(self.network.parameters()).device
         a, b = (
-            padded(unit_range(np.asarray(cv2.resize(image, small, interpolation=cv2.INTER_AREA),
+            pad_image(unit_range(np.asarray(cv2.resize(image, small, interpolation=cv2.INTER_AREA),
                                          np.uint8)), raft.RAFT_MULTIPLE).to(device)
             for image in (rgb_a, rgb_b)
         )
@@ -97,7 +97,7 @@ def load_flownet2(
         network = flownet2.FlowNet2()
     weights = read_weights(checkpoint, network.state_dict(), "FlowNet2")
     network.load_state_dict(weights, assign=True)
-    network.to(device_named(device)).eval()
+    network.to(find_device(device)).eval()
     return PaddedFlow(network, network, settings.flownet2_rate,
                       "supervised: FlyingChairs and FlyingThings3D", flownet2.FLOWNET2_MULTIPLE)
 
@@ -114,7 +114,7 @@ def load_torchvision(
     from ..networks import torchvision_raft as loader
 
     network, training = loader.load_torchvision_raft(name, weights)
-    network.to(device_named(device)).eval()
+    network.to(find_device(device)).eval()
     return PaddedFlow(
         network, lambda a, b: network(2 * a - 1, 2 * b - 1)[-1], settings.raft_rate, training,
         loader.TORCHVISION_MULTIPLE, loader.TORCHVISION_MIN_SIDE)
@@ -138,6 +138,6 @@ class PaddedFlow(NetworkFlow):
         """Return the flow [1 2 H W] px, with gradients."""
         height, width = rgb_a.shape[:2]
         place = next(self.network.parameters()).device
-        a, b = (padded(unit_range(image), self.multiple, self.min_side).to(place)
+        a, b = (pad_image(unit_range(image), self.multiple, self.min_side).to(place)
                 for image in (rgb_a, rgb_b))
         return self.run(a, b)[..., :height, :width]

@@ -84,7 +84,7 @@ class ArmFit:
         assert best is not None
         x = np.concatenate([_numbers(best.cam_from_world), best.angles])
         for _ in range(_REFINEMENTS):
-            x, _ = replace(problem, weight=problem.reweighted(x)).minimize(x)
+            x, _ = replace(problem, weight=problem.reweight(x)).minimize(x)
         return ArmPose(x[6:], _camera(x), best.residual)
 
     def _starts(
@@ -160,7 +160,7 @@ class _Problem:
             method="lm", max_nfev=60)
         return found.x, float(found.cost)
 
-    def reweighted(self, x: Array) -> Array:
+    def reweight(self, x: Array) -> Array:
         """Return the weights [N], less where a keypoint is far away (Cauchy's)."""
         points, _ = self.fit.linearize(x[6:], self.used)
         there = replace(self, weight=np.ones(len(self.used)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import ConfigError, MethodError
 from ...renderer.types import Observation
-from ..networks.torch_runtime import Tensor, device_named, nn, torch
+from ..networks.torch_runtime import Tensor, find_device, nn, torch
 from ..networks.weights import read_notes, read_tensors, read_weights
 
 TRAINED = Path(__file__).parents[1] / "weights"
@@ -55,10 +55,10 @@ def load_trained(
         raise ConfigError(f"{path}: no weights of {name}; make them with {recipe}")
     network = make(width).eval()
     network.load_state_dict(read_weights(path, network.state_dict(), name))
-    network.to(device_named(device))
+    network.to(find_device(device))
     objects = read_notes(path).get("objects", "unknown objects")[:100]
     label = objects.replace(", ", "+") + (f" width={width}" if width < published else "")
-    return Trained(network, device_named(device), objects, label)
+    return Trained(network, find_device(device), objects, label)
 
 
 def find_weights(method: str, weights: str, recipe: str) -> Path:

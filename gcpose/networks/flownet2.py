@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .torch_runtime import F, Tensor, nn, torch, warped
+from .torch_runtime import F, Tensor, nn, torch, warp_image
 
 FLOWNET2_MULTIPLE = 64
 """Sides of the images must be multiples of this, px."""
@@ -37,7 +37,7 @@ class FlowNet2(nn.Module):
         flow = _bilinear(_SCALE * self.flownets_1(_with_residual(a, b, flow)))
         large = _nearest(_SCALE * self.flownets_2(_with_residual(a, b, flow)))
         small = _nearest(self.flownets_d(pair) / _SCALE)  # as in training
-        residual = [_length(a - warped(b, f)) for f in (small, large)]
+        residual = [_length(a - warp_image(b, f)) for f in (small, large)]
         return self.flownetfusion(
             torch.cat([a, small, large, _length(small), _length(large), *residual], 1)
         )
@@ -165,7 +165,7 @@ def correlation(a: Tensor, b: Tensor) -> Tensor:
 
 def _with_residual(a: Tensor, b: Tensor, flow: Tensor) -> Tensor:
     """[B 12 H W] the pair, b warped by the flow, the flow, and the difference from a."""
-    there = warped(b, flow)
+    there = warp_image(b, flow)
     return torch.cat([a, b, there, flow / _SCALE, _length(a - there)], 1)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, MethodError
-from .torch_runtime import device_named, torch
+from .torch_runtime import find_device, torch
 from .torchvision_raft import import_torchvision
 
 _METRIC = ("glpn", "tipsv2_dpt", "zoedepth")  # model types that return metres
@@ -35,7 +35,7 @@ def load_transformers_depth(
         model: The folder that `save_pretrained` wrote, or OWNER/NAME on the hub.
         scale: "metric" if the network returns depth in m, "relative" if it returns inverse depth
             up to an unknown factor and offset. Default: as its configuration says.
-        device: See `device_named`.
+        device: See `find_device`.
 
     Returns:
         Depth [H W] of an image [H W 3]: z in m, or the inverse of a relative network's output, up
@@ -65,7 +65,7 @@ def load_transformers_depth(
     if not hasattr(processor, "post_process_depth_estimation"):
         raise ConfigError(f"{source}: its image processor {type(processor).__name__} is not one "
                           "for depth; use the preprocessor_config.json of the model's authors")
-    network.to(device_named(device), torch.float32).eval()
+    network.to(find_device(device), torch.float32).eval()
     return partial(_predict, network, processor, relative), _describe_card(source, config)
 
 

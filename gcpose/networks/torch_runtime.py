@@ -15,11 +15,11 @@ try:
 except ImportError as error:
     raise MethodError("a network needs PyTorch: pip install 'gcbench[learn]'") from error
 
-__all__ = ["F", "Tensor", "device_named", "nn", "padded", "torch", "unit_range",
-           "warped"]
+__all__ = ["F", "Tensor", "find_device", "nn", "pad_image", "torch", "unit_range",
+           "warp_image"]
 
 
-def device_named(name: str) -> torch.device:
+def find_device(name: str) -> torch.device:
     """Return the device "cpu", "cuda", "mps", ...; "auto" is "cuda" if there is one, else "cpu".
 
     Raises:
@@ -39,7 +39,7 @@ def unit_range(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.multiply(image, 1 / 255, dtype=np.float32)
 
 
-def padded(image: NDArray[np.float32], multiple: int, min_side: int = 1) -> torch.Tensor:
+def pad_image(image: NDArray[np.float32], multiple: int, min_side: int = 1) -> torch.Tensor:
     """Return a tensor [1 C H' W'] of an image [H W C], its edge repeated to multiples of a size.
 
     No side is less than `min_side`, px.
@@ -51,7 +51,7 @@ def padded(image: NDArray[np.float32], multiple: int, min_side: int = 1) -> torc
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(whole, 2, 0)))[None]
 
 
-def warped(image: torch.Tensor, flow: torch.Tensor) -> torch.Tensor:
+def warp_image(image: torch.Tensor, flow: torch.Tensor) -> torch.Tensor:
     """Return the image [B C H W] sampled at x + flow(x) [B 2 H W] px, its edge repeated outside."""
     _, _, h, w = image.shape
     v, u = torch.meshgrid(

@@ -47,7 +47,7 @@ class SettingsRecord:
         """
         out = self
         for name, text in changes.items():
-            out = _replaced(out, name, text)
+            out = _replace(out, name, text)
         return out
 
     def changes(self) -> dict[str, str]:
@@ -57,7 +57,7 @@ class SettingsRecord:
                 if value != default[name]}
 
 
-def _replaced(settings: _Record, name: str, text: str) -> _Record:
+def _replace(settings: _Record, name: str, text: str) -> _Record:
     tree = settings.as_dict()
     leaves, parts = dict(_leaves(tree)), name.split(".")
     if name not in leaves:

@@ -76,7 +76,7 @@ class PartMatcher:
         there = points.ray.copy()
         there[:, :2] += flow[v, u] / self.focal
         if points.part is not None:
-            return self._match_given(points, there)
+            return self._match_true_parts(points, there)
         essential = first_matrices(points.ray, there, self.joints, s.inlier / self.focal, s)
         label = np.zeros(len(u), np.int64)
         for i in range(s.max_rounds):
@@ -96,7 +96,7 @@ class PartMatcher:
         label = 1 + np.argsort(order)[label]
         return MatchedParts(points.pixel, points.ray, there, label, essential[order])
 
-    def _match_given(self, points: SampledPixels, there: Array) -> MatchedParts:
+    def _match_true_parts(self, points: SampledPixels, there: Array) -> MatchedParts:
         """The same for an oracle's parts."""
         assert points.part is not None
         s = self.settings

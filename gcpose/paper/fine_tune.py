@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..networks.torch_runtime import torch, warped
+from ..networks.torch_runtime import torch, warp_image
 from ..numerics import Image
 from .epipolar import MatchedParts, sampson_distance
 from .settings import PaperSettings
@@ -61,7 +61,7 @@ def tune_flow(
                 many += len(parts.label)
                 same += 0 if before is None else int((before == parts.label).sum())
                 loss = epipolar_loss(field[0], parts, focal)
-                away = (warped(color[k + 1 : k + 2], field) - color[k : k + 1]).abs().mean(1)[0]
+                away = (warp_image(color[k + 1 : k + 2], field) - color[k : k + 1]).abs().mean(1)[0]
                 mean = (away * inside[k]).sum() / inside[k].sum().clamp(min=1)
                 loss = loss + mean / settings.color_scale
                 optimizer.zero_grad(set_to_none=True)

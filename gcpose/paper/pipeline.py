@@ -25,8 +25,8 @@ from ..images import (
     Flow,
     FrontEnd,
     VideoEvidence,
-    depth_named,
-    flow_named,
+    find_depth,
+    find_flow,
     for_cuts_of,
     row_suffix,
     subtract_background,
@@ -70,12 +70,12 @@ class FlowOnly:
     authors, link, date = PAPER
 
     def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
-        """Make the method with a flow by name (see `flow_named`); default: OpenCV's DIS.
+        """Make the method with a flow by name (see `find_flow`); default: OpenCV's DIS.
 
         Raises:
             GcbenchError: If the name is unknown or a file is missing.
         """
-        self.flow: Flow = flow_named(flow or "dis-fine", settings.images.flow)
+        self.flow: Flow = find_flow(flow or "dis-fine", settings.images.flow)
         self.settings, self.training = settings, training_of(self.flow)
         self.name += _suffix(settings, flow=flow)
 
@@ -134,7 +134,7 @@ class WithDepth:
     def __init__(
         self, flow: str = "", depth: str = "", settings: PublishedSettings = _DEFAULT
     ) -> None:
-        """Make the method with a flow network and a depth network (see `depth_named`).
+        """Make the method with a flow network and a depth network (see `find_depth`).
 
         Without a depth network it does not support the inputs `rgb`.
 
@@ -143,7 +143,7 @@ class WithDepth:
         """
         self.name += _suffix(settings, flow=flow, depth=depth)
         self.settings, self.network = settings, _network(flow, self.name, settings)
-        self.depth = depth_named(depth) if depth else None
+        self.depth = find_depth(depth) if depth else None
         self.training = training_of(self.depth, self.network, then=_TUNED)
         if self.depth is None:
             self.inputs = ("rgbd", "rgbd-noise")
@@ -172,7 +172,7 @@ def _network(flow: str, name: str, settings: PublishedSettings) -> Any:
     paper, of = settings.paper, settings.images.flow
     if not flow:
         of = replace(of, raft_iterations=paper.tuning_iterations, raft_side=paper.tuning_side)
-    network = flow_named(flow or "raft", of)
+    network = find_flow(flow or "raft", of)
     if not hasattr(network, "network"):
         raise ConfigError(f"{name}: no network to tune; use raft:WEIGHTS, flownet2:CHECKPOINT or "
                           "torchvision:NAME")
@@ -306,7 +306,7 @@ def _hypothesis(
     twist = np.concatenate([axis_twists(known, j, direction[None], at[j : j + 1])
                             for j, direction in enumerate(known.direction)])
     mine = label > 0
-    points = InverseDepthPoints.unmeasured(
+    points = InverseDepthPoints.without_measurements(
         cloud.frame[mine], cloud.ray[mine], label[mine], cloud.expected[mine])
     state = Articulation(twist, angle, known.prismatic, known.parent)
     return VideoHypothesis(state, points, video.bases[0], np.inf, np.zeros((0, 0)))

@@ -45,7 +45,7 @@ class InverseDepthPoints:
     """[N N] 1 for neighbors in a key frame, whose depths are alike on one part"""
 
     @classmethod
-    def unmeasured(
+    def without_measurements(
         cls, frame: NDArray[np.int64], ray: Array, label: NDArray[np.int64], expected: Array
     ) -> InverseDepthPoints:
         """Return points at their expected depths, without measurements."""

@@ -46,7 +46,7 @@ def sweep_hypotheses(
     beam = sweep_flow(tracker.evidence, known, points, to, settings)
     beam = select_by_steps(beam, settings.sweep_kept)
     one = np.ones(len(points.frame), np.int64)
-    start = InverseDepthPoints.unmeasured(points.frame, points.ray, one, points.expected)
+    start = InverseDepthPoints.without_measurements(points.frame, points.ray, one, points.expected)
     bases = base_candidates(tracker, points, 0)
     out: list[VideoHypothesis] = []
     for twist, end in zip(beam.twist, beam.angle, strict=True):

@@ -35,7 +35,7 @@ class Surfels:
     start: NDArray[np.int64]
     """[J+2] where each part begins"""
 
-    def scaled(self, scale: float) -> Surfels:
+    def with_scale(self, scale: float) -> Surfels:
         """Return the same with the standard deviations times `scale`."""
         column = self.column.copy()
         column[6] *= np.float32(scale)
@@ -73,7 +73,7 @@ def surface_equations(
     return out
 
 
-def accumulated_equations(
+def accumulate_equations(
     surfaces: Surfaces, motion: Array, surfels: Surfels, settings: BundleSettings
 ) -> tuple[PartEquations, Array]:
     """Sum distances of measured surfaces from points that may be displaced along their normals.

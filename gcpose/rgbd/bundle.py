@@ -30,7 +30,7 @@ from ..numerics import Solver
 from .alignment import (
     PartEquations,
     Surfels,
-    accumulated_equations,
+    accumulate_equations,
     flow_equations,
     sort_surfels,
     surface_equations,
@@ -100,7 +100,7 @@ def assemble(
         if frame:
             here = relative_derivatives(derivative, here_from_there, derivative[frame : frame + 1])
         if surfaces.noise:
-            equations, coupling = accumulated_equations(
+            equations, coupling = accumulate_equations(
                 surfaces, here_from_there, surfels, settings)
             sums.add(equations, here)
             for part, c in zip(here.swapaxes(0, 1), coupling, strict=True):
@@ -141,7 +141,7 @@ def adjust(
     sums = BundleEquations.zeros(0)
     for scale in scales:
         basis = axis_bases(state, near, 0 if newest else axis_dof)
-        sums = assemble(surfaces, [(f, s.scaled(scale)) for f, s in seen], state, basis, tuned)
+        sums = assemble(surfaces, [(f, s.with_scale(scale)) for f, s in seen], state, basis, tuned)
         sums.add_prior(*prior_equations(state, basis, views.hinges, settings.chain))
         frozen = newest & (np.arange(len(sums.vector)) < state.angle[1:-1].size)
         step = solver.step(sums.matrix, sums.vector, frozen)

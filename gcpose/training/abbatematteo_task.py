@@ -17,7 +17,7 @@ from ..networks.torch_runtime import Tensor, nn, torch
 from .config import AbbatematteoTraining
 from .joint_images import JointImages, joint_numbers
 from .object_task import ObjectTask
-from .task import Scores, reduced_precision
+from .task import Scores, reduce_precision
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class AbbatematteoTask(ObjectTask):
         return self.config.rate
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
-        with reduced_precision(self.config, batch[0].device):
+        with reduce_precision(self.config, batch[0].device):
             return cast("MixtureDensityNetwork", network).loss(*batch)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:

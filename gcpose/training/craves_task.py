@@ -25,7 +25,7 @@ from ..networks.torch_runtime import F, Tensor, nn, torch
 from .config import CravesTraining
 from .data import PlannedDataset
 from .keypoint_images import KeypointImages
-from .task import Samples, Scores, reduced_precision
+from .task import Samples, Scores, reduce_precision
 
 _WIDTH, _HEIGHT = 384, 288  # px: crops of such images are enlarged by less than 2
 
@@ -86,7 +86,7 @@ class CravesTask:
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         image, maps = batch
         image = image.contiguous(memory_format=torch.channels_last)
-        with reduced_precision(self.config, image.device):
+        with reduce_precision(self.config, image.device):
             found = network(image)
         return torch.stack([F.mse_loss(x.float(), maps) for x in found]).sum()
 

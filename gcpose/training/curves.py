@@ -44,7 +44,7 @@ def write_curves(log: Path, page: Path, title: str) -> None:
 
 def draw_chart(curves: Mapping[str, Curve]) -> str:
     """Return an SVG with lines by name over a common axis of steps; long lines are averaged."""
-    lines = {name: _shortened([p for p in curve if abs(p[1]) < float("inf")])
+    lines = {name: _shorten([p for p in curve if abs(p[1]) < float("inf")])
              for name, curve in curves.items()}
     points = [p for line in lines.values() for p in line]
     if not points:
@@ -73,7 +73,7 @@ def draw_chart(curves: Mapping[str, Curve]) -> str:
     return "\n".join([*out, "</svg>"])
 
 
-def _shortened(curve: Curve) -> Curve:
+def _shorten(curve: Curve) -> Curve:
     """Means of neighbors, so that at most _MOST_POINTS are left."""
     count = -(-len(curve) // _MOST_POINTS)
     parts = [curve[i : i + count] for i in range(0, len(curve), count or 1)]

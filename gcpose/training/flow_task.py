@@ -19,7 +19,7 @@ from .data import PlannedDataset, plan_datasets
 from .errors import FlowErrors, flow_errors
 from .loss import flow_loss
 from .pairs import FramePair, Pairs
-from .task import Samples, Scores, reduced_precision
+from .task import Samples, Scores, reduce_precision
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class FlowTask:
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         a, b, flow, part, weight = batch
-        with reduced_precision(self.config, a.device):
+        with reduce_precision(self.config, a.device):
             out = network(a, b, self.config.iterations)
         return flow_loss(out, flow, part, weight, progress, self.config.loss)
 

@@ -27,7 +27,7 @@ from .config import ForegroundTraining
 from .data import PlannedDataset
 from .flow_task import one_cycle
 from .foreground_videos import ForegroundVideos, true_foreground
-from .task import Samples, Scores, reduced_precision
+from .task import Samples, Scores, reduce_precision
 
 _WARM_UP, _FIRST_RATE = 0.05, 0.05
 _SEQUENCES = 4  # of each random object
@@ -85,7 +85,7 @@ class ForegroundTask:
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         """Return the cross-entropy and one minus the overlap of each video."""
         frames, moving = batch
-        with reduced_precision(self.config, frames.device):
+        with reduce_precision(self.config, frames.device):
             logits = network(frames)
         logits = logits.float()
         found = logits.sigmoid()

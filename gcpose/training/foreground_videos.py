@@ -16,7 +16,7 @@ from ...renderer.dataset import open_dataset
 from ...renderer.types import Sequence
 from ..images import ImageSettings, Square, changing_square, color_and_change, cut_square
 from .config import ForegroundTraining
-from .screws import shuffled
+from .screws import shuffle_epoch
 
 _STILL = 1e-6  # of the entries of a pose
 
@@ -62,7 +62,7 @@ class ForegroundVideos:
         c = self.config
         epoch, place = divmod(number, len(self))
         rng = np.random.default_rng([c.seed, number])
-        dataset, index = self._place[int(shuffled(c.seed, epoch, len(self))[place])]
+        dataset, index = self._place[int(shuffle_epoch(c.seed, epoch, len(self))[place])]
         sequence = dataset[index]
         start = int(rng.integers(dataset.config.frames - c.frames + 1))
         chosen = slice(start, start + c.frames)

@@ -16,7 +16,7 @@ from ...robots.geometry import Array
 from ..networks.hourglass import KEYPOINTS
 from ..networks.keypoint_crops import cut_crop, draw_maps, frame_keypoints, place_crop, to_crop
 from .config import CravesTraining
-from .screws import shuffled
+from .screws import shuffle_epoch
 
 _SHIFT = 0.1  # of a crop against its box, in sides of the crop
 
@@ -62,7 +62,7 @@ class KeypointImages:
         c = self.config
         epoch, place = divmod(number, len(self))
         rng = np.random.default_rng([c.seed, number])
-        image, pixels = self.image(int(shuffled(c.seed, epoch, len(self))[place]))
+        image, pixels = self.image(int(shuffle_epoch(c.seed, epoch, len(self))[place]))
         centre, side = frame_keypoints(pixels)
         side *= rng.uniform(*c.scale)
         shift = rng.uniform(-_SHIFT, _SHIFT, 2) * side

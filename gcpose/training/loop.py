@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, MethodError
-from ...renderer.runtime import uninterrupted
+from ...renderer.runtime import defer_interrupts
 from ...robots.files import lock_folder, remove_leftovers, write_atomically
-from ..networks.torch_runtime import device_named, nn, torch
+from ..networks.torch_runtime import find_device, nn, torch
 from ..networks.weights import (
     Checkpoint,
     read_checkpoint,
@@ -86,7 +86,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     if config.batch < 1 or config.every < 1:
         raise ConfigError("--batch and --every must be 1 or more")
     task.check_options()
-    device = device_named(config.device)
+    device = find_device(config.device)
     if config.threads:
         torch.set_num_threads(config.threads)
         cv2.setNumThreads(config.threads)
@@ -126,7 +126,7 @@ def _train_steps(run: _Run, samples: Samples, at: Checkpoint) -> Checkpoint:
     try:
         for batch in _batches(samples, config, range(at.step, steps), device):
             whole = False  # a step that fails leaves a state that no run would have
-            with uninterrupted():
+            with defer_interrupts():
                 loss = _train_step(run, batch, at.step, steps)
                 at, whole = Checkpoint(at.step + 1, time.monotonic() - started), True
             mean = loss if np.isnan(mean) else 0.98 * mean + 0.02 * loss

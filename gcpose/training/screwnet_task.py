@@ -14,7 +14,7 @@ from ..networks.torch_runtime import Tensor, nn, torch
 from .config import ScrewNetTraining
 from .object_task import ObjectTask
 from .screws import DepthVideos, line_distance, screw_loss
-from .task import Samples, Scores, reduced_precision
+from .task import Samples, Scores, reduce_precision
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ScrewNetTask(ObjectTask):
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         depth, screw = batch
-        with reduced_precision(self.config, depth.device):
+        with reduce_precision(self.config, depth.device):
             found = network(depth)
         return screw_loss(found.float(), screw)
 

@@ -78,7 +78,7 @@ class DepthVideos:
         """Return the sample of any number."""
         epoch, place = divmod(number, len(self))
         rng = np.random.default_rng([self.seed, number])
-        dataset, index = self._place[shuffled(self.seed, epoch, len(self))[place]]
+        dataset, index = self._place[shuffle_epoch(self.seed, epoch, len(self))[place]]
         sequence = dataset[index]
         first = int(rng.integers(len(sequence) - self.frames + 1))
         depth = fit_depth(sequence.depth[first : first + self.frames])
@@ -88,7 +88,7 @@ class DepthVideos:
 
 
 @lru_cache(maxsize=2)
-def shuffled(seed: int, epoch: int, count: int) -> NDArray[np.int64]:
+def shuffle_epoch(seed: int, epoch: int, count: int) -> NDArray[np.int64]:
     """Return the order of an epoch."""
     return np.random.default_rng([seed, epoch, count]).permutation(count)
 

@@ -15,7 +15,7 @@ Scores = dict[str, dict[str, float]]
 """Errors on held-out data: by the name of what was measured, and of the metric."""
 
 
-def reduced_precision(config: TrainConfig, device: torch.device) -> torch.autocast:
+def reduce_precision(config: TrainConfig, device: torch.device) -> torch.autocast:
     """Return the context in which a network computes in training."""
     return torch.autocast(device.type, torch.bfloat16, enabled=config.precision == "bfloat16")
 

@@ -43,7 +43,7 @@ _LABELS = _settings(cv2.IMWRITE_PNG_STRATEGY_RLE, "NONE")
 
 def encode_rgb(rgb: NDArray[np.uint8]) -> bytes:
     """Encode an sRGB image [H W 3]."""
-    return _encode(cv2.cvtColor(_checked(rgb, np.uint8, 3), cv2.COLOR_RGB2BGR), _PICTURE)
+    return _encode(cv2.cvtColor(_require_image(rgb, np.uint8, 3), cv2.COLOR_RGB2BGR), _PICTURE)
 
 
 def encode_depth(depth: NDArray[np.float32], unit: float = codes.DEPTH_UNIT) -> bytes:
@@ -51,7 +51,7 @@ def encode_depth(depth: NDArray[np.float32], unit: float = codes.DEPTH_UNIT) -> 
 
     Raises RenderError if a depth is negative, not a number or deeper than 65535 units.
     """
-    return _encode(codes.depth_codes(_checked(depth, np.float32), unit), _FIELD)
+    return _encode(codes.depth_codes(_require_image(depth, np.float32), unit), _FIELD)
 
 
 def encode_part(part: NDArray[np.uint16], wide: bool = False) -> bytes:
@@ -59,7 +59,7 @@ def encode_part(part: NDArray[np.uint16], wide: bool = False) -> bytes:
 
     Raises RenderError if a number does not fit.
     """
-    labels = _checked(part, np.uint16)
+    labels = _require_image(part, np.uint16)
     if not wide and labels.max(initial=0) > 255:
         raise RenderError(f"part number {labels.max()} does not fit an 8-bit part image")
     return _encode(labels if wide else labels.astype(np.uint8), _LABELS)
@@ -73,7 +73,7 @@ def widen_part(png: bytes) -> bytes:
 
 def encode_labels(labels: NDArray[np.uint8]) -> bytes:
     """Encode visibility or a mask [H W]."""
-    return _encode(_checked(labels, np.uint8), _LABELS)
+    return _encode(_require_image(labels, np.uint8), _LABELS)
 
 
 def encode_flow(flow: NDArray[np.float32]) -> bytes:
@@ -81,7 +81,7 @@ def encode_flow(flow: NDArray[np.float32]) -> bytes:
 
     NaN, and flow of 512 px or more, is (0, 0, 0).
     """
-    return _encode(codes.flow_codes(_checked(flow, np.float32, 2)), _FIELD)
+    return _encode(codes.flow_codes(_require_image(flow, np.float32, 2)), _FIELD)
 
 
 def encode_normal(normal: NDArray[np.float32]) -> bytes:
@@ -89,7 +89,7 @@ def encode_normal(normal: NDArray[np.float32]) -> bytes:
 
     NaN is (0, 0, 0).
     """
-    return _encode(codes.normal_codes(_checked(normal, np.float32, 3)), _FIELD)
+    return _encode(codes.normal_codes(_require_image(normal, np.float32, 3)), _FIELD)
 
 
 def encode_coordinates(
@@ -99,7 +99,7 @@ def encode_coordinates(
 
     `share` is the position in the box [P 2 3] m of each pixel's part number [H W].
     """
-    shares = codes.shares_of_boxes(_checked(coordinates, np.float32, 3), part, box)
+    shares = codes.shares_of_boxes(_require_image(coordinates, np.float32, 3), part, box)
     return _encode(codes.share_codes(shares), _FIELD)
 
 
@@ -148,7 +148,7 @@ def decode_flow(png: bytes, size: tuple[int, int], where: str) -> NDArray[np.flo
     return codes.flow_of_codes(_decode(png, size, where, _RGB, 16))
 
 
-def _checked(image: NDArray[Any], dtype: type[np.generic], channels: int = 0) -> NDArray[Any]:
+def _require_image(image: NDArray[Any], dtype: type[np.generic], channels: int = 0) -> NDArray[Any]:
     """Return the image, contiguous. Raises ValueError for another shape or dtype."""
     shape_fits = image.ndim == 3 and image.shape[2] == channels if channels else image.ndim == 2
     if image.dtype != dtype or not shape_fits:

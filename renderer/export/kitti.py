@@ -52,7 +52,7 @@ class Kitti(Writer):
         for t in range(len(sequence) - 1):
             name = f"{first + t:06d}"
             flow, part = sequence.flow[t], sequence.part[t]
-            seen = not_occluded(flow, part, sequence.visibility[t], sequence.part[t + 1])
+            seen = unoccluded_pixels(flow, part, sequence.visibility[t], sequence.part[t + 1])
             self._write("image_2", f"{name}_10", archive.read(f"rgb/{t:06d}.png"))
             self._write("image_2", f"{name}_11", archive.read(f"rgb/{t + 1:06d}.png"))
             self._write("flow_occ", f"{name}_10", codec.encode_flow(flow))
@@ -75,7 +75,7 @@ class Kitti(Writer):
         (self._folder / kind / f"{name}.png").write_bytes(png)
 
 
-def not_occluded(
+def unoccluded_pixels(
     flow: NDArray[np.float32], part: NDArray[np.uint16], visibility: NDArray[np.uint8],
     next_part: NDArray[np.uint16],
 ) -> NDArray[np.bool_]:

@@ -94,7 +94,7 @@ class WebDataset(Writer):
             "height": meta.height, "joint_names": meta.joint_names,
             "joint_types": meta.joint_types, "scored_joints": meta.scored_joints,
             "part_names": meta.part_names, "keypoint_names": meta.keypoint_names,
-            **{name: known(array) for name, array in sequence.state.at(t).items()},
+            **{name: json_values(array) for name, array in sequence.state.at(t).items()},
         }
 
     def shard_path(self, number: int) -> Path:
@@ -129,7 +129,7 @@ def fields_of(sequence: Sequence, t: int) -> dict[str, NDArray[Any]]:
             for kind, image in images.items() if kind != "rgb"}
 
 
-def known(array: NDArray[Any]) -> Any:
+def json_values(array: NDArray[Any]) -> Any:
     """The array as lists or a number, None where it is NaN, which JSON does not have."""
     if array.dtype.kind != "f" or np.isfinite(array).all():
         return array.tolist()

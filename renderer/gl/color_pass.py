@@ -123,7 +123,7 @@ class ColorPass:
             self._draw_shadows(self._uploaded, shot, t)
         self._still.copy_to(self._target)
         self._target.bind()
-        ranges = [*shot.standing, *shot.moving] if shadows else shot.moving
+        ranges = [*shot.static_ranges, *shot.moving_ranges] if shadows else shot.moving_ranges
         if shadows:
             self._shade_room(self._uploaded, shot)
         self._shade(self._uploaded, shot, t, ranges)
@@ -155,7 +155,7 @@ class ColorPass:
             self._draw_backdrop(scene.backdrop)
         if not scene.shadows:
             self._shade_room(uploaded, shot)
-            self._shade(uploaded, shot, t, shot.standing)
+            self._shade(uploaded, shot, t, shot.static_ranges)
 
     def _shade_room(self, uploaded: _UploadedScene, shot: Shot) -> None:
         if uploaded.room is not None:

@@ -61,9 +61,9 @@ def surface_shaders(
     macros = [f"#define {name} 1" for name in names]
     macros.append(f"#define MAX_DIRECTIONAL_LIGHTS {lights}")
 
-    def defined(text: str) -> str:
+    def define(text: str) -> str:
         version, _, rest = text.partition("\n")
         return "\n".join([version, *macros, rest])
 
-    return (defined(shader_source("surface.vert.glsl")),
-            defined(f"{declarations}\n{shader_source('surface.frag.glsl')}"))
+    return (define(shader_source("surface.vert.glsl")),
+            define(f"{declarations}\n{shader_source('surface.frag.glsl')}"))

@@ -56,19 +56,19 @@ class Rasterizer:
 
     def draw_truth(self, posed: PosedModel, camera: Camera, t: int = 0) -> DrawnTruth:
         """Draw depth, part numbers (and triangles) of the model alone in frame t."""
-        shot = self._shot(posed, camera)
+        shot = self._take_truth_shot(posed, camera)
         self._place(shot, t)
         return self._truth.draw(shot, t)
 
     def draw_room(self, scene: Scene, posed: PosedModel) -> DrawnTruth | None:
         """Draw depth (and triangles) of a scene's room alone; None if it has no room."""
-        shot = self._colored(scene, posed)
+        shot = self._take_color_shot(scene, posed)
         room = self._color.room
         return None if room is None else self._truth.draw_room(room, shot.clip_from_world)
 
     def draw_color(self, scene: Scene, posed: PosedModel, t: int = 0) -> DrawnColor:
         """Draw the colours of frame t of a scene, before noise and blur."""
-        shot = self._colored(scene, posed)
+        shot = self._take_color_shot(scene, posed)
         self._place(shot, t)
         return self._color.draw(shot, t)
 
@@ -80,7 +80,7 @@ class Rasterizer:
         front of them. `group` [P] is 0..31, or -1 for a part that is left out; a part is drawn in
         its box `where` [P 4] px (as `outlines`) only.
         """
-        shot = self._shot(posed, camera)
+        shot = self._take_truth_shot(posed, camera)
         self._place(shot, t)
         return self._coverage.draw(shot, t, group, where)
 
@@ -88,7 +88,7 @@ class Rasterizer:
         """Return a box [P 4] px that holds each part in frame t: first column and row, and those
         after the last; zeros for parts without a surface.
         """
-        part, corners = self._shot(posed, camera).boxes(t)
+        part, corners = self._take_truth_shot(posed, camera).boxes(t)
         parts = posed.world_from_part.shape[1]
         low, high = np.full((2, parts, 2), [[[np.inf]], [[-np.inf]]])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -108,7 +108,7 @@ class Rasterizer:
         self._color.delete_scene()
         self.context.close()
 
-    def _shot(self, posed: PosedModel, camera: Camera) -> Shot:
+    def _take_truth_shot(self, posed: PosedModel, camera: Camera) -> Shot:
         """The shot of the truth, which is kept while the arguments stay the same."""
         shot, uploaded = self._truth_shot, self._upload(posed, None)
         if shot is None or shot.uploaded is not uploaded or (
@@ -116,7 +116,7 @@ class Rasterizer:
             shot = self._truth_shot = Shot(uploaded, posed, camera, np.zeros((0, 3)))
         return shot
 
-    def _colored(self, scene: Scene, posed: PosedModel) -> Shot:
+    def _take_color_shot(self, scene: Scene, posed: PosedModel) -> Shot:
         """The shot of a scene's colours, likewise."""
         shot = self._color_shot
         if self._color.scene is not scene:

@@ -76,11 +76,11 @@ class TruthPass:
         if self._still_of is not shot:
             self._still.bind()
             self._clear()
-            self._draw(shot, shot.standing, t)
+            self._draw(shot, shot.static_ranges, t)
             self._still_of = shot
         self._still.copy_to(self._target)
         self._target.bind()
-        self._draw(shot, shot.moving, t)
+        self._draw(shot, shot.moving_ranges, t)
         self._gl.glFlush()
         return drawn
 

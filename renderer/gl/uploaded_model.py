@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply
 from ...robots.model import ArticulatedModel
-from ..scene import PosedModel, box_corners, box_split, clip_from_world, rest
+from ..scene import PosedModel, box_corners, clip_from_world, rest, split_by_axis
 from ..types import Camera
 from .buffers import (
     DrawRange,
@@ -91,7 +91,7 @@ def upload_model(
     for k, visual in sorted(enumerate(model.visuals), key=lambda item: item[1].part):
         kept, faces, uv = np.arange(len(visual.vertices)), visual.faces, visual.uv
         if projected[k]:
-            kept, faces, uv = box_split(at_rest[k], faces, 1.0)
+            kept, faces, uv = split_by_axis(at_rest[k], faces, 1.0)
         color = None if visual.color is None else visual.color[kept]
         pieces.append(Piece(visual.part, k, visual.vertices[kept], faces, visual.normals[kept], uv,
                             one_sided[k], visual.deforms, color))
@@ -120,17 +120,17 @@ class Shot:
         return clip_from_world(self.camera, np.concatenate([self.box(), self.around]))
 
     @cached_property
-    def moving(self) -> list[DrawRange]:
+    def moving_ranges(self) -> list[DrawRange]:
         """Ranges that move or deform."""
-        return [r for r in self.uploaded.array.ranges if r.deforms or not self._stands[r.part]]
+        return [r for r in self.uploaded.array.ranges if r.deforms or not self._is_static[r.part]]
 
     @cached_property
-    def standing(self) -> list[DrawRange]:
+    def static_ranges(self) -> list[DrawRange]:
         """Ranges with one pose in all frames."""
-        return [r for r in self.uploaded.array.ranges if not r.deforms and self._stands[r.part]]
+        return [r for r in self.uploaded.array.ranges if not r.deforms and self._is_static[r.part]]
 
     @cached_property
-    def _stands(self) -> NDArray[np.bool_]:
+    def _is_static(self) -> NDArray[np.bool_]:
         poses = self.posed.world_from_part
         return np.all(poses == poses[:1], axis=(0, 2, 3))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .interrupt import uninterrupted
+from .interrupt import defer_interrupts
 from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
 from .npz import ANY_SIZE, ArraySpec, dump_npy, parse_npy, parse_npz
 from .object_store import (
@@ -23,9 +23,9 @@ from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
     "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Shard", "WorkerPool",
-    "WorkerSettings", "address", "cpu_count", "die_with_parent", "dump_json", "dump_npy",
-    "end_like", "exists", "find_object", "frame_bar", "hide_main", "is_remote", "list_folder",
-    "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz", "parse_shard",
-    "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file", "to_record",
-    "uninterrupted", "upload_file",
+    "WorkerSettings", "address", "cpu_count", "defer_interrupts", "die_with_parent", "dump_json",
+    "dump_npy", "end_like", "exists", "find_object", "frame_bar", "hide_main", "is_remote",
+    "list_folder", "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz",
+    "parse_shard", "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file",
+    "to_record", "upload_file",
 ]

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def uninterrupted() -> Generator[None]:
+def defer_interrupts() -> Generator[None]:
     """Ctrl-C waits until the end of the block, and what is started in it never hears of one.
 
     A process that is interrupted while Python starts, or whose parent is while it hands over the

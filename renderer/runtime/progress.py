@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 from tqdm import tqdm
 
 from ...errors import printable
-from .interrupt import uninterrupted
+from .interrupt import defer_interrupts
 
 _Tqdm = tqdm[NoReturn] if TYPE_CHECKING else tqdm
 
@@ -33,7 +33,7 @@ def frame_bar(total: int, done: int, visible: bool, what: str = "render") -> Bar
 
     It appears with the first frame, so that a model that cannot be loaded is told in one line.
     """
-    with uninterrupted():  # half a bar complains when it is thrown away
+    with defer_interrupts():  # half a bar complains when it is thrown away
         return Bar(
             total=total,
             initial=done,
@@ -50,7 +50,7 @@ def frame_bar(total: int, done: int, visible: bool, what: str = "render") -> Bar
 
 def shard_bar(total: int, visible: bool) -> Bar:
     """A bar of `total` shards, which other machines work on."""
-    with uninterrupted():
+    with defer_interrupts():
         return Bar(
             total=total, unit="shard", desc="shards", disable=not visible, file=sys.stderr,
             bar_format="{desc}: {n_fmt}/{total_fmt} [{elapsed}{postfix}]", dynamic_ncols=True,

@@ -31,7 +31,7 @@ from types import ModuleType
 from typing import Any, Generic, Literal, TypeVar
 
 from ...errors import ConfigError
-from .interrupt import uninterrupted
+from .interrupt import defer_interrupts
 
 _Task = TypeVar("_Task")
 _Received = TypeVar("_Received")
@@ -132,7 +132,7 @@ class WorkerPool(Generic[_Task]):
         if _is_worker:
             raise ConfigError("a script starts worker processes while one of them imports it; "
                               'put its calls of gcbench below `if __name__ == "__main__":`')
-        resource_tracker.ensure_running()  # its start would undo uninterrupted
+        resource_tracker.ensure_running()  # its start would undo defer_interrupts
         with tempfile.TemporaryDirectory(prefix="gcbench-") as logs:
             try:
                 while self.todo or self._busy():
@@ -198,7 +198,7 @@ class WorkerPool(Generic[_Task]):
             log = logs / str(next(self._number)) / "output"
             log.parent.mkdir()
         context: SpawnContext = multiprocessing.get_context("spawn")
-        with hide_main(), uninterrupted(), _variables(s.environment), _arguments(not s.foreign):
+        with hide_main(), defer_interrupts(), _variables(s.environment), _arguments(not s.foreign):
             mine, its = context.Pipe()
             process = context.Process(
                 target=_main, args=(its, s.target, s.arguments, log, s.memory),

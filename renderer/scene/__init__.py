@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .box_mapping import box_split
+from .box_mapping import split_by_axis
 from .clip_space import box_corners, clip_from_light, clip_from_world
 from .config import (
     LAYERS,
@@ -35,8 +35,9 @@ from .scene import Scene
 __all__ = [
     "LAYERS", "STUDIO", "CameraConfig", "ImageConfig", "LightsConfig", "Motion", "MotionConfig",
     "MotionSampler", "PosedModel", "RandomizationConfig", "RenderConfig", "RoomSurface", "Scene",
-    "Streams", "TexturesConfig", "animation_times", "box_corners", "box_split", "check_model_paths",
+    "Streams", "TexturesConfig", "animation_times", "box_corners", "check_model_paths",
     "clip_from_light", "clip_from_world", "config_tree", "dataset_asset", "differences",
     "draw_camera", "draw_scene", "draws_of", "model_of", "model_source", "packages_of",
     "parse_config", "pose_parts", "read_config", "resolve", "rest", "rest_in_part", "robot_of",
+    "split_by_axis",
 ]

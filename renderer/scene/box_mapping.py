@@ -15,8 +15,9 @@ _OFFSETS = np.array([[0.0, 0.0], [0.37, 0.61], [0.71, 0.23]])
 """Shift of each axis in tiles: adjacent sides of a box do not mirror each other."""
 
 
-def box_split(vertices: Array, faces: Faces,
-              scale: float) -> tuple[NDArray[np.intp], Faces, Array]:
+def split_by_axis(
+    vertices: Array, faces: Faces, scale: float
+) -> tuple[NDArray[np.intp], Faces, Array]:
     """Return the old number [V'] of each new vertex, faces [F 3] and uv [V' 2].
 
     A tile is `scale` m wide. Each face is projected along the axis nearest to its normal. Vertices

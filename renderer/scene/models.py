@@ -16,7 +16,7 @@ from ...robots.catalog import (
     is_file,
     load_robot,
     parse_object_name,
-    scored_by_default,
+    select_default_scored,
 )
 from ...robots.model import Animation, ArticulatedModel
 from ...robots.motion import JointTrajectory, joint_indices
@@ -158,7 +158,7 @@ def _load(config: RenderConfig, robot: str) -> ModelSource:
     if is_category(config.robot):
         asset["instance"] = robot
     fixed_motion: Animation | JointTrajectory | None = animation
-    names = config.scored_joints or scored_by_default(robot, model)
+    names = config.scored_joints or select_default_scored(robot, model)
     try:
         joint_indices(model, (*names, *(recorded.joints if recorded else ())))
     except GcbenchError as error:
@@ -166,12 +166,12 @@ def _load(config: RenderConfig, robot: str) -> ModelSource:
     if recorded:
         asset["motion"] = {"file": recorded.path.name, "sha256": recorded.sha256}
         fixed_motion = recorded.trajectory(model, config.frames, config.randomization.motion.fps)
-        names = config.scored_joints or _moved(model, fixed_motion, names)
+        names = config.scored_joints or _moving_joints(model, fixed_motion, names)
     scored = tuple(model.joint_names[j] for j in joint_indices(model, names))
     return ModelSource(robot, model, scored, fixed_motion, asset)
 
 
-def _moved(
+def _moving_joints(
     model: ArticulatedModel, motion: JointTrajectory, wanted: Sequence[str]
 ) -> tuple[str, ...]:
     """Those of the wanted joints that a motion moves; all that it moves if these are none."""

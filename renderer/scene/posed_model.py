@@ -37,19 +37,19 @@ class PosedModel:
 
     def surfaces(self, t: int) -> tuple[tuple[Array, Array], ...]:
         """Return world vertices [V 3] m and normals [V 3] of each deforming visual at instant t."""
-        return self._cached(self._surfaces, t, lambda: tuple(
-            self._deformed(visual, t) for visual in self.deforming))
+        return self._look_up(self._surfaces, t, lambda: tuple(
+            self._deform(visual, t) for visual in self.deforming))
 
     def vertices(self, t: int) -> Array:
         """Return the vertices [V 3] m (world) of all visuals at instant t."""
-        def found() -> Iterator[Array]:
+        def of_visuals() -> Iterator[Array]:
             yield np.zeros((0, 3))
             moved = iter(self.surfaces(t))
             for v in self.model.visuals:
                 pose = self.world_from_part[t, v.part]
                 yield next(moved)[0] if v.deforms else apply(pose, v.vertices)
 
-        return self._cached(self._vertices, t, lambda: np.concatenate([*found()]))
+        return self._look_up(self._vertices, t, lambda: np.concatenate([*of_visuals()]))
 
     @cached_property
     def bounds(self) -> Array:
@@ -71,12 +71,12 @@ class PosedModel:
         faces = [len(v.faces) for v in self.model.visuals]
         return np.repeat(np.array([v.deforms for v in self.model.visuals], bool), faces)
 
-    def _deformed(self, visual: Visual, t: int) -> tuple[Array, Array]:
+    def _deform(self, visual: Visual, t: int) -> tuple[Array, Array]:
         p = self.posture
         stretch = None if p.stretch is None else p.stretch[t]
         return deform_visual(visual, p.world_from_part[t], stretch, p.morph[t])
 
-    def _cached(
+    def _look_up(
         self, cache: OrderedDict[int, _Cached], t: int, make: Callable[[], _Cached]
     ) -> _Cached:
         if t not in cache:

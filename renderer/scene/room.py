@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...robots.geometry import Array, rotation_about
-from .box_mapping import Faces, box_split
+from .box_mapping import Faces, split_by_axis
 from .config import BackgroundConfig
 from .image_sources import ImageFolder, draw_image
 from .images import TextureImage
@@ -74,7 +74,7 @@ def draw_room(
 
     def surface(name: str, mesh: _Mesh, tile: float, pixels: int) -> RoomSurface:
         vertices, faces, normals = mesh
-        old, faces, uv = box_split(vertices, faces, tile)
+        old, faces, uv = split_by_axis(vertices, faces, tile)
         image = draw_image(config.kinds, images, (pixels, pixels), rng, tileable=True)
         red, green, blue = rng.uniform(0.7, 1.0, 3).tolist()
         return RoomSurface(name, vertices[old] @ world_from_room.T + origin, faces,

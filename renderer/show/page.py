@@ -101,7 +101,7 @@ def page_data(
         "robot": str(meta.asset.get("name", "")),
         "total": len(sequence),
         "frames": frames,
-        "times": _rounded(state.times),
+        "times": _round(state.times),
         "size": [meta.width, meta.height],
         "picture": [width, height],
         "grid": list(grid),
@@ -115,7 +115,7 @@ def page_data(
         "parts": [{"name": name, "color": color, "pixels": _integers(state.part_pixels[:, i])}
                   for i, (name, color) in enumerate(zip(meta.part_names, colors[1:], strict=True))],
         "joints": _joints(meta, state, colors),
-        "axes": [[[a.joint, *_rounded(np.array([a.tail, a.point, a.head]).ravel())]
+        "axes": [[[a.joint, *_round(np.array([a.tail, a.point, a.head]).ravel())]
                   for a in joint_axes(meta, state, t)] for t in frames],
         "table": joint_table(meta, state),
         "space": view_data(sequence, frames, model) if three_js() else None,
@@ -130,7 +130,7 @@ def _joints(meta: Meta, state: State, colors: Many[str]) -> list[dict[str, Any]]
     return [{"name": name, "unit": "m" if meta.joint_types[j] == "prismatic" else "°",
              "scored": name in meta.scored_joints,
              "color": colors[int(state.joint_child_part[j])],
-             "positions": _rounded(state.joint_positions[:, j] * scale[j])}
+             "positions": _round(state.joint_positions[:, j] * scale[j])}
             for j, name in enumerate(meta.joint_names)]  # fmt: skip
 
 
@@ -268,7 +268,7 @@ def write_file(out: Path, content: bytes) -> Path:
     return out
 
 
-def _rounded(values: NDArray[np.float64]) -> list[float | None]:
+def _round(values: NDArray[np.float64]) -> list[float | None]:
     return [round(float(x), 4) if math.isfinite(x) else None for x in values]
 
 

@@ -62,7 +62,7 @@ def contact_sheet(sequences: Sequence | Iterable[Sequence], out: Path) -> Path:
         rows = [tiles[i : i + columns] for i in range(0, len(tiles), max(columns, 1))]
     if not rows:
         raise DatasetError("nothing to show: the dataset holds no sequence yet")
-    return write_file(out, _encoded(_grid(rows, title), out.suffix.lower()))
+    return write_file(out, _encode(_grid(rows, title), out.suffix.lower()))
 
 
 def film_frames(sequence: Sequence) -> Iterator[RgbImage]:
@@ -227,7 +227,7 @@ def _write(sheet: RgbImage, text: str, at: tuple[int, int]) -> None:
                 (_INK, _INK, _INK), 1, cv2.LINE_AA)  # fmt: skip
 
 
-def _encoded(picture: RgbImage, suffix: str) -> bytes:
+def _encode(picture: RgbImage, suffix: str) -> bytes:
     import cv2
 
     return cv2.imencode(suffix, np.ascontiguousarray(picture[..., ::-1]))[1].tobytes()

@@ -63,7 +63,7 @@ class SequenceTruth:
         depth, part = draw.depth[t], draw.part[t]
         points = surface_points(depth, part, draw.camera.intrinsics, len(self.model.parent))
         self.part_pixels[t] = points.part_pixels
-        deforming = self._deforming(points, t)
+        deforming = self._deforming_points(points, t)
         forward = backward = seen = None
         if t > 0:
             backward = points.flow_image(self._motion(points, deforming, t, t - 1))
@@ -102,7 +102,7 @@ class SequenceTruth:
         """[V 3] m in the camera frame."""
         return apply(self.cam_from_world[t], self.draw.motion.posed.vertices(t))
 
-    def _deforming(self, points: SurfacePoints, t: int) -> DeformingPoints | None:
+    def _deforming_points(self, points: SurfacePoints, t: int) -> DeformingPoints | None:
         posed = self.draw.motion.posed
         if not posed.deforming:
             return None

@@ -132,12 +132,12 @@ class DrawSampler:
             index = np.flatnonzero(part[t] > 0)
             number = part[t].ravel()[index]
             pixels[t] = self._count(number)
-            covered[t] = pixels[t] + self._hidden(motion, t, camera, index, number)
+            covered[t] = pixels[t] + self._count_hidden(motion, t, camera, index, number)
             for j in range(joints) if t < frames - 1 else ():
                 of_joint = index[self._moved[j][number - 1]]
                 flow[t, j] = own_motion(camera, depth[t], of_joint, screws[t, j],
                                         self._prismatic[j], steps[t, j])
-            reason = "" if keep else self._reason(_seen(pixels[[t]], covered[[t]]))
+            reason = "" if keep else self._reason(_summarize_visibility(pixels[[t]], covered[[t]]))
             if reason:
                 return reason
         seen, reason = self._verdict(motion, pixels, covered, flow)
@@ -152,7 +152,7 @@ class DrawSampler:
         seen = [
             replace(joint, displacement=float(positions[-1, j] - positions[0, j]),
                     motion=float(flow[:, j].mean()) if len(flow) else 0.0)
-            for j, joint in enumerate(_seen(pixels, covered))
+            for j, joint in enumerate(_summarize_visibility(pixels, covered))
         ]
         reason = "collision" if motion.touches else self._reason(seen)
         return dict(zip(self.scored, seen, strict=True)), reason
@@ -170,7 +170,7 @@ class DrawSampler:
         counts = np.bincount(number, minlength=len(self.model.parent) + 1)[1:]
         return self._moved @ counts
 
-    def _hidden(
+    def _count_hidden(
         self, motion: Motion, t: int, camera: Camera, index: NDArray[np.int64],
         number: NDArray[np.uint16],
     ) -> NDArray[np.int64]:
@@ -228,7 +228,9 @@ def _around(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([boxes[:, :2].min(0), boxes[:, 2:].max(0)])
 
 
-def _seen(pixels: NDArray[np.int64], covered: NDArray[np.int64]) -> list[JointVisibility]:
+def _summarize_visibility(
+    pixels: NDArray[np.int64], covered: NDArray[np.int64]
+) -> list[JointVisibility]:
     """Fewest pixels and smallest share of each joint, from counts [T S]; the rest is infinite."""
     share = np.minimum(pixels / np.maximum(covered, 1), 1.0)
     return [JointVisibility(np.inf, int(n), float(s), np.inf)

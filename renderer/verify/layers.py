@@ -42,7 +42,7 @@ def verify_layers(sequence: Sequence) -> list[CheckResult]:
                 continue
             checks += _coordinates(frame, flat, rays)
             if before is not None:
-                checks += _kept(*before, frame, flat)
+                checks += _check_kept(*before, frame, flat)
             before = frame, flat
     return list(merge_checks(checks))
 
@@ -55,7 +55,7 @@ def _rays(sequence: Sequence) -> Array:
     return pixels @ np.linalg.inv(sequence.state.intrinsics).T
 
 
-def _known(
+def _check_known(
     name: str, image: Array, wanted: NDArray[np.bool_], frame: VerifiedFrame
 ) -> tuple[CheckResult, NDArray[np.intp]]:
     """The check that an image [N 3] is known where it is wanted [N]; and where it is."""
@@ -67,7 +67,7 @@ def _known(
 
 def _normals(frame: VerifiedFrame, normal: Array, rays: Array) -> list[CheckResult]:
     """Unit vectors towards the camera, at right angles to the plane that the depth makes."""
-    known, pixel = _known("normal", normal, frame.depth > 0, frame)
+    known, pixel = _check_known("normal", normal, frame.depth > 0, frame)
     length = np.linalg.norm(normal[pixel], axis=1)
     away = np.einsum("ni,ni->n", normal[pixel], rays[pixel]) / np.linalg.norm(rays[pixel], axis=1)
     checks = [
@@ -101,12 +101,12 @@ def _planes(frame: VerifiedFrame) -> tuple[Array, NDArray[np.bool_], Array]:
     ramp = np.arange(-half, half + 1, dtype=np.float64)
     ones, squares = np.ones(_SIDE), _SIDE * float(ramp @ ramp)
 
-    def fitted(x: Array, y: Array, by: float) -> Array:
+    def fit(x: Array, y: Array, by: float) -> Array:
         found = cv2.sepFilter2D(w, cv2.CV_64F, x, y, borderType=cv2.BORDER_REFLECT)
         return np.asarray(found, np.float64) / by
 
-    a, b = fitted(ramp, ones, squares), fitted(ones, ramp, squares)
-    c = fitted(ones, ones, _SIDE**2)
+    a, b = fit(ramp, ones, squares), fit(ones, ramp, squares)
+    c = fit(ones, ones, _SIDE**2)
     part = np.ascontiguousarray(frame.part.reshape(shape), np.float64)
     window = np.ones((_SIDE, _SIDE), np.uint8)
     alone = cv2.erode(part, window) == cv2.dilate(part, window)
@@ -132,7 +132,7 @@ def _planes(frame: VerifiedFrame) -> tuple[Array, NDArray[np.bool_], Array]:
 def _coordinates(frame: VerifiedFrame, local: Array, rays: Array) -> list[CheckResult]:
     """Of rigid parts, coordinates in the part's pose are the points that depth gives."""
     sequence, t = frame.sequence, frame.t
-    known, pixel = _known("coordinates", local, frame.part > 0, frame)
+    known, pixel = _check_known("coordinates", local, frame.part > 0, frame)
     rigid = ~np.isin(frame.part[pixel], [0, *deforming_numbers(sequence)])
     pixel = pixel[rigid]
     s, part = sequence.state, frame.part[pixel] - 1
@@ -149,7 +149,7 @@ def _coordinates(frame: VerifiedFrame, local: Array, rays: Array) -> list[CheckR
                          lambda i: frame.name(int(pixel[i])))]
 
 
-def _kept(frame: VerifiedFrame, local: Array, there: VerifiedFrame, local_there: Array
+def _check_kept(frame: VerifiedFrame, local: Array, there: VerifiedFrame, local_there: Array
           ) -> list[CheckResult]:
     """A point keeps its coordinates [N 3] where the forward flow of its frame leads."""
     sequence, t = frame.sequence, frame.t

@@ -42,7 +42,8 @@ def verify_observability(
                         lambda i: meta.scored_joints[i]))
     if model is not None and set(meta.scored_joints) <= set(model.joint_names) \
             and model.part_names == meta.part_names:
-        fewest = [s.part_pixels[:, _moved(model, n)].sum(1).min() for n in meta.scored_joints]
+        fewest = [s.part_pixels[:, _moving_parts(model, n)].sum(1).min()
+                  for n in meta.scored_joints]
         checks.append(check("observability: pixels", said[:, 1] - fewest, 0, "px",
                             lambda i: meta.scored_joints[i]))
 
@@ -66,7 +67,7 @@ def verify_observability(
     return checks
 
 
-def _moved(model: ArticulatedModel, joint: str) -> NDArray[np.bool_]:
+def _moving_parts(model: ArticulatedModel, joint: str) -> NDArray[np.bool_]:
     """[P] parts that the joint carries along, mimicking ones included."""
     number = model.joint_names.index(joint)
     moved = np.zeros(len(model.parent), bool)

@@ -39,7 +39,7 @@ def verify_surface(sequence: Sequence, model: ArticulatedModel | None) -> list[C
     numbers, stack = deforming_numbers(sequence), sequence.coordinates
     if not len(numbers) or stack is None or model is None:
         return []
-    posed = _posed(sequence, model)
+    posed = _pose_as_stored(sequence, model)
     if posed is None:
         return []
     number = np.repeat([v.part + 1 for v in model.visuals], [len(v.faces) for v in model.visuals])
@@ -54,7 +54,7 @@ def verify_surface(sequence: Sequence, model: ArticulatedModel | None) -> list[C
         part, depth = frame.part, frame.depth
         corners = apply(s.cam_from_world[t], posed.vertices(t))[faces]
         best = np.full(len(part), np.inf)
-        for pixel, face, weight, z in _met(corners, sequence):
+        for pixel, face, weight, z in _intersect_rays(corners, sequence):
             same = (part[pixel] == number[face]) & (
                 np.abs(z - depth[pixel]) <= frame.unit + 2e-3 * z)
             pixel, face, weight = pixel[same], face[same], weight[same]
@@ -67,7 +67,7 @@ def verify_surface(sequence: Sequence, model: ArticulatedModel | None) -> list[C
     return list(merge_checks(checks))
 
 
-def _posed(sequence: Sequence, model: ArticulatedModel) -> PosedModel | None:
+def _pose_as_stored(sequence: Sequence, model: ArticulatedModel) -> PosedModel | None:
     """The model as the stored poses have it; None if it is another model."""
     meta, poses = sequence.meta, sequence.state.world_from_part
     if model.part_names != meta.part_names or not model.visuals:
@@ -82,7 +82,7 @@ def _posed(sequence: Sequence, model: ArticulatedModel) -> PosedModel | None:
     return PosedModel(model, replace(found[0].at(times), world_from_part=poses))
 
 
-def _met(corners: Array, sequence: Sequence) -> Iterator[
+def _intersect_rays(corners: Array, sequence: Sequence) -> Iterator[
     tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]
 ]:
     """Pixels, triangles [M], weights of the corners [M 3] and depth [M] m where the pixels' rays

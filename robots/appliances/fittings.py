@@ -201,7 +201,7 @@ def dishes(rng: SeededRng, width: float, depth: float) -> list[tuple[Solid, Colo
     return out
 
 
-def heating(rng: SeededRng, box: Cabinet) -> list[Shape]:
+def heating_loops(rng: SeededRng, box: Cabinet) -> list[Shape]:
     """Draw heating loops near the ceiling or floor of a cavity, and rails for shelves."""
     x, y, w, h = box.hole.x, box.hole.y, box.hole.width, box.hole.height
     middle, depth = box.middle, box.depth

@@ -16,7 +16,7 @@ from .fittings import (
     Part,
     centre_appliance,
     feet,
-    heating,
+    heating_loops,
     hollow_box,
     knob,
     vents,
@@ -60,7 +60,7 @@ def _big_oven(rng: SeededRng, number: int) -> Appliance:
     body.append(Shape("panel", shift(plate, 0.0, top, front), look.panel))
     if rng.chance(60):
         body += cooktop(rng, look, w, d, h)
-    body += heating(rng, box)
+    body += heating_loops(rng, box)
     details, knobs = oven_controls(rng, look, (w, strip), (0.0, top, front + t))
     parts = [Part("body", (*body, *details)),
              *_door(rng, look, (w - 2 * DOOR_GAP, dh - DOOR_GAP, t), (0.0, door_y, front))]
@@ -87,7 +87,7 @@ def _toaster(rng: SeededRng, number: int) -> Appliance:
                                   middle, front), look.panel))
     body += [vents((s * w / 2, middle, 0.0), (d * 0.5, 0.03),
                    "right" if s > 0 else "left", rng.integer(6, 14)) for s in (-1, 1)]
-    body += heating(rng, box)
+    body += heating_loops(rng, box)
     count = rng.integer(2, 4)
     step = (cabinet - 0.05) / count
     radius = min(rng.length(0.015, 0.024), pw * 0.3, 0.34 * step)

@@ -12,12 +12,12 @@ from .entries import (
     robot_folder,
 )
 from .listing import RobotInfo, fetch_robot, list_robots, records_table
-from .loading import is_file, load_robot, robot_urdf, scored_by_default
+from .loading import is_file, load_robot, robot_urdf, select_default_scored
 from .names import instance_numbers, is_category, is_object, parse_object_name
 
 __all__ = [
     "CATALOG", "CatalogEntry", "FetchedRobot", "GeneratedRobot", "RobotInfo", "fetch_robot",
     "find_robot", "instance_numbers", "is_category", "is_file", "is_local", "is_object",
     "list_robots", "load_robot", "parse_object_name", "records_table", "robot_folder", "robot_urdf",
-    "scored_by_default",
+    "select_default_scored",
 ]

@@ -122,7 +122,7 @@ def robot_urdf(
     return None if isinstance(entry, GeneratedRobot) else _catalog_urdf(entry, download)
 
 
-def scored_by_default(name: str | Path, model: ArticulatedModel) -> tuple[str, ...]:
+def select_default_scored(name: str | Path, model: ArticulatedModel) -> tuple[str, ...]:
     """Return the joints that move and are scored by default.
 
     These are the catalogue's, the doors (else a drawer) of an object, or the bottom three joints

@@ -79,7 +79,7 @@ class AssetFinder:
         except ModelError:
             return False
 
-    def nested(self, asset: Asset, reference: str, suffixes: frozenset[str]) -> Asset:
+    def find_beside(self, asset: Asset, reference: str, suffixes: frozenset[str]) -> Asset:
         """Return the file that a mesh file names by `reference`: beside it, or inside its root.
 
         Exporters write absolute paths of their author's machine into materials; only the last

@@ -283,7 +283,7 @@ def _finger(sign: float) -> Solids:
     x, y = _PIVOTS[0][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[0][1] + _CRANK * np.sin(_CLOSED)
     inner = _PIVOTS[1][0] + _CRANK * np.cos(_CLOSED), _PIVOTS[1][1] + _CRANK * np.sin(_CLOSED)
 
-    def placed(s: TriangleSurface) -> TriangleSurface:
+    def place(s: TriangleSurface) -> TriangleSurface:
         """Move from the hand frame, left finger closed; mirror for the right finger."""
         at_pivot = move_surface(s, transform(None, (-x, -y, 0.0)))
         return move_surface(at_pivot, np.eye(4), (1.0, sign, 1.0))
@@ -297,4 +297,4 @@ def _finger(sign: float) -> Solids:
         (FOAM, block((inner[0] + 1, 0.0, -12), (74.4, 2.6, 12), 0.6)),
     ]
     solids += [(STEEL, rod((*at, -10.5), (*at, 10.5), 1.8, sides=16)) for at in ((x, y), inner)]
-    return [(m, placed(s)) for m, s in solids]
+    return [(m, place(s)) for m, s in solids]

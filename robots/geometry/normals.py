@@ -53,14 +53,14 @@ def smooth_corners(
     first, second = first[alike], second[alike]
 
     # Corner i of face f is number 3 f + i; half-edge 3 f + i runs from corner i to the next one.
-    def following(half_edge: Indices) -> Indices:
+    def next_half_edge(half_edge: Indices) -> Indices:
         return half_edge - half_edge % 3 + (half_edge + 1) % 3
 
     corners = place.ravel()
     turned = corners[first] == corners[second]  # a neighbour of opposite winding
-    links_a = np.concatenate([first, following(first)])
-    links_b = np.concatenate([np.where(turned, second, following(second)),
-                              np.where(turned, following(second), second)])
+    links_a = np.concatenate([first, next_half_edge(first)])
+    links_b = np.concatenate([np.where(turned, second, next_half_edge(second)),
+                              np.where(turned, next_half_edge(second), second)])
     graph = coo_matrix((np.ones(len(links_a), bool), (links_a, links_b)),
                        shape=(3 * n_faces, 3 * n_faces))
     count, group = connected_components(graph, directed=False)

@@ -333,15 +333,15 @@ def _visual(
 
 def _normal_changes(vertices: Array, faces: NDArray[np.int64], displacement: Array) -> Array:
     """Return [M V 3] the change of the computed vertex normals with each morph target."""
-    def made(points: Array) -> Array:
+    def vertex_normals(points: Array) -> Array:
         flat, area = face_normals(points, faces)
         out = np.zeros_like(points)
         for k in range(3):
             np.add.at(out, faces[:, k], flat * area[:, None])
         return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
 
-    rest = made(vertices)
-    return np.stack([made(vertices + d) - rest for d in displacement])
+    rest = vertex_normals(vertices)
+    return np.stack([vertex_normals(vertices + d) - rest for d in displacement])
 
 
 def _normalize(normals: Array) -> Array:

@@ -73,7 +73,7 @@ class AssetReader:
     def nested_texture(self, asset: Asset, reference: str) -> NDArray[np.uint8] | None:
         """Return the texture [h w 3|4] that a mesh file names; None and a note on failure."""
         try:
-            return self._decode(self.finder.nested(asset, reference, TEXTURES))
+            return self._decode(self.finder.find_beside(asset, reference, TEXTURES))
         except ModelError as error:
             self.note_failure(asset, f"texture {last_part(reference)!r}", error)
             return None

@@ -116,7 +116,7 @@ def _resolver(asset: Asset, reader: AssetReader) -> Any:
         def get(self, key: str) -> bytes:
             name = str(key).strip()
             try:
-                return reader.read(reader.finder.nested(asset, name, MATERIALS | TEXTURES))
+                return reader.read(reader.finder.find_beside(asset, name, MATERIALS | TEXTURES))
             except ModelError as error:
                 reader.note_failure(asset, f"file {last_part(name)!r}", error)
                 raise FileNotFoundError(last_part(name)) from error

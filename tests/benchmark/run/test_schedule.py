@@ -58,13 +58,13 @@ def test_the_time_left_follows_the_times_of_each_row(jobs: list[Job]) -> None:
     foreign, _, rgbd = jobs
     clock = Clock(1, [foreign, rgbd])
     clock.count(foreign, Stored("ok", seconds=60.0), 61.0)
-    assert clock.left() == "about 2 min"
+    assert clock.remaining_time() == "about 2 min"
     clock.count(foreign, Stored("timeout"), 300.0)
-    assert clock.left() == "about 3 min"
+    assert clock.remaining_time() == "about 3 min"
     clock.count(foreign, Stored("ok", seconds=60.0), 61.0)
     for _ in range(3):
         clock.count(rgbd, Stored("ok", seconds=1.0), 1.0)
-    assert clock.left() == ""
+    assert clock.remaining_time() == ""
 
 
 def test_the_default_is_axes_and_a_limit_is_kept(

@@ -10,7 +10,7 @@ import pytest
 from gcbench.errors import ConfigError
 from gcbench.gcpose.images.foreground import (
     _compare_with_background,
-    foreground_named,
+    find_foreground,
     subtract_background,
 )
 from gcbench.gcpose.images.foreground_input import (
@@ -63,7 +63,7 @@ def overlap(found: NDArray[np.bool_], true: NDArray[np.bool_]) -> float:
 def test_the_network_finds_the_plain_middle_of_a_door() -> None:
     rgb, true = plain_door()
     by_color = overlap(subtract_background(rgb, SETTINGS), true)
-    learned = overlap(foreground_named("network", SETTINGS)(rgb), true)
+    learned = overlap(find_foreground("network", SETTINGS)(rgb), true)
     assert by_color < 0.3
     assert learned > 0.6
 
@@ -86,7 +86,7 @@ def test_nothing_moves_in_a_still_video() -> None:
     wall = texture(np.random.default_rng(1), 60, 80)
     still = np.repeat(wall[None], 4, axis=0)
     for name in ("network", "background"):
-        found = foreground_named(name, SETTINGS)(still)
+        found = find_foreground(name, SETTINGS)(still)
         assert found.shape == still.shape[:3] and found.dtype == bool and not found.any()
 
 
@@ -177,4 +177,4 @@ def test_wrong_names_and_files_are_refused(tmp_path: Path, name: str, said: str)
     save_file({**tensors, "out.bias": unknown}, tmp_path / "nan.safetensors")
     (tmp_path / "text.safetensors").write_text("these are no tensors")
     with pytest.raises(ConfigError, match=said):
-        foreground_named(name.format(tmp_path), SETTINGS)
+        find_foreground(name.format(tmp_path), SETTINGS)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
-from gcbench.gcpose.images.depth import depth_named
+from gcbench.gcpose.images.depth import find_depth
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 if find_spec("transformers") is None:
@@ -74,7 +74,7 @@ def predict(folder: Path) -> np.ndarray:
 
 
 def test_a_metric_network_returns_the_pipeline_s_metres(folders: Path) -> None:
-    depth = depth_named(f"hf:{folders}/metric")
+    depth = find_depth(f"hf:{folders}/metric")
     assert depth is not None
     found, expected = depth(RGB), predict(folders / "metric")
     assert found.shape == RGB.shape[:2] and found.dtype == np.float32
@@ -84,7 +84,7 @@ def test_a_metric_network_returns_the_pipeline_s_metres(folders: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["relative", "dpt"])
 def test_a_relative_network_s_output_is_inverse_depth(folders: Path, kind: str) -> None:
-    depth = depth_named(f"hf-relative:{folders}/{kind}")
+    depth = find_depth(f"hf-relative:{folders}/{kind}")
     assert depth is not None
     found, inverse = depth(RGB), predict(folders / kind)
     assert np.isfinite(found).all() and (inverse > 0).any()
@@ -116,7 +116,7 @@ def test_the_row_shows_network_data_and_licence(folders: Path) -> None:
 ])
 def test_what_cannot_be_used_is_said_in_one_line(folders: Path, name: str, said: str) -> None:
     with pytest.raises(GcbenchError) as caught:
-        depth_named(name.replace("ROOT", str(folders)))
+        find_depth(name.replace("ROOT", str(folders)))
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -126,7 +126,7 @@ def test_a_model_of_the_hub_without_a_network(tmp_path: Path) -> None:
     import subprocess
     import sys
 
-    code = "from gcbench.gcpose.images.depth import depth_named; depth_named('hf:some/model')"
+    code = "from gcbench.gcpose.images.depth import find_depth; find_depth('hf:some/model')"
     environment = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_HOME": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True,
                           text=True, check=False)
@@ -154,5 +154,5 @@ def test_nothing_of_a_model_is_executed(folders: Path, tmp_path: Path) -> None:
     os.mkfifo(model("pipe") / "model.safetensors")
     for name, said in (("pickle", "safetensors"), ("code", "cannot load"), ("pipe", "regular")):
         with pytest.raises(GcbenchError, match=said):
-            depth_named(f"hf:{tmp_path}/{name}")
+            find_depth(f"hf:{tmp_path}/{name}")
     assert not sprung.exists()

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
-from gcbench.gcpose.images.depth import NetworkDepth, depth_named
-from gcbench.gcpose.images.flow import dis_flow, fine_dis_flow, flow_named, for_cuts_of, training_of
+from gcbench.gcpose.images.depth import NetworkDepth, find_depth
+from gcbench.gcpose.images.flow import dis_flow, find_flow, fine_dis_flow, for_cuts_of, training_of
 from gcbench.gcpose.images.settings import FlowSettings
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 
 from gcbench.gcpose.images.network_flow import SHIPPED, RaftFlow, load_raft  # noqa: E402
 from gcbench.gcpose.networks import flownet2, monodepth2, raft  # noqa: E402
-from gcbench.gcpose.networks.torch_runtime import warped  # noqa: E402
+from gcbench.gcpose.networks.torch_runtime import warp_image  # noqa: E402
 
 
 def picture(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
@@ -76,7 +76,7 @@ def test_look_interpolates_where_the_flow_points() -> None:
 def test_warping_undoes_a_shift() -> None:
     image = torch.rand(1, 2, 9, 11)
     flow = torch.tensor([2.0, -1.0])[None, :, None, None].expand(1, 2, 9, 11)
-    there = warped(image, flow)
+    there = warp_image(image, flow)
     torch.testing.assert_close(there[:, :, 1:, :-2], image[:, :, :-1, 2:], atol=1e-5, rtol=0)
 
 
@@ -126,7 +126,7 @@ def test_raft_weights_round_trip(tmp_path: Path) -> None:
     write_weights(path, moved)
     rng = np.random.default_rng(2)
     a, b = picture(rng, 64, 96), picture(rng, 64, 96)
-    found = flow_named(f"raft:{path}")(a, b)
+    found = find_flow(f"raft:{path}")(a, b)
     assert np.ptp(found) > 0.1
     np.testing.assert_array_equal(found, RaftFlow(moved)(a, b))
 
@@ -175,7 +175,7 @@ def test_monodepth2_is_the_official_one(tmp_path: Path) -> None:
     torch.save({**encoder.state_dict(), "height": 192, "width": 640, "use_stereo": False,
                 "encoder.fc.bias": torch.zeros(1000)}, tmp_path / "encoder.pth")
     torch.save(decoder.state_dict(), tmp_path / "depth.pth")
-    depth = depth_named(f"mono:{tmp_path}")
+    depth = find_depth(f"mono:{tmp_path}")
     assert isinstance(depth, NetworkDepth) and depth.training == "self-supervised: KITTI"
     out = depth(picture(np.random.default_rng(5), 96, 128))
     assert out.shape == (96, 128) and 0.1 <= out.min() < out.max() <= 100
@@ -184,8 +184,8 @@ def test_monodepth2_is_the_official_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("make", "name", "package"), [
-    (flow_named, "torchvision:raft_small", "torchvision"),
-    (depth_named, "hf:some/model", "transformers"),
+    (find_flow, "torchvision:raft_small", "torchvision"),
+    (find_depth, "hf:some/model", "transformers"),
 ])
 def test_a_missing_package_is_named_with_how_to_get_it(  # type: ignore[no-untyped-def]
     make, name: str, package: str, monkeypatch: pytest.MonkeyPatch
@@ -196,8 +196,8 @@ def test_a_missing_package_is_named_with_how_to_get_it(  # type: ignore[no-untyp
 
 
 @pytest.mark.parametrize("asked", [
-    "images.flow.flow_named('raft')", "images.flow.flow_named('flownet2:x')",
-    "images.depth.depth_named('mono:x')", "training.loop", "paper.pipeline.Epipolar()",
+    "images.flow.find_flow('raft')", "images.flow.find_flow('flownet2:x')",
+    "images.depth.find_depth('mono:x')", "training.loop", "paper.pipeline.Epipolar()",
     "paper.fine_tune",
 ])
 def test_without_pytorch_the_error_says_how_to_get_it(asked: str) -> None:
@@ -216,7 +216,7 @@ except GcbenchError as error:
 
 
 def test_depth_none_is_none() -> None:
-    assert depth_named("none") is None
+    assert find_depth("none") is None
 
 
 def test_the_weights_that_come_with_it_are_small_and_see_how_a_plain_bar_moves() -> None:
@@ -248,26 +248,26 @@ def test_a_row_says_what_its_networks_were_trained_on() -> None:
 def test_flows_have_names_and_settings() -> None:
     rng = np.random.default_rng(5)
     a, b = picture(rng, 64, 96), picture(rng, 64, 96)
-    assert flow_named("dis") is dis_flow
-    fine = flow_named("dis-fine")(a, b)
+    assert find_flow("dis") is dis_flow
+    fine = find_flow("dis-fine")(a, b)
     np.testing.assert_array_equal(fine, fine_dis_flow(a, b))
     fewer = FlowSettings(fine_iterations=1, raft_iterations=1)
-    assert (flow_named("dis-fine", fewer)(a, b) != fine).any()
-    assert (flow_named("raft", fewer)(a, b) != flow_named("raft")(a, b)).any()
+    assert (find_flow("dis-fine", fewer)(a, b) != fine).any()
+    assert (find_flow("raft", fewer)(a, b) != find_flow("raft")(a, b)).any()
     method = load_method(with_options("gcpose", {"set": "images.flow.fine_iterations=1"}))
     found = method.front_end.flow(a, b)  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(found, flow_named("dis-fine", fewer)(a, b))
+    np.testing.assert_array_equal(found, find_flow("dis-fine", fewer)(a, b))
 
 
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda _: flow_named("raft2"), "perhaps you meant raft); there are dis, dis-fine, raft"),
-        (lambda _: flow_named("flownet2"), "needs its checkpoint"),
-        (lambda _: depth_named("mono"), "not distributed with gcbench"),
-        (lambda _: depth_named("deep"), "no depth 'deep'"),
-        (lambda p: flow_named(f"raft:{p}/none.safetensors"), "there is no such file"),
-        (lambda p: depth_named(f"mono:{p}"), "encoder.pth: there is no such file"),
+        (lambda _: find_flow("raft2"), "perhaps you meant raft); there are dis, dis-fine, raft"),
+        (lambda _: find_flow("flownet2"), "needs its checkpoint"),
+        (lambda _: find_depth("mono"), "not distributed with gcbench"),
+        (lambda _: find_depth("deep"), "no depth 'deep'"),
+        (lambda p: find_flow(f"raft:{p}/none.safetensors"), "there is no such file"),
+        (lambda p: find_depth(f"mono:{p}"), "encoder.pth: there is no such file"),
     ],
 )
 def test_a_wrong_name_is_told_what_there_is(make, said: str, tmp_path: Path) -> None:
@@ -309,5 +309,5 @@ def test_a_checkpoint_runs_nothing(tmp_path: Path) -> None:
 
     torch.save({"state_dict": Trap()}, tmp_path / "trap.pth")
     with pytest.raises(GcbenchError, match="holds no tensors that can be read safely"):
-        flow_named(f"flownet2:{tmp_path / 'trap.pth'}")
+        find_flow(f"flownet2:{tmp_path / 'trap.pth'}")
     assert not (tmp_path / "sprung").exists()

@@ -11,7 +11,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
-from gcbench.gcpose.images.flow import flow_named
+from gcbench.gcpose.images.flow import find_flow
 
 from ...support import analytic, bench_data
 
@@ -55,7 +55,7 @@ def cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_flow_is_that_of_the_network_on_images_that_it_takes(network, weights: Path) -> None:  # type: ignore[no-untyped-def]
-    flow = flow_named(f"torchvision:raft_small:{weights}")
+    flow = find_flow(f"torchvision:raft_small:{weights}")
     a, b = noise(128, 136), noise(128, 136)[::-1].copy()
     for first, second in ((a, b), (b, a)):  # there and back
         tensors = (torch.from_numpy(x).permute(2, 0, 1)[None] for x in (first, second))
@@ -75,7 +75,7 @@ def test_the_flow_is_in_pixels_of_images_of_any_size(network, size, tmp_path: Pa
         last.weight.zero_()
         last.bias.copy_(torch.tensor([0.02, -0.01]))
     write_weights(tmp_path / "moving.safetensors", moving)
-    found = flow_named(f"torchvision:raft_small:{tmp_path}/moving.safetensors")(
+    found = find_flow(f"torchvision:raft_small:{tmp_path}/moving.safetensors")(
         noise(*size), noise(*size))
     assert found.shape == (*size, 2) and found.dtype == np.float32
     np.testing.assert_allclose(found, np.broadcast_to([1.92, -0.96], found.shape), atol=1e-3)
@@ -99,7 +99,7 @@ def test_a_cached_file_that_would_run_code_is_refused(cached: Path, tmp_path: Pa
 
     torch.save({"x": Trap()}, cached)
     with pytest.raises(GcbenchError, match="torchvision cannot load https://"):
-        flow_named("torchvision:raft_small")
+        find_flow("torchvision:raft_small")
     assert not (tmp_path / "sprung").exists()
 
 
@@ -116,7 +116,7 @@ def test_a_wrong_name_is_told_what_there_is(  # type: ignore[no-untyped-def]
     name: str, said: str, weights: Path, cached: Path
 ) -> None:
     with pytest.raises(GcbenchError) as caught:
-        flow_named(name.replace("MINE", str(weights)))
+        find_flow(name.replace("MINE", str(weights)))
     assert said in str(caught.value) and "\n" not in str(caught.value)
     assert not list(cached.parent.iterdir())
 

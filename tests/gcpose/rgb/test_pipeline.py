@@ -128,7 +128,7 @@ def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
     state, at = chain()
     empty = np.zeros(0)
     none = np.zeros(0, np.int64)
-    rays = InverseDepthPoints.unmeasured(none, np.zeros((0, 3)), none, empty)
+    rays = InverseDepthPoints.without_measurements(none, np.zeros((0, 3)), none, empty)
     held = state.angle[1:].size
     sure = hypothesis(state, rays, at[0], 4.0 * np.eye(held + 6), flow_cost=2.0)
     unsure = replace(sure, hessian=np.diag(np.tile([4.0, 0.04, 4.0], held // 3 + 2)))
@@ -150,7 +150,7 @@ def test_axes_should_pass_where_their_parts_begin() -> None:
     end = np.array([0.05, -0.12, 0.95])
     point = np.concatenate([np.linspace(a, b, 30)
                             for a, b in zip(at, [*at[1:], end], strict=True)])
-    rays = InverseDepthPoints.unmeasured(
+    rays = InverseDepthPoints.without_measurements(
         np.zeros(90, np.int64), point / point[:, 2:], np.repeat([1, 2, 3], 30), 1 / point[:, 2])
     start = hypothesis(state, rays, at[0], np.eye(1))
     tracker = VideoTracker(
@@ -182,7 +182,7 @@ def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
     ray = np.concatenate([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones((200, 1))], axis=1)
     turned = state.motions(FRAMES)[frame, 1, :3, :3] @ across
     true = np.einsum("na,na->n", turned, ray) / (across @ at[0])
-    rays = InverseDepthPoints.unmeasured(frame, ray, np.ones(200, np.int64), np.ones(200))
+    rays = InverseDepthPoints.without_measurements(frame, ray, np.ones(200, np.int64), np.ones(200))
     start = hypothesis(state, rays, at[0], np.eye(1))
     found = vary_door_plane(start, SETTINGS)
     assert len(found) > 2
@@ -198,7 +198,7 @@ def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
 
 def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> None:
     state, at = chain()
-    rays = InverseDepthPoints.unmeasured(
+    rays = InverseDepthPoints.without_measurements(
         np.zeros(1, np.int64), np.ones((1, 3)), np.ones(1, np.int64), np.ones(1))
     first = hypothesis(state, rays, at[0], np.eye(1), flow_cost=2.0)
     alike = replace(first, cost=4.0, flow_cost=1.0)

@@ -158,7 +158,7 @@ def test_a_surface_is_distorted_as_it_lies() -> None:
     label = np.where(side[:, 0] < 6, 1, 3)
     tilt = np.array([[0.9, -0.5], [-0.4, 1.2]])[label // 3]
     depth = 1.0 + 0.1 * (label == 3) + (tilt * ray[:, :2]).sum(axis=1)
-    rays = InverseDepthPoints.unmeasured(np.full(len(ray), 4), ray, label, depth)
+    rays = InverseDepthPoints.without_measurements(np.full(len(ray), 4), ray, label, depth)
     rays = replace(rays, neighbors=neighbors(rays))
     slopes = inverse_depth_slopes(rays, SETTINGS)
     assert np.abs(slopes - tilt).max() < 0.5  # less than the slopes are

@@ -19,7 +19,7 @@ SETTINGS = RgbSettings()
 def hypothesis(cost: float = SETTINGS.sigma_cost, information: float = 1e6) -> VideoHypothesis:
     state, at = chain()
     none = np.zeros(0, np.int64)
-    points = InverseDepthPoints.unmeasured(none, np.zeros((0, 3)), none, np.zeros(0))
+    points = InverseDepthPoints.without_measurements(none, np.zeros((0, 3)), none, np.zeros(0))
     hessian = information * np.eye(state.angle[1:].size)
     return VideoHypothesis(state, points, at[0], cost, hessian)
 

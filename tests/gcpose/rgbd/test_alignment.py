@@ -8,7 +8,7 @@ import numpy as np
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.surfaces import Surfaces, surfaces_from_depth
 from gcbench.gcpose.rgbd.alignment import (
-    accumulated_equations,
+    accumulate_equations,
     flow_equations,
     sort_surfels,
     surface_equations,
@@ -51,7 +51,7 @@ def surface_cost(
     own: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residual [N], its row [N 6] and whether it counts, as `surface_equations` says; along the
-    points' own normals as `accumulated_equations` says."""
+    points' own normals as `accumulate_equations` says."""
     p = points @ motion[:3, :3].T + motion[:3, 3]
     n = normals @ motion[:3, :3].T
     u = np.rint(200 * p[:, 0] / p[:, 2] + 79.5).astype(int)
@@ -83,7 +83,7 @@ def test_accumulated_equations_are_those_of_points_that_may_be_displaced() -> No
     motion[1] = np.eye(4)
     points, normals, label = cloud(surfaces, 1)
     sigma = np.full(300, 0.03)
-    (matrix, vector), coupling = accumulated_equations(
+    (matrix, vector), coupling = accumulate_equations(
         surfaces, motion, sort_surfels(points, normals, sigma, label, 3), BundleSettings())
     for j in (1, 2):
         mine = label == j

@@ -27,7 +27,7 @@ from gcbench.gcpose.networks.depth_images import fit_depth
 from gcbench.renderer.dataset.reader import Dataset, select_sequences
 from gcbench.renderer.export import kitti as export_kitti
 from gcbench.renderer.export.driver import WRITERS, export_dataset
-from gcbench.renderer.export.webdataset import known
+from gcbench.renderer.export.webdataset import json_values
 from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.runtime.zip_archive import Archive, open_archive
 from gcbench.renderer.scene.config import RenderConfig
@@ -409,7 +409,7 @@ def test_webdataset_has_the_layers(toy: Dataset, tmp_path: Path) -> None:
             normal = np.load(io.BytesIO(gzip.decompress(packed)))
             np.testing.assert_array_equal(normal, sequence.normal[t])
     gone = np.array([[np.nan, 1.0], [2.0, 3.0]])
-    assert known(gone) == [[None, 1.0], [2.0, 3.0]] and known(np.float64(2)) == 2.0
+    assert json_values(gone) == [[None, 1.0], [2.0, 3.0]] and json_values(np.float64(2)) == 2.0
 
 
 # -- Hugging Face -----------------------------------------------------------------------------

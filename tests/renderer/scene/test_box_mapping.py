@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from gcbench.renderer.scene.box_mapping import box_split
+from gcbench.renderer.scene.box_mapping import split_by_axis
 
 
 def box_projection(
     vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, scale: float
 ) -> tuple[np.ndarray, ...]:
-    old, split, uv = box_split(vertices, faces, scale)
+    old, split, uv = split_by_axis(vertices, faces, scale)
     return vertices[old], split, normals[old], uv
 
 

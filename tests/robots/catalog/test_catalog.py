@@ -33,7 +33,7 @@ from gcbench.robots.catalog import (
     loading,
     robot_folder,
     robot_urdf,
-    scored_by_default,
+    select_default_scored,
 )
 from gcbench.robots.geometry import inverse, rotation_about, transform
 from gcbench.robots.model import ArticulatedModel, forward_kinematics
@@ -139,7 +139,7 @@ def test_the_model_is_what_the_catalogue_says(entry: FetchedRobot) -> None:
     assert (model.name, model.licence, model.source) == (entry.name, entry.licence, entry.source)
     assert re.fullmatch("[0-9a-f]{64}", model.sha256)
     assert set(model.joint_types) <= {"revolute"} and len(model.joint_names) == entry.joints
-    assert entry.scored == scored_by_default(entry.name, model) == default_scored_joints(model)
+    assert entry.scored == select_default_scored(entry.name, model) == default_scored_joints(model)
     assert not model.notes  # nothing missing, nothing frozen
     points = np.concatenate([v.vertices for v in model.visuals])
     assert np.isfinite(points).all() and 0.1 < np.ptp(points, axis=0).max() < 3.0  # metres

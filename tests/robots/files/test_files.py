@@ -119,7 +119,7 @@ def test_asset_paths_never_leave_their_root(
     reference = scheme + "/".join(pieces)
     try:
         if nested:
-            asset = finder.nested(finder.find("b.obj"), reference, frozenset({".obj", ".stl"}))
+            asset = finder.find_beside(finder.find("b.obj"), reference, frozenset({".obj", ".stl"}))
         else:
             asset = finder.find(reference)
     except ModelError:
