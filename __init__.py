@@ -23,14 +23,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .errors import (
-    ConfigError,
-    DatasetError,
-    GcbenchError,
-    MethodError,
-    ModelError,
-    RenderError,
-)
+from .errors import ConfigError, DatasetError, GcbenchError, MethodError, ModelError, RenderError
 
 if TYPE_CHECKING:
     from .benchmark.report import ReportOptions, report
@@ -45,12 +38,7 @@ if TYPE_CHECKING:
     from .renderer.scene import RenderConfig
     from .renderer.show import show
     from .renderer.types import Camera, Estimate, Frame, Method, Observation, Sequence
-    from .renderer.verify import (
-        VerifyReport,
-        merge_verification,
-        verify_dataset,
-        verify_shard,
-    )
+    from .renderer.verify import VerifyReport, merge_verification, verify_dataset, verify_shard
     from .robots.catalog import fetch_robot, list_robots, load_robot
     from .robots.model import ArticulatedModel, JointType, Link
     from .robots.motion import JointTrajectory

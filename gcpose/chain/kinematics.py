@@ -16,13 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, se3
-from .kernels import (
-    fill_bases,
-    fill_derivatives,
-    fill_displaced,
-    fill_motions,
-    subtract_moved,
-)
+from .kernels import fill_bases, fill_derivatives, fill_displaced, fill_motions, subtract_moved
 
 
 def twists_of(screw: Array, prismatic: NDArray[np.bool_]) -> Array:

@@ -6,15 +6,7 @@
 from __future__ import annotations
 
 from .depth import Depth, find_depth
-from .flow import (
-    Flow,
-    dis_flow,
-    find_flow,
-    fine_dis_flow,
-    for_cuts_of,
-    row_suffix,
-    training_of,
-)
+from .flow import Flow, dis_flow, find_flow, fine_dis_flow, for_cuts_of, row_suffix, training_of
 from .foreground import Foreground, LearnedForeground, find_foreground, subtract_background
 from .foreground_input import (
     FOREGROUND_CHANNELS,

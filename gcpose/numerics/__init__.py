@@ -6,16 +6,7 @@ from .arrays import Image
 from .compilation import compiled
 from .least_squares import Solver, gauss_newton
 from .robust import cauchy_weight, geman_mcclure_cost, truncated_cost
-from .settings import (
-    DEGREE,
-    Count,
-    NonNegative,
-    Positive,
-    Scales,
-    SettingsRecord,
-    Share,
-    Whole,
-)
+from .settings import DEGREE, Count, NonNegative, Positive, Scales, SettingsRecord, Share, Whole
 from .threads import thread_map
 
 __all__ = [

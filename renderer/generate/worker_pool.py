@@ -9,14 +9,7 @@ from dataclasses import dataclass
 
 from ...errors import RenderError
 from ..runtime import WorkerPool, WorkerSettings
-from .worker_process import (
-    FrameDone,
-    Message,
-    ModelLoaded,
-    Problem,
-    RenderTask,
-    SequenceDone,
-)
+from .worker_process import FrameDone, Message, ModelLoaded, Problem, RenderTask, SequenceDone
 
 _LIFETIME = 50
 """Sequences of one process: drivers and decoders leak memory."""

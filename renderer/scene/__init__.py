@@ -18,14 +18,7 @@ from .config import (
     resolve,
 )
 from .config_files import config_tree, differences, parse_config, read_config
-from .models import (
-    check_model_paths,
-    dataset_asset,
-    model_of,
-    model_source,
-    packages_of,
-    robot_of,
-)
+from .models import check_model_paths, dataset_asset, model_of, model_source, packages_of, robot_of
 from .motion import Motion, MotionSampler, animation_times
 from .posed_model import PosedModel, pose_parts, rest, rest_in_part
 from .room import RoomSurface

@@ -15,13 +15,7 @@ import numpy as np
 
 from ...errors import ConfigError, GcbenchError
 from ...robots.model import ArticulatedModel
-from ..dataset import (
-    DATASET_FILE,
-    SEQUENCES_FOLDER,
-    open_dataset,
-    open_sequence,
-    select_sequences,
-)
+from ..dataset import DATASET_FILE, SEQUENCES_FOLDER, open_dataset, open_sequence, select_sequences
 from ..runtime import address, exists, hide_main, is_remote, list_folder
 from ..scene import RenderConfig, check_model_paths, packages_of, robot_of
 from ..types import Sequence

@@ -11,19 +11,7 @@ import numpy as np
 from . import textures
 from .finish import Finish, Finishes, Shape
 from .fittings import Part
-from .shapes import (
-    Hole,
-    Solid,
-    Vector,
-    cosine,
-    disc,
-    frame,
-    join,
-    shift,
-    sine,
-    slab,
-    tube,
-)
+from .shapes import Hole, Solid, Vector, cosine, disc, frame, join, shift, sine, slab, tube
 from .textures import SeededRng
 
 

@@ -15,14 +15,7 @@ from ..files import hash_files
 from ..model import ArticulatedModel
 from ..motion import default_scored_joints
 from .descriptions import clone_robot
-from .entries import (
-    ClonedEntry,
-    FetchedRobot,
-    GeneratedRobot,
-    find_robot,
-    is_local,
-    robot_folder,
-)
+from .entries import ClonedEntry, FetchedRobot, GeneratedRobot, find_robot, is_local, robot_folder
 from .names import PARTNET, is_object, parse_object_name
 
 _URDF, _GLTF = (".urdf",), (".glb", ".gltf")

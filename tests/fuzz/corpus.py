@@ -18,15 +18,7 @@ import numpy as np
 from ..support.gltf_maker import Maker
 from .binary import make_zip, npy
 from .cases import VERIFY, Case, Special, render
-from .data import (
-    EVALUATE,
-    READERS,
-    bomb,
-    dataset_files,
-    members_of,
-    read_dataset,
-    results_files,
-)
+from .data import EVALUATE, READERS, bomb, dataset_files, members_of, read_dataset, results_files
 from .models import BOX, GLTF, MESHES, POINTER, files_of_meshes
 from .sandbox import Command
 

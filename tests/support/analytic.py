@@ -12,14 +12,7 @@ import numpy as np
 from gcbench.renderer.types.camera import intrinsics_from_fov, look_at
 from gcbench.renderer.types.sequence import Meta, Sequence, State
 from gcbench.robots.geometry import inverse, rotation_from_rpy, transform
-from gcbench.robots.model import (
-    ArticulatedModel,
-    Joint,
-    JointType,
-    Link,
-    Mimic,
-    forward_kinematics,
-)
+from gcbench.robots.model import ArticulatedModel, Joint, JointType, Link, Mimic, forward_kinematics
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,7 @@ from gcbench.benchmark.methods.icp import Icp, IcpFirst, LabelledDepth
 from gcbench.benchmark.methods.registry import load_method
 from gcbench.benchmark.protocol.observations import observe
 from gcbench.benchmark.protocol.truth import truth_of
-from gcbench.robots.geometry import (
-    Array,
-    apply,
-    revolute_motion,
-    rotation_about,
-    se3,
-    transform,
-)
+from gcbench.robots.geometry import Array, apply, revolute_motion, rotation_about, se3, transform
 
 from ...support import analytic
 

@@ -32,11 +32,7 @@ from gcbench.gcpose.networks.abbatematteo import (  # noqa: E402
 from gcbench.gcpose.networks.weights import read_tensors  # noqa: E402
 from gcbench.gcpose.training import loop  # noqa: E402
 from gcbench.gcpose.training.abbatematteo_task import AbbatematteoTask  # noqa: E402
-from gcbench.gcpose.training.joint_images import (  # noqa: E402
-    JointImages,
-    JointSample,
-    joint_numbers,
-)
+from gcbench.gcpose.training.joint_images import JointImages, JointSample, joint_numbers  # noqa: E402
 
 
 def options(data: Path, out: Path, steps: int = 3) -> AbbatematteoTraining:

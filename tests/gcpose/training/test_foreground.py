@@ -22,10 +22,7 @@ from gcbench.gcpose.networks.foreground import ForegroundNet  # noqa: E402
 from gcbench.gcpose.networks.weights import read_tensors, write_weights  # noqa: E402
 from gcbench.gcpose.training import loop  # noqa: E402
 from gcbench.gcpose.training.foreground_task import ForegroundTask  # noqa: E402
-from gcbench.gcpose.training.foreground_videos import (  # noqa: E402
-    ForegroundVideos,
-    true_foreground,
-)
+from gcbench.gcpose.training.foreground_videos import ForegroundVideos, true_foreground  # noqa: E402
 from gcbench.renderer.runtime import command_line  # noqa: E402
 
 

@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.renderer.generate.rendered_sequence import RenderedSequence
-from gcbench.renderer.generate.sequence_renderer import (
-    SequenceRenderer,
-    depth_unit,
-)
+from gcbench.renderer.generate.sequence_renderer import SequenceRenderer, depth_unit
 from gcbench.renderer.scene.config import STUDIO, MotionConfig, RandomizationConfig, RenderConfig
 from gcbench.renderer.truth.rejection import MAX_DRAWS
 from gcbench.renderer.types.sequence import Frame, Meta, State

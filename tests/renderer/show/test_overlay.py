@@ -22,13 +22,7 @@ from gcbench.benchmark.results.runs import find_runs, write_run
 from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.scene.config import STUDIO, RenderConfig
 from gcbench.renderer.scene.models import model_of
-from gcbench.renderer.show.overlay import (
-    _RED,
-    Painter,
-    blend,
-    estimated_positions,
-    shade,
-)
+from gcbench.renderer.show.overlay import _RED, Painter, blend, estimated_positions, shade
 from gcbench.renderer.types.sequence import Sequence
 from PIL import Image
 

@@ -43,11 +43,7 @@ from gcbench.robots.appliances.textures import (
 from gcbench.robots.catalog import load_robot
 from gcbench.robots.files.download import create_folder_atomically
 from gcbench.robots.geometry import apply
-from gcbench.robots.model import (
-    ArticulatedModel,
-    forward_kinematics,
-    joint_screws,
-)
+from gcbench.robots.model import ArticulatedModel, forward_kinematics, joint_screws
 from gcbench.robots.motion.collision import CollisionChecker
 from gcbench.robots.urdf.partnet import load_object, part_names, scored_joints
 from PIL import Image

@@ -10,11 +10,7 @@ from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.scene.sampling import Streams
 from gcbench.robots.catalog import find_robot, load_robot
 from gcbench.robots.geometry import apply, inverse
-from gcbench.robots.model import (
-    ArticulatedModel,
-    forward_kinematics,
-    joint_screws,
-)
+from gcbench.robots.model import ArticulatedModel, forward_kinematics, joint_screws
 from gcbench.robots.motion.collision import CollisionChecker
 
 MM = 1e-3

@@ -7,14 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gcbench import GcbenchError
-from gcbench.robots.model import (
-    ArticulatedModel,
-    Joint,
-    JointType,
-    Link,
-    Material,
-    Visual,
-)
+from gcbench.robots.model import ArticulatedModel, Joint, JointType, Link, Material, Visual
 from gcbench.robots.motion.trajectory import (
     MotionRanges,
     base_outward,
