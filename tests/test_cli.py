@@ -21,7 +21,8 @@ from gcbench.renderer.generate import options
 from gcbench.renderer.runtime import command_line
 from gcbench.renderer.verify.checks import CheckResult, VerifyReport
 from gcbench.robots.appliances.generator import GENERATED
-from gcbench.robots.catalog import CATALOG, GeneratedRobot
+from gcbench.robots.catalog import CATALOG
+from gcbench.robots.catalog.entries import GeneratedRobot
 
 Lines = pytest.CaptureFixture[str]
 

@@ -13,7 +13,8 @@ from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
 from gcbench.renderer.scene.config import FACTORS, FRONT, STUDIO, RenderConfig, resolve
 from gcbench.renderer.types.sequence import Sequence
-from gcbench.robots.catalog import find_robot, robot_folder
+from gcbench.robots.catalog import find_robot
+from gcbench.robots.catalog.entries import robot_folder
 
 from .test_cli import Lines, gcbench_command, one_line
 

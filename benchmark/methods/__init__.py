@@ -7,7 +7,6 @@ from .registry import (
     declaration_of,
     is_own,
     list_methods,
-    load_method,
     method_identity,
     method_source,
     open_method,
@@ -18,6 +17,6 @@ from .registry import (
 )
 
 __all__ = [
-    "Declaration", "declaration_of", "is_own", "list_methods", "load_method", "method_identity",
-    "method_source", "open_method", "options_of", "plan_rows", "split_oracles", "with_options",
+    "Declaration", "declaration_of", "is_own", "list_methods", "method_identity", "method_source",
+    "open_method", "options_of", "plan_rows", "split_oracles", "with_options",
 ]

@@ -5,7 +5,4 @@ Its methods are in `pipeline`; `fine_tune` needs PyTorch and is imported on use.
 
 from __future__ import annotations
 
-from .pipeline import Epipolar, FlowOnly, WithDepth
-from .settings import PaperSettings, PublishedSettings
-
-__all__ = ["Epipolar", "FlowOnly", "PaperSettings", "PublishedSettings", "WithDepth"]
+__all__ = []

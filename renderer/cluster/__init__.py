@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .submission import SHARDED, Submission, SubmitConfig, submit_shards
+from .submission import Submission, SubmitConfig, submit_shards
 from .waiting import wait_for_shards
 
-__all__ = ["SHARDED", "Submission", "SubmitConfig", "submit_shards", "wait_for_shards"]
+__all__ = ["Submission", "SubmitConfig", "submit_shards", "wait_for_shards"]

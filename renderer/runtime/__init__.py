@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .interrupt import defer_interrupts
 from .json import MAX_JSON, dump_json, parse_json, parse_toml, read_record, to_record
-from .npz import ANY_SIZE, ArraySpec, dump_npy, parse_npy, parse_npz
+from .npz import ANY_SIZE, ArraySpec, dump_npy, parse_npz
 from .object_store import (
     address,
     exists,
@@ -25,7 +25,7 @@ __all__ = [
     "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Shard", "WorkerPool",
     "WorkerSettings", "address", "cpu_count", "defer_interrupts", "die_with_parent", "dump_json",
     "dump_npy", "end_like", "exists", "find_object", "frame_bar", "hide_main", "is_remote",
-    "list_folder", "named_rng", "open_archive", "parse_json", "parse_npy", "parse_npz",
-    "parse_shard", "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file",
-    "to_record", "upload_file",
+    "list_folder", "named_rng", "open_archive", "parse_json", "parse_npz", "parse_shard",
+    "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file", "to_record",
+    "upload_file",
 ]

@@ -9,10 +9,7 @@ hardened XML parser, and the code that places what an animation or a skin moves.
 from __future__ import annotations
 
 from .checks import CheckResult, VerifyReport
-from .driver import verify_dataset, verify_sequence
+from .driver import verify_dataset
 from .shards import merge_verification, verify_shard
 
-__all__ = [
-    "CheckResult", "VerifyReport", "merge_verification", "verify_dataset", "verify_sequence",
-    "verify_shard",
-]
+__all__ = ["CheckResult", "VerifyReport", "merge_verification", "verify_dataset", "verify_shard"]

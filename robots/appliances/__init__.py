@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from .generator import (
     APPLIANCE_LICENCE,
-    APPLIANCE_SOURCE,
     CATEGORIES,
     GENERATED,
     IDS,
@@ -15,6 +14,6 @@ from .generator import (
 )
 
 __all__ = [
-    "APPLIANCE_LICENCE", "APPLIANCE_SOURCE", "CATEGORIES", "GENERATED", "IDS", "LAST_ID",
-    "appliance_folder", "appliance_model", "write_appliance",
+    "APPLIANCE_LICENCE", "CATEGORIES", "GENERATED", "IDS", "LAST_ID", "appliance_folder",
+    "appliance_model", "write_appliance",
 ]

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from .entries import (
-    CATALOG,
-    CatalogEntry,
-    FetchedRobot,
-    GeneratedRobot,
-    find_robot,
-    is_local,
-    robot_folder,
-)
+from .entries import CATALOG, find_robot, is_local
 from .listing import RobotInfo, fetch_robot, list_robots, records_table
 from .loading import is_file, load_robot, robot_urdf, select_default_scored
 from .names import instance_numbers, is_category, is_object, parse_object_name
 
 __all__ = [
-    "CATALOG", "CatalogEntry", "FetchedRobot", "GeneratedRobot", "RobotInfo", "fetch_robot",
-    "find_robot", "instance_numbers", "is_category", "is_file", "is_local", "is_object",
-    "list_robots", "load_robot", "parse_object_name", "records_table", "robot_folder", "robot_urdf",
-    "select_default_scored",
+    "CATALOG", "RobotInfo", "fetch_robot", "find_robot", "instance_numbers", "is_category",
+    "is_file", "is_local", "is_object", "list_robots", "load_robot", "parse_object_name",
+    "records_table", "robot_urdf", "select_default_scored",
 ]

@@ -6,12 +6,11 @@ from .atomic import (
     create_atomically,
     create_folder_atomically,
     remove_leftovers,
-    replace_atomically,
     scratch_folder,
     temporary_name,
     write_atomically,
 )
-from .bounded import MAX_FILE_BYTES, hash_files, read_bounded
+from .bounded import hash_files, read_bounded
 from .download import WheelFiles, cache_folder
 from .lock import LOCK, lock_briefly, lock_folder
 from .paths import (
@@ -27,10 +26,9 @@ from .progress import show_progress
 from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
-    "LOCK", "MATERIALS", "MAX_FILE_BYTES", "TEXTURES", "Asset", "AssetFinder", "Element",
-    "MissingAssetError", "OutsideAssetError", "WheelFiles", "asset_finder", "cache_folder",
-    "create_atomically", "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder",
-    "new_element", "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers",
-    "replace_atomically", "scratch_folder", "show_progress", "temporary_name", "write_atomically",
-    "xml_bytes",
+    "LOCK", "MATERIALS", "TEXTURES", "Asset", "AssetFinder", "Element", "MissingAssetError",
+    "OutsideAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_atomically",
+    "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder", "new_element",
+    "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers", "scratch_folder",
+    "show_progress", "temporary_name", "write_atomically", "xml_bytes",
 ]

@@ -12,14 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from gcbench.errors import DatasetError, GcbenchError
-from gcbench.renderer.runtime import (
-    ArchiveWriter,
-    ArraySpec,
-    dump_npy,
-    open_archive,
-    parse_npy,
-    parse_npz,
-)
+from gcbench.renderer.runtime import ArchiveWriter, ArraySpec, dump_npy, open_archive, parse_npz
+from gcbench.renderer.runtime.npz import parse_npy
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst

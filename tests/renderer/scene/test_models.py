@@ -33,7 +33,7 @@ from gcbench.renderer.scene.motion import MotionSampler
 from gcbench.renderer.scene.sampling import Streams
 from gcbench.renderer.show.overlay import Painter
 from gcbench.renderer.verify.driver import verify_dataset
-from gcbench.robots.appliances import APPLIANCE_SOURCE
+from gcbench.robots.appliances.generator import APPLIANCE_SOURCE
 from gcbench.robots.catalog import instance_numbers, load_robot
 from gcbench.robots.motion.collision import CollisionChecker
 from gcbench.robots.motion.trajectory import retract_slides, sample_trajectory

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench.robots.catalog import find_robot, is_local, robot_folder
+from gcbench.robots.catalog import find_robot, is_local
+from gcbench.robots.catalog.entries import robot_folder
 
 pytest.importorskip("embreex", reason="the second opinion casts rays with Embree")
 

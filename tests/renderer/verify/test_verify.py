@@ -14,8 +14,9 @@ from gcbench.__main__ import main
 from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
-from gcbench.renderer.verify import VerifyReport, verify_dataset, verify_sequence
+from gcbench.renderer.verify import VerifyReport, verify_dataset
 from gcbench.renderer.verify.checks import check, check_share, merge_checks
+from gcbench.renderer.verify.driver import verify_sequence
 from gcbench.robots.geometry import transform
 from hypothesis import given
 from hypothesis import strategies as st

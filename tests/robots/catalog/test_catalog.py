@@ -23,18 +23,16 @@ import trimesh
 from gcbench.errors import GcbenchError, ModelError
 from gcbench.robots.catalog import (
     CATALOG,
-    FetchedRobot,
-    GeneratedRobot,
     entries,
     find_robot,
     is_file,
     is_local,
     load_robot,
     loading,
-    robot_folder,
     robot_urdf,
     select_default_scored,
 )
+from gcbench.robots.catalog.entries import FetchedRobot, GeneratedRobot, robot_folder
 from gcbench.robots.geometry import inverse, rotation_about, transform
 from gcbench.robots.model import ArticulatedModel, forward_kinematics
 from gcbench.robots.motion.collision import CollisionChecker

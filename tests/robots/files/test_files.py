@@ -14,9 +14,9 @@ from gcbench.robots.files import (
     create_folder_atomically,
     lock_folder,
     read_bounded,
-    replace_atomically,
     write_atomically,
 )
+from gcbench.robots.files.atomic import replace_atomically
 from gcbench.robots.files.lock import is_free
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
