@@ -172,7 +172,7 @@ def _draw_picture(picture: Picture, dataset: Dataset, painter: Painter, line: Li
     numbers = np.unique(np.rint(np.linspace(0, last, min(last, _FILM_FRAMES))).astype(int))
     film = [frame(int(t)) for t in numbers] if picture.kind == "worst" else []
     return replace(
-        picture, image=_image_url(film[-1] if film else frame(last)),
+        picture, image=_film_url([film[-1] if film else frame(last)], quality=82),
         film=_film_url(film) if len(film) > 1 else "",
     )  # fmt: skip
 
@@ -229,10 +229,6 @@ def _shrink(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return image
     size = (WIDTH, max(1, round(height * WIDTH / width)))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _image_url(image: NDArray[np.uint8]) -> str:
-    return _film_url([image], quality=82)
 
 
 def _film_url(frames: Sequence[NDArray[np.uint8]], quality: int = 60) -> str:

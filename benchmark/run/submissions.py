@@ -240,7 +240,7 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
     row = parse_header(header)
     if [cell.strip() for cell in first.split(",")] != _COLUMNS:
         raise ValueError(f"line {number}: {_short(first)} instead of {','.join(_COLUMNS)}")
-    found = {key: _blank(t) for key, t in wanted.items()}
+    found = {key: np.zeros((t.frames, t.joints)) for key, t in wanted.items()}
     given = {key: np.zeros((t.frames, t.joints), bool) for key, t in wanted.items()}
     for at, cells in _rows(lines, number):
         if len(cells) != len(_COLUMNS):
@@ -318,10 +318,6 @@ def _require(given: Mapping[str, NDArray[np.bool_]]) -> None:
             f"{number} targets are missing: {', '.join(missing[:_LISTED])}{more}; every one must "
             "be there, as nan where the method has no answer"
         )
-
-
-def _blank(target: Target) -> Array:
-    return np.zeros((target.frames, target.joints))
 
 
 def _whole(text: str, low: int, high: int, where: str, names: Sequence[str] = ()) -> int:

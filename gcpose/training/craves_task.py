@@ -25,13 +25,13 @@ from ..networks.torch_runtime import F, Tensor, nn, torch
 from .config import CravesTraining
 from .data import PlannedDataset
 from .keypoint_images import KeypointImages
-from .task import Samples, Scores, reduce_precision
+from .task import Samples, Scores, TrainingTask, reduce_precision
 
 _WIDTH, _HEIGHT = 384, 288  # px: crops of such images are enlarged by less than 2
 
 
 @dataclass(frozen=True)
-class CravesTask:
+class CravesTask(TrainingTask):
     """Errors are measured in crops about the true keypoints."""
 
     config: CravesTraining
@@ -74,10 +74,6 @@ class CravesTask:
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         return KeypointImages(folders, self.config)
-
-    def count_steps(self, samples: Samples) -> int:
-        c = self.config
-        return c.steps if c.steps >= 0 else -(-c.epochs * len(samples) // c.batch)
 
     def rate(self, progress: float) -> float:
         """Return the learning rate: a tenth in the last third of the steps."""

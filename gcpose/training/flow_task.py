@@ -3,7 +3,7 @@
 # pyright: basic
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -13,17 +13,17 @@ from ...errors import ConfigError
 from ..images import dis_flow, fine_dis_flow
 from ..images.network_flow import RaftFlow
 from ..networks.raft import Raft
-from ..networks.torch_runtime import Tensor, nn, torch
+from ..networks.torch_runtime import Tensor, nn
 from .config import FlowTraining
 from .data import PlannedDataset, plan_datasets
 from .errors import FlowErrors, flow_errors
 from .loss import flow_loss
 from .pairs import FramePair, Pairs
-from .task import Samples, Scores, reduce_precision
+from .task import Samples, Scores, TrainingTask, reduce_precision
 
 
 @dataclass(frozen=True)
-class FlowTask:
+class FlowTask(TrainingTask):
     """Errors are measured beside those of the flows that do not learn."""
 
     config: FlowTraining
@@ -38,15 +38,8 @@ class FlowTask:
         if self.config.steps < 0:
             raise ConfigError("--steps must be 0 or more")
 
-    def notes(self) -> Mapping[str, str]:
-        return {}
-
     def make_network(self) -> nn.Module:
         return Raft()
-
-    def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
-        return torch.optim.AdamW(network.parameters(), self.config.rate, (0.9, 0.99),
-                                 weight_decay=self.config.weight_decay)
 
     def plan_data(self) -> Iterator[PlannedDataset]:
         c = self.config
@@ -54,9 +47,6 @@ class FlowTask:
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         return Pairs(folders, self.config)
-
-    def count_steps(self, samples: Samples) -> int:
-        return self.config.steps
 
     def rate(self, progress: float) -> float:
         c = self.config

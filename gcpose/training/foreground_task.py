@@ -3,7 +3,7 @@
 # pyright: basic
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,19 +22,19 @@ from ..images import (
     subtract_background,
 )
 from ..networks.foreground import ForegroundNet
-from ..networks.torch_runtime import F, Tensor, nn, torch
+from ..networks.torch_runtime import F, Tensor, nn
 from .config import ForegroundTraining
 from .data import PlannedDataset
 from .flow_task import one_cycle
 from .foreground_videos import ForegroundVideos, true_foreground
-from .task import Samples, Scores, reduce_precision
+from .task import Samples, Scores, TrainingTask, reduce_precision
 
 _WARM_UP, _FIRST_RATE = 0.05, 0.05
 _SEQUENCES = 4  # of each random object
 
 
 @dataclass(frozen=True)
-class ForegroundTask:
+class ForegroundTask(TrainingTask):
     """Errors are measured beside those of the foreground by the usual color."""
 
     config: ForegroundTraining
@@ -52,15 +52,8 @@ class ForegroundTask:
                 raise ConfigError(f"--{option} {low:g} {high:g}: give the smaller factor first, "
                                   "above 0")
 
-    def notes(self) -> Mapping[str, str]:
-        return {}
-
     def make_network(self) -> nn.Module:
         return ForegroundNet(FOREGROUND_CHANNELS)
-
-    def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
-        return torch.optim.AdamW(network.parameters(), self.config.rate, (0.9, 0.99),
-                                 weight_decay=self.config.weight_decay)
 
     def plan_data(self) -> Iterator[PlannedDataset]:
         """Yield datasets of appliances and of random objects, and those to measure errors on."""
@@ -75,9 +68,6 @@ class ForegroundTask:
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         return ForegroundVideos(folders, self.config)
-
-    def count_steps(self, samples: Samples) -> int:
-        return self.config.steps
 
     def rate(self, progress: float) -> float:
         return self.config.rate * one_cycle(progress, _WARM_UP, _FIRST_RATE)

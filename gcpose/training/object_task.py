@@ -16,19 +16,19 @@ from ..networks.torch_runtime import nn, torch
 from ..networks.weights import read_notes
 from .config import ObjectTraining
 from .data import PlannedDataset, find_datasets
-from .task import Samples
+from .task import TrainingTask
 
 _IMAGE_WIDTH = DEPTH_HEIGHT * 4 // 3  # px: the whole image at the benchmark's aspect
 
 
 @dataclass(frozen=True)
-class ObjectTask:
+class ObjectTask(TrainingTask):
     """The part of a `TrainingTask` that does not depend on the network."""
 
     config: ObjectTraining
+    unit: str = "deg, m"
     layers: tuple[str, ...] = ()
     """Optional truth that the network learns from."""
-    unit: str = "deg, m"
 
     def check_options(self) -> None:
         c = self.config
@@ -66,7 +66,3 @@ class ObjectTask:
                 own = len(range(k, count, len(c.classes)))
                 name = f"{category}-{seed}"
                 yield PlannedDataset(name, render, max(1, own), held_out)
-
-    def count_steps(self, samples: Samples) -> int:
-        c = self.config
-        return c.steps if c.steps >= 0 else -(-c.epochs * len(samples) // c.batch)

@@ -3,12 +3,14 @@
 # pyright: basic
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from ..networks.torch_runtime import Tensor, nn, torch
-from .config import TrainConfig
+from .config import CravesTraining, ObjectTraining, TrainConfig
 from .data import PlannedDataset
 
 Scores = dict[str, dict[str, float]]
@@ -32,60 +34,56 @@ class Samples(Protocol):
         ...
 
 
-class TrainingTask(Protocol):
+@dataclass(frozen=True)
+class TrainingTask(ABC):
     """A network, its data and its loss; `training.loop.train` does the rest."""
 
-    @property
-    def name(self) -> str:
-        """The name of the network, and of its file of weights."""
-        ...
+    config: TrainConfig
+    name: str = ""
+    """Of the network, and of its file of weights."""
+    unit: str = ""
+    """Of the errors on held-out data."""
 
-    @property
-    def config(self) -> TrainConfig:
-        """The options."""
-        ...
-
-    @property
-    def unit(self) -> str:
-        """The unit of the errors on held-out data."""
-        ...
-
+    @abstractmethod
     def check_options(self) -> None:
         """Raise ConfigError if an option is out of range."""
-        ...
 
     def notes(self) -> Mapping[str, str]:
         """Return what the file of weights says about itself."""
-        ...
+        return {}
 
+    @abstractmethod
     def make_network(self) -> nn.Module:
         """Return the untrained network."""
-        ...
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
-        """Return Adam, AdamW or RMSprop."""
-        ...
+        """Return AdamW, or what the authors of a network used."""
+        return torch.optim.AdamW(network.parameters(), self.config.rate, (0.9, 0.99),
+                                 weight_decay=self.config.weight_decay)
 
+    @abstractmethod
     def plan_data(self) -> Iterator[PlannedDataset]:
         """Yield the datasets to render if none are given."""
-        ...
 
+    @abstractmethod
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         """Return the samples of datasets; the network may take the ranges of the data."""
-        ...
 
     def count_steps(self, samples: Samples) -> int:
         """Return the number of steps."""
-        ...
+        c = self.config
+        if c.steps < 0 and isinstance(c, ObjectTraining | CravesTraining):
+            return -(-c.epochs * len(samples) // c.batch)
+        return c.steps
 
+    @abstractmethod
     def rate(self, progress: float) -> float:
         """Return the learning rate after a share of the steps."""
-        ...
 
+    @abstractmethod
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         """Return the loss of a batch, in training."""
-        ...
 
+    @abstractmethod
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the errors on a held-out dataset."""
-        ...

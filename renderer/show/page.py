@@ -112,7 +112,7 @@ def page_data(
         "flow": {"largest": largest, "unit": FLOW_UNIT, "wheel": data_uri(flow_wheel(96))},
         "nothing": css(NO_VALUE),
         "visibility": [{"name": text, "color": css(c)} for text, c in VISIBILITY.values()],
-        "parts": [{"name": name, "color": color, "pixels": _integers(state.part_pixels[:, i])}
+        "parts": [{"name": name, "color": color, "pixels": state.part_pixels[:, i].tolist()}
                   for i, (name, color) in enumerate(zip(meta.part_names, colors[1:], strict=True))],
         "joints": _joints(meta, state, colors),
         "axes": [[[a.joint, *_round(np.array([a.tail, a.point, a.head]).ravel())]
@@ -270,7 +270,3 @@ def write_file(out: Path, content: bytes) -> Path:
 
 def _round(values: NDArray[np.float64]) -> list[float | None]:
     return [round(float(x), 4) if math.isfinite(x) else None for x in values]
-
-
-def _integers(values: NDArray[np.int64]) -> list[int]:
-    return [int(x) for x in values]
