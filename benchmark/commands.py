@@ -109,7 +109,8 @@ def report(
         results: Folders that `gcbench eval` and `gcbench score` wrote, and CSV files with numbers
             of papers, which are shown and not ranked.
         out: Folder of the report.
-        pictures: Draw the worst and the median sequence of each row (needs a renderer).
+        pictures: Leave out the pictures of the worst and the median sequence of each row, which
+            need a renderer.
         label: NAME=FOLDER adds NAME to the methods of a results folder.
         allow_model: Read models from paths that the datasets name, or download them.
         published: Folder of published rows; none hides them. Default: those of this package.

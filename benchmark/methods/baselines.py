@@ -1,5 +1,5 @@
-"""Predictors that never look at an image: rows of every table, because on motion of one speed they
-would win (on a published benchmark of doors they do)."""
+"""Baselines that never look at an image. They belong in every table: if all objects move at one
+speed, such a baseline can have the smallest error."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class HoldStill:
 class ConstantVelocity:
     """The training set's mean motion, as far as it can be told without an image.
 
-    Directions are random, so the plain mean is to hold still. Without axes a direction has no
-    sign, though, and the protocol grants such a method the better one (the row says `best`): the
-    mean is over motions that are turned to one sign, which is the best blind guess.
+    Directions are random, so the plain mean is no motion. Without axes a direction has no sign, and
+    the protocol uses the better one (the row says `best`). The mean is therefore over motions that
+    are turned to one sign.
     """
 
     name = "constant-velocity"

@@ -66,7 +66,7 @@ def _without_folders(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _same_scores(one: RunFolder, other: RunFolder) -> bool:
-    """Whether two runs have the same scores but for the machine: its speed and its rounding."""
+    """Whether two runs have the same scores, except for speed and rounding of the machine."""
     a, b = ([r for r in folder.results() if r.metric not in _OF_MACHINE] for folder in (one, other))
     return ([replace(r, robot="", value=0.0) for r in a]
             == [replace(r, robot="", value=0.0) for r in b]

@@ -263,7 +263,7 @@ def _draw_again(
 
 
 def _is_close(a: Any, b: Any) -> bool:
-    """Return whether two trees are equal but for rounding."""
+    """Return whether two trees are equal up to rounding."""
     if isinstance(a, Mapping):
         return a.keys() == b.keys() and all(_is_close(a[key], b[key]) for key in a)
     if isinstance(a, list | tuple):

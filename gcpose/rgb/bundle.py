@@ -31,7 +31,7 @@ from .settings import RgbSettings
 
 @dataclass(frozen=True)
 class BundleSetup:
-    """What an adjustment knows of camera and joints."""
+    """Camera and joints of an adjustment."""
 
     intrinsics: Array
     """[3 3] px"""

@@ -25,19 +25,19 @@ class LossConfig:
 class AugmentationConfig:
     """Random changes of samples; pairs are ranges."""
 
-    resize_probability: float = 0.5
+    resize_probability: float = 0.5  # Share of the pairs that are resized.
     resize: tuple[float, float] = (0.75, 1.6)  # Factor of the image's size.
-    mirror_probability: float = 0.5  # Of each axis.
-    gamma: tuple[float, float] = (0.7, 1.4)
-    offset: tuple[float, float] = (-0.1, 0.1)  # Brightness that is added, of 1.
-    gain_probability: float = 0.7
-    gain: tuple[float, float] = (0.7, 1.2)
+    mirror_probability: float = 0.5  # Share of the pairs that are mirrored, for each axis.
+    gamma: tuple[float, float] = (0.7, 1.4)  # Exponent of the brightness.
+    offset: tuple[float, float] = (-0.1, 0.1)  # Brightness that is added, in units of white.
+    gain_probability: float = 0.7  # Share of the pairs with a gain.
+    gain: tuple[float, float] = (0.7, 1.2)  # Gain of all channels.
     channel_gain: tuple[float, float] = (0.85, 1.15)  # Further gain of each channel.
-    exposure_probability: float = 0.25
+    exposure_probability: float = 0.25  # Share of the pairs whose images differ in exposure.
     exposure: tuple[float, float] = (0.97, 1.03)  # Gain of the second image against the first.
-    noise_probability: float = 0.4
+    noise_probability: float = 0.4  # Share of the pairs with noise.
     noise: tuple[float, float] = (0.0, 4.0)  # Standard deviation, grey levels.
-    blur_probability: float = 0.2
+    blur_probability: float = 0.2  # Share of the pairs with blur.
     blur: tuple[float, float] = (0.3, 0.9)  # Standard deviation, px.
 
 
@@ -46,17 +46,17 @@ class RecipeConfig:
     """Datasets that are rendered if none are given; pairs are ranges."""
 
     sequences: int = 4  # Sequences of each model: many models teach more than many views of one.
-    frames: int = 9
-    width: int = 320
-    height: int = 240
-    max_joints: int = 6
-    appliance_every: int = 8  # One dataset in this number shows appliances.
-    slow_probability: float = 0.7
+    frames: int = 9  # Frames of a sequence.
+    width: int = 320  # Width of the images, px.
+    height: int = 240  # Height of the images, px.
+    max_joints: int = 6  # Most joints that move.
+    appliance_every: int = 8  # Every n-th dataset shows appliances.
+    slow_probability: float = 0.7  # Share of the datasets with slow motion.
     slow: tuple[float, float] = (2.0, 7.0)  # Largest turn in a frame, deg.
     fast: tuple[float, float] = (7.0, 14.0)  # The same in the other datasets, deg.
     fill: tuple[float, float] = (0.35, 0.8)
     """Share of the image's side that the model fills at least."""
-    texture_probability: float = 0.25
+    texture_probability: float = 0.25  # Share of the datasets with textures.
     texture: tuple[float, float] = (0.3, 1.0)
     """Probability that a surface has a texture, in datasets with textures."""
 
@@ -78,16 +78,16 @@ class TrainConfig:
     steps: int = 10_000  # 0 measures the errors without training.
     batch: int = 4  # Samples in a step.
     rate: float = 1e-3  # Highest learning rate.
-    weight_decay: float = 1e-4
+    weight_decay: float = 1e-4  # Factor of the weights that the optimizer subtracts.
     max_gradient: float = 1.0  # Norm to which gradients are clipped.
-    seed: int = 1
+    seed: int = 1  # Seed of the initial weights, the samples and the rendered data.
     device: str = "auto"  # `cpu`, `cuda`, ...; `auto`: a GPU if there is one.
     workers: int = 0
     """Processes that prepare samples (a GPU needs 8 and more) and that render; 0: samples in the
     training process, and one renderer for each core."""
-    threads: int = 0  # Of the arithmetic on a CPU; default: all cores.
+    threads: int = 0  # Threads of the arithmetic on a CPU; default: all cores.
     precision: Literal["bfloat16", "float32"] = "bfloat16"
-    """Of the arithmetic in training; weights are float32."""
+    """Precision of the arithmetic in training; weights are float32."""
     half: bool = False  # Write the file of weights in half precision (the checkpoint is not).
     every: int = 1000  # Steps between two checks on the held-out data.
     minutes: float = 3.0  # Time between two checkpoints.
@@ -108,8 +108,8 @@ class FlowTraining(TrainConfig):
     """
 
     out: Path = Path("raft")
-    steps: int = 60_000
-    rate: float = 8e-4
+    steps: int = 60_000  # 0 measures the errors without training.
+    rate: float = 8e-4  # Highest learning rate.
     warm_up: float = 0.05  # Share of the steps in which the rate rises.
     first_rate: float = 0.04  # Rate of the first step, as a share of the highest.
     crop: tuple[int, int] = (176, 144)
@@ -118,7 +118,7 @@ class FlowTraining(TrainConfig):
     """Corrections that the network makes in training (6 in use, 3 when tuned to a video)."""
     models: int = 300  # Objects to render if no data are given.
     robots: tuple[str, ...] = ()
-    """Robots (names or files) that half of them are; the others are random."""
+    """Robots (names or files) for half of the objects; the others are random."""
     held_out_pairs: int = 40  # Pairs of each held-out dataset in a check.
     loss: LossConfig = field(default_factory=LossConfig)
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
@@ -139,7 +139,7 @@ class ForegroundTraining(TrainConfig):
     """
 
     out: Path = Path("foreground")
-    steps: int = 5000
+    steps: int = 5000  # 0 measures the errors without training.
     batch: int = 3  # Videos in a step.
     rate: float = 2e-3  # Highest learning rate; it rises first and then falls to 0.
     frames: int = 8  # Successive frames that are learned from together.
@@ -148,9 +148,9 @@ class ForegroundTraining(TrainConfig):
     held_out_sequences: int = 12  # Further ones of each class, for the checks.
     scale: tuple[float, float] = (0.85, 1.35)  # Range of the factor of the square's side.
     noise: tuple[float, float] = (0.0, 2.0)  # Range of its standard deviation, grey levels.
-    noise_probability: float = 0.4
+    noise_probability: float = 0.4  # Share of the videos with noise.
     gain: tuple[float, float] = (0.7, 1.25)  # Range of the gain of each color channel.
-    gamma: tuple[float, float] = (0.75, 1.35)
+    gamma: tuple[float, float] = (0.75, 1.35)  # Range of the exponent of the brightness.
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class ScrewNetTraining(ObjectTraining):
 
     out: Path = Path("screwnet")
     batch: int = 40  # Samples in a step.
-    weight_decay: float = 1e-2  # Of Adam: it is added to the gradient.
+    weight_decay: float = 1e-2  # Adam adds it, times the weights, to the gradient.
     max_gradient: float = 10.0  # Norm to which gradients are clipped.
 
 
@@ -205,7 +205,7 @@ class AbbatematteoTraining(ObjectTraining):
     out: Path = Path("abbatematteo")
     batch: int = 128  # Images in a step.
     rate: float = 1e-5  # Highest learning rate.
-    weight_decay: float = 1e-5  # Of Adam: it is added to the gradient.
+    weight_decay: float = 1e-5  # Adam adds it, times the weights, to the gradient.
     max_gradient: float = 10.0  # Norm to which gradients are clipped.
     dropout: float = 0.5  # Share of the image's features that are left out in training.
 
@@ -232,7 +232,7 @@ class CravesTraining(TrainConfig):
     held_out_images: int = 100  # Further ones, for the checks.
     batch: int = 6  # Images in a step.
     rate: float = 2.5e-4  # Learning rate; a tenth of it in the last third of the steps.
-    weight_decay: float = 0.0
+    weight_decay: float = 0.0  # The optimizer adds it, times the weights, to the gradient.
     max_gradient: float = 10.0  # Norm to which gradients are clipped.
     scale: tuple[float, float] = (0.6, 1.8)  # Range of the factor of a crop's side.
     rotation: float = 15.0  # Largest turn of a crop, deg.

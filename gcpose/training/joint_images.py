@@ -20,7 +20,7 @@ from .screws import shuffle_epoch
 
 @dataclass(frozen=True)
 class JointSample:
-    """A depth image and what is to be seen in it."""
+    """A depth image and the numbers that describe it."""
 
     depth: NDArray[np.float32]
     """[108 192] in units of 12 m"""

@@ -23,7 +23,7 @@ _SHIFT = 0.1  # of a crop against its box, in sides of the crop
 
 @dataclass(frozen=True)
 class KeypointSample:
-    """A crop and what is to be found in it."""
+    """A crop and its heat maps."""
 
     image: NDArray[np.float32]
     """[3 256 256] 0..1"""

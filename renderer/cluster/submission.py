@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SHARDED = ("render", "eval", "verify")
 """Commands that have the option --shard."""
 _MOST = 100_000  # shards
-_REQUEUES = 1000  # at the time limit; a loop without progress shall end
+_REQUEUES = 1000  # at the time limit; ends a loop without progress
 
 
 @dataclass(frozen=True)

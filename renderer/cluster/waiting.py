@@ -65,7 +65,7 @@ def _jobs_go_on(submission: Submission) -> Generator[None]:
 
 
 def _alive(submission: Submission) -> dict[str, str] | None:
-    """The state of each job that has not ended; None if nobody can tell now."""
+    """The state of each job that has not ended; None if the scheduler does not answer."""
     if submission.cluster == "local":
         return {job.job_id: job.state for job in submission.jobs if job.state == "RUNNING"}
     asked = subprocess.run(

@@ -160,7 +160,7 @@ class DatasetFolder:
         """What the dataset is, or will be. Raises ConfigError if it is another one."""
         out, here = self.out, new_provenance(self.config)
         started = sequence_paths(out) or (self._is_shared and exists(out / DATASET_FILE))
-        if not started:  # what failed before its first sequence binds nobody
+        if not started:  # a run that failed before its first sequence decides nothing
             return here
         if not exists(out / DATASET_FILE):
             raise ConfigError(f"{address(out)} holds sequences but no {DATASET_FILE}; "

@@ -18,7 +18,7 @@ def outward_faces(
 
     The meshes ([V 3] m and [F 3]) are pieces of one rigid part: vertices at one place are one
     vertex. A connected surface is closed if each edge is run through equally often both ways, and
-    faces outward if it encloses a positive volume. Nobody outside sees the back of such a surface,
+    faces outward if it encloses a positive volume. Its back is never visible from outside,
     so leaving its back faces out changes no pixel. Everything else must be drawn from both sides.
     """
     from scipy.sparse import coo_array

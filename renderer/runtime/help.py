@@ -12,7 +12,7 @@ from ...errors import ConfigError, suggestion
 
 _INDENT = 26  # columns before the meaning of an option
 _REPEATED = re.compile(r"\[(\[?[^\s\]]+) \[.*?\.\.\.\]\]")
-_NO_DEFAULT = re.compile(r" ?\(default: (?:''|False|None)?\)$")
+_NO_DEFAULT = re.compile(r" ?\(default: (?:''|True|False|None)?\)$")
 
 
 @dataclass

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def defer_interrupts() -> Generator[None]:
-    """Ctrl-C waits until the end of the block, and what is started in it never hears of one.
+    """Defer Ctrl-C until the end of the block. Processes that are started in it ignore Ctrl-C.
 
     A process that is interrupted while Python starts, or whose parent is while it hands over the
     task, would print a traceback. The mask is for the child, which inherits it; the parent needs a

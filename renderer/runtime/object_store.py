@@ -1,7 +1,7 @@
 """Files in object storage, `s3://bucket/path` and the like: listed, read by ranges, written whole.
 
 A path keeps an address: `Path("s3://bucket/data")` is s3:/bucket/data, so that names are made of it
-as of any path. The functions here take both kinds of paths; nothing else knows of object storage.
+as of any path. The functions here take both kinds of paths; no other module uses object storage.
 fsspec does the work. It is an extra, and is imported when an address is used.
 """
 

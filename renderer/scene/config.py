@@ -119,7 +119,7 @@ class LightsConfig:
     """Sum over all lights (radiance factor, as in pyrender)."""
     warmth: Annotated[Range, Bounds(-1, 1)] = (-0.15, 0.15)
     """Colour of each light: positive is red, negative is blue."""
-    ambient: Annotated[Range, Bounds(0, 1e3)] = (0.15, 0.4)
+    ambient: Annotated[Range, Bounds(0, 1e3)] = (0.15, 0.4)  # Light from all directions.
     shadows: bool = False
     """Shadows of directional lights (about twice the time)."""
 
@@ -134,8 +134,8 @@ class MaterialsConfig:
     """Hue shift of up to this share of the colour circle."""
     value: Annotated[Range, Bounds(0, 100)] = (0.8, 1.2)
     """Factor on the brightness."""
-    roughness: Annotated[Range, Bounds(0, 1)] = (0.35, 0.9)
-    metallic: Annotated[Range, Bounds(0, 1)] = (0.0, 0.4)
+    roughness: Annotated[Range, Bounds(0, 1)] = (0.35, 0.9)  # 0 mirrors, 1 is matt.
+    metallic: Annotated[Range, Bounds(0, 1)] = (0.0, 0.4)  # 1 reflects like metal.
 
 
 @dataclass(frozen=True)
@@ -236,9 +236,10 @@ class RenderConfig:
     seed: Annotated[int, Bounds(0)] = 0
     """Seed of all random draws."""
     twin_of: str = OWN
-    """Robot whose draws to share: equal seeds give twins, with equal motion, camera, lights and
-    background. own: no other robot's (of ur5-textured: those of ur5). "": the draws of earlier
-    versions, which all robots share; a configuration file without this field has them."""
+    """Robot whose random draws this dataset uses; with equal seeds, the two are twins with equal
+    motion, camera, lights and background. own: draws of this robot alone (ur5-textured: those of
+    ur5). "": the draws that all robots shared in earlier versions, and the default of a
+    configuration file without this field."""
     stream: Literal["test", "train"] = "test"
     """Suites contain sequences of `test` only; train a learned method on `train`."""
     frames: Annotated[int, Bounds(1, 100_000)] = 15
@@ -248,10 +249,10 @@ class RenderConfig:
     height: Annotated[int, Bounds(16, 16_384)] = 480
     """Height of the images, px."""
     animation: str = ""
-    """Animation of the model to play. Default: the first, if there is any; none: joints move."""
+    """Animation of the model to play. Default: its first animation. none: move the joints."""
     scored_joints: tuple[str, ...] = ()
-    """Joints that move and are scored; default: the bottom three, those of the catalogue, an
-    object's doors (three at most), or its first drawer."""
+    """Joints that move and are scored. Default: those of the catalogue; of an object, up to three
+    doors, or its first drawer; of another model, the bottom three."""
     vary: tuple[str, ...] = FACTORS
     """Factors that change from sequence to sequence; the others keep the draw of sequence 0."""
     keep_unobservable: bool = False

@@ -20,7 +20,7 @@ def lock_folder(out: Path, shared: bool = False) -> Generator[Callable[[], bool]
     """Lock the folder `out` for this process while the block runs, or raise ConfigError.
 
     Shared locks exclude only those that are not. The block gets a function that makes the lock
-    exclusive, and returns whether no other process has it; False where nobody can tell.
+    exclusive, and returns whether no other process has it; False if the system cannot tell.
     """
     with _open(out / LOCK, "a+") as file:
         try:
@@ -55,7 +55,7 @@ def lock_briefly(folder: Path) -> Generator[None]:
 
 
 def is_free(folder: Path) -> bool:
-    """Whether the lock of a folder exists and no process holds it; False if nobody can tell."""
+    """Whether the lock of a folder exists and no process holds it; False if that is unknown."""
     try:
         with _open(folder / LOCK, "r") as file:
             return _is_alone(file)

@@ -1,6 +1,6 @@
 """XML parsing without document types and entities, with bounded depth, size and names.
 
-expat is used without name spaces, because URDFs in the wild use prefixes that nobody declared.
+expat is used without name spaces, because real URDFs use prefixes that are not declared.
 """
 
 from __future__ import annotations
