@@ -21,7 +21,7 @@ from ..scene import RenderConfig, check_model_paths, packages_of, robot_of
 from ..types import Sequence
 from .checks import CheckResult, VerifyReport, check, merge_checks
 from .images import verify_images
-from .kinematics import verify_state
+from .kinematics import GLTF_FILES, URDF_FILES, verify_state
 from .layers import verify_layers
 from .observability import verify_observability
 from .surfaces import surfaces_to_check, verify_surface
@@ -160,9 +160,13 @@ def reference_of(
                            config.scale)
         file = Path(robot) if is_file(robot) else robot_urdf(robot, packages, download=False)
         names = partnet.part_names(file.parent) if file and is_object(robot) else {}
+        notes: list[str] = []
+        if file is not None and file.suffix.lower() not in (*URDF_FILES, *GLTF_FILES):
+            notes.append(f"poses are tested against the first reader's model only: {file.suffix} "
+                         "files have no second reader")
     except (GcbenchError, OSError) as error:
         return Reference(), [f"poses are tested against the joints' own screws only: {error}"]
-    return Reference(surfaces_to_check(model), file, names, config.scale), []
+    return Reference(surfaces_to_check(model), file, names, config.scale), notes
 
 
 def sequence_files(path: Path) -> tuple[list[Path], list[str]]:

@@ -25,6 +25,8 @@ from .frames import METRES
 from .gltf_reader import GltfFrame, read_gltf_frames
 from .urdf_reader import UrdfJoint, read_urdf_tree
 
+URDF_FILES, GLTF_FILES = (".urdf",), (".glb", ".gltf")
+"""Suffixes of the files that have a second reader here."""
 _RADIANS = 1e-6  # rad, bound of angles that only rounding may change
 
 
@@ -32,6 +34,8 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
                  file: Path | None = None, link_names: Mapping[str, str] | None = None,
                  scale: float = 1.0) -> list[CheckResult]:
     """Run all checks that need no image. Poses are compared with the model and its file, if given.
+
+    A file of a format without a second reader is not read.
 
     `link_names` are the sequence's names of links of a URDF, where they differ; a joint has the
     name of the link that it moves. The lengths of the file are multiplied by `scale`.
@@ -51,9 +55,9 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
         return checks + (_animated_poses(sequence, model) if model is not None else [])
     if model is not None:
         checks += _poses(sequence, poses_from_model(model, names, positions), "model")
-    if file is not None and file.suffix.lower() in (".glb", ".gltf"):
+    if file is not None and file.suffix.lower() in GLTF_FILES:
         checks += _poses_at_rest(sequence, file, scale)
-    elif file is not None:
+    elif file is not None and file.suffix.lower() in URDF_FILES:
         found = poses_from_urdf(file, names, positions, link_names, scale)
         checks += _poses(sequence, found, "URDF")
     return checks

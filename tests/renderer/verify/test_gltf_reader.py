@@ -118,3 +118,11 @@ def test_a_file_that_is_no_gltf_is_refused(tmp_path: Path) -> None:
     path.write_text('{"nodes": 3}')
     with pytest.raises(ModelError, match=r"m\.gltf"):
         read_gltf_frames(path)
+
+
+@pytest.mark.gl
+def test_a_file_without_a_second_reader_is_not_read(sequence: Sequence, tmp_path: Path) -> None:
+    file = tmp_path / "lamp.boxes"
+    file.write_text("[]")
+    found = verify_state(sequence, None, file)
+    assert [c.name for c in found] == [c.name for c in verify_state(sequence)]
