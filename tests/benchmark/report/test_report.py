@@ -329,8 +329,8 @@ def test_the_figure_has_the_best_median_picture_of_each_dataset(results: Path) -
     board = read_leaderboard([results])
     colors = np.random.default_rng(5).integers(0, 255, (len(board.lines), 3), np.uint8)
     pictures = [
-        Picture(p.line, p.kind, p.sequence, p.error, p.joints, gallery._image_url(
-            np.broadcast_to(colors[p.line], (48, 64, 3)).copy()))
+        Picture(p.line, p.kind, p.sequence, p.error, p.joints, gallery._film_url([
+            np.broadcast_to(colors[p.line], (48, 64, 3)).copy()], quality=82))
         for p in select_pictures(board.lines)
     ]
     drawn = draw_figure(board.lines, board.labels, pictures)
