@@ -95,6 +95,7 @@ class ImageSettings:
     rim_width: Count = 5
     """Window that must be on one surface for a normal, px: at the rim of a round limb the front
     shows where a point has turned to its back."""
+    rim_share: Share = 0.95  # Of that window, on the surface, up to which there is no normal.
     layer_spacing: Positive = 4.0  # Spacing of depth layers, standard deviations of the median.
     plane_ridge: NonNegative = 0.01  # Damping of slopes, as a share of the trace.
     noisy_change_threshold: Count = 2  # Change where a surface is fitted, grey levels.

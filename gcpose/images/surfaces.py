@@ -204,5 +204,5 @@ def _fit_window(
     # the surface z(x, y) in rays: n ~ (-b, -c, z + b x + c y) / ..., away from the camera
     n = np.stack([-b, -c, fitted + b * (at_x + x0) + c * (at_y + y0)], axis=1)
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12)
-    n[(window.means(settings.rim_width // 2, m)[0] <= 0.95) | ~mask[take]] = 0.0
+    n[(window.means(settings.rim_width // 2, m)[0] <= settings.rim_share) | ~mask[take]] = 0.0
     return np.where(mask[take], fitted, at_z).astype(np.float32), n.astype(np.float32)

@@ -123,7 +123,8 @@ def first_matrices(
         if left.sum() < settings.min_points:
             left[:] = True
         a, b = (np.ascontiguousarray(x[left, :2]) for x in (ray, there))
-        found, fits = cv2.findEssentialMat(a, b, np.eye(3), cv2.RANSAC, 0.999, inlier)
+        found, fits = cv2.findEssentialMat(a, b, np.eye(3), cv2.RANSAC,
+                                          settings.ransac_confidence, inlier)
         if np.ndim(found) != 2:  # none was found
             out[j] = eight_point(ray[left], there[left])
             continue

@@ -19,6 +19,7 @@ class PaperSettings:
     outlier_cost: NonNegative = 9.0  # Squared Sampson distance at which the cost levels off, px^2.
     max_rounds: Count = 10  # Rounds of EM.
     min_points: Count = 8  # Points of a part below which it has no motion.
+    ransac_confidence: Share = 0.999  # That RANSAC finds an essential matrix of inliers only.
     oracle_inlier: Positive = 1e-4  # Sampson distance of a fit to a given part, focal lengths.
     pnp_inlier: Positive = 3.0  # Reprojection error of a point that fits a motion, px.
 
