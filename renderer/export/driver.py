@@ -101,12 +101,12 @@ def write_export(
     if out.exists() or out.is_symlink():
         raise ConfigError(f"{out} is there already; choose another --out, or delete it")
     part = out.with_name(f".{out.name}.part")
-    account = {"generator": {"name": "gcbench", "version": __version__},
+    origin = {"generator": {"name": "gcbench", "version": __version__},
                "assets": dataset.info.assets, **origin}
     try:
         part.mkdir(parents=True, exist_ok=True)
         with lock_folder(part):
-            frames = _write_all(kind, part, dataset, names, account, progress)
+            frames = _write_all(kind, part, dataset, names, origin, progress)
             (part / LOCK).unlink()
             part.rename(out)
     except OSError as error:
@@ -117,11 +117,11 @@ def write_export(
 
 def _write_all(
     kind: Callable[[Path, Dataset], Writer], part: Path, data: Dataset, names: list[str],
-    account: Mapping[str, Any], progress: bool,
+    origin: Mapping[str, Any], progress: bool,
 ) -> int:
     """Fill `part` and return the number of frames in it. It is removed if that fails for good, or
     if nothing is done when the run is stopped."""
-    plan = {**account, "name": data.path.absolute().name, "config": data.info.config}
+    plan = {**origin, "name": data.path.absolute().name, "config": data.info.config}
     with closing(Journal(part, plan, names)) as journal:
         try:
             with closing(kind(part, data)) as writer:
@@ -130,7 +130,7 @@ def _write_all(
             if isinstance(error, GcbenchError) or not journal.entries:
                 shutil.rmtree(part, ignore_errors=True)
             raise
-    (part / _FILE).write_bytes(dump_json({**account, "sequences": names}))
+    (part / _FILE).write_bytes(dump_json({**origin, "sequences": names}))
     journal.path.unlink()
     return sum(entry["frames"] for entry in journal.entries)
 

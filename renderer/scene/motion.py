@@ -134,9 +134,9 @@ class MotionSampler:
         times = np.arange(frames) / fps
         spare = animation.duration - times[-1]
         start = float(rng.random() * (spare if spare >= 0 else animation.duration))
-        posture = animation.at(animation_times(times, start, animation.duration))
-        world_from_part = _freeze_static(posture.world_from_part)
-        posed = PosedModel(self.model, replace(posture, world_from_part=world_from_part))
+        state = animation.at(animation_times(times, start, animation.duration))
+        world_from_part = _freeze_static(state.world_from_part)
+        posed = PosedModel(self.model, replace(state, world_from_part=world_from_part))
         record = {"name": animation.name, "start": start, "duration": animation.duration}
         trajectory = JointTrajectory(times, np.zeros((frames, 0)))
         return Motion(trajectory, posed, self._lowest(posed), False, {"animation": record})

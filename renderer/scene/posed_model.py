@@ -19,13 +19,13 @@ _CACHE_BYTES = 2**28  # bytes of cached vertices
 
 
 class PosedModel:
-    """A model in a posture of T instants. Vertices are computed on demand and cached.
+    """A model in its states at T instants. Vertices are computed on demand and cached.
 
     Triangles and vertices are numbered consecutively over all visuals, in their order.
     """
 
-    def __init__(self, model: ArticulatedModel, posture: ModelState) -> None:
-        self.model, self.posture = model, posture
+    def __init__(self, model: ArticulatedModel, state: ModelState) -> None:
+        self.model, self.state = model, state
         self.deforming = tuple(v for v in model.visuals if v.deforms)
         self._surfaces = OrderedDict[int, tuple[tuple[Array, Array], ...]]()
         self._vertices = OrderedDict[int, Array]()
@@ -33,7 +33,7 @@ class PosedModel:
     @property
     def world_from_part(self) -> Array:
         """[T P 4 4]"""
-        return self.posture.world_from_part
+        return self.state.world_from_part
 
     def surfaces(self, t: int) -> tuple[tuple[Array, Array], ...]:
         """Return world vertices [V 3] m and normals [V 3] of each deforming visual at instant t."""
@@ -72,7 +72,7 @@ class PosedModel:
         return np.repeat(np.array([v.deforms for v in self.model.visuals], bool), faces)
 
     def _deform(self, visual: Visual, t: int) -> tuple[Array, Array]:
-        p = self.posture
+        p = self.state
         stretch = None if p.stretch is None else p.stretch[t]
         return deform_visual(visual, p.world_from_part[t], stretch, p.morph[t])
 

@@ -1,6 +1,6 @@
 """Checks of the coordinates of surfaces that deform, by posing the model's triangles again.
 
-Each triangle of the model is put where its posture has it and projected. Of a pixel that shows a
+Each triangle of the model is put where its pose has it and projected. Of a pixel that shows a
 part which deforms, some triangle must meet its ray at the depth that is stored, at a point whose
 place at rest is the one that is stored. Nothing here looks at what the renderer found.
 """
