@@ -59,18 +59,37 @@ def check_share(
     name: str, wrong: ArrayLike, bound: float, where: Callable[[int], str],
     samples: int | None = None,
 ) -> CheckResult:
-    """Check that at most a share `bound` of the flags `wrong` is set.
+    """Check that at most a share `bound` of the flags `wrong` is set, or as few as chance may set.
 
     `samples` is the number that the flags were drawn from, if only suspects are given.
     """
     w = np.asarray(wrong, bool).ravel()
-    n = w.size if samples is None else samples
-    part = float(w.sum()) / n if n else 0.0
+    n, count = w.size if samples is None else samples, int(w.sum())
+    part = count / n if n else 0.0
+    if 0 < bound < part and bound * n < 10:
+        bound = max(bound, _count_by_chance(bound * n) / n)
     return CheckResult(name, part, part, bound, "share", n, where(int(w.argmax())) if part else "")
 
 
+def _count_by_chance(most: float) -> int:
+    """The largest count that chance explains where a bound allows `most` in the mean.
+
+    A bound is at least ten times the share that right data have. Of few samples it allows less
+    than one, so a single one would break it. Counts of rare events are Poisson distributed; a
+    larger count than this has a chance below 1e-6. From `most` = 10 on the bound allows more.
+    """
+    from scipy.special import pdtrc
+
+    mean, count = most / 10, 0
+    while pdtrc(count, mean) >= 1e-6:
+        count += 1
+    return count
+
+
 def merge_checks(checks: Iterable[CheckResult]) -> tuple[CheckResult, ...]:
-    """Merge checks of one name, in order of first appearance: the worst, the mean over samples."""
+    """Merge checks of one name, in order of first appearance: the worst in units of its bound, and
+    the mean over samples.
+    """
     found: dict[str, CheckResult] = {}
     for new in checks:
         old = found.get(new.name)
@@ -79,7 +98,7 @@ def merge_checks(checks: Iterable[CheckResult]) -> tuple[CheckResult, ...]:
             continue
         n = old.samples + new.samples
         mean = (old.mean * old.samples + new.mean * new.samples) / n if n else 0.0
-        worse = new if new.worst > old.worst else old
+        worse = max(old, new, key=lambda c: (c.excess, c.worst))
         found[new.name] = replace(worse, mean=mean, samples=n)
     return tuple(found.values())
 

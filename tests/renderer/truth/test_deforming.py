@@ -280,12 +280,41 @@ def right() -> Sequence:
         return whole(opened)
 
 
+@pytest.fixture(scope="module")
+def tiny() -> Sequence:
+    """Pictures of so few pixels of the bar that the bounds of shares allow less than one."""
+    with pytest.MonkeyPatch.context() as patch, renderer(
+            bent_bar.bar(), patch, width=64, height=48) as opened:
+        return whole(opened)
+
+
 @pytest.mark.gl
 @pytest.mark.parametrize("name", CORRUPTIONS)
 def test_corruption_fails_its_check(right: Sequence, name: str) -> None:
     corrupt, expected = CORRUPTIONS[name]
     report = verify_sequence(corrupt(right))
     assert expected in report.failures, report.table()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", sorted({*CORRUPTIONS} - {"rigid flow"}))  # too small there
+def test_corruption_of_a_tiny_picture_fails_its_check(tiny: Sequence, name: str) -> None:
+    corrupt, expected = CORRUPTIONS[name]
+    report = verify_sequence(corrupt(tiny))
+    assert expected in report.failures, report.table()
+
+
+@pytest.mark.gl
+def test_one_pixel_of_a_tiny_picture_may_be_wrong_and_a_tenth_may_not(tiny: Sequence) -> None:
+    for share, ok in ((0.0, True), (0.1, False)):
+        seen = [v.copy() for v in tiny.visibility]
+        pixels = np.flatnonzero((seen[0] == 1) & (tiny.part[0] > 0))
+        wrong = pixels[: max(1, int(share * len(pixels)))]
+        seen[0].flat[wrong] = 3  # said to leave the picture
+        report = verify_sequence(replace(tiny, visibility=seen))
+        assert report.ok is ok, report.table()
+        (result,) = (c for c in report.checks if c.name == "deforming: visibility")
+        assert result.worst > 1e-3 and result.ok is ok
 
 
 @pytest.mark.gl
