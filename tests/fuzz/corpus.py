@@ -478,6 +478,13 @@ _RUN = "work/results/hold-still_none_none/d"
 # -- results --------------------------------------------------------------------------------------
 
 
+@named("cannot write to /dev/zero/")
+def results_in_a_device() -> Case:
+    return Case(
+        dict(dataset_files()), [Command((*EVALUATE, "--results=/dev/zero"), (2,))], []
+    )
+
+
 def _scores(change: Callable[[list[str]], None]) -> Case:
     files = {**dataset_files(), **results_files()}
     lines = [line.split(",") for line in _bytes(files[f"{_RUN}/scores.csv"]).decode().split("\n")]

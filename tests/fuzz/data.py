@@ -374,7 +374,7 @@ def _estimate(rng: CaseRng, data: bytes) -> bytes:
     except Exception:  # it was damaged before
         return change_bytes(rng, data, "estimate")
     how = rng.choice(["json", "arrays", "arrays", "bytes", "bomb"])
-    if how == "json":
+    if how == "json" and "estimate.json" in members:
         members["estimate.json"] = _changed_json(rng, members["estimate.json"], "estimate.json")
     elif how == "arrays" and "estimate.npz" in members:
         members["estimate.npz"] = change_npz(rng, members["estimate.npz"], "estimate.npz")

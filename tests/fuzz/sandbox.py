@@ -322,7 +322,7 @@ class Auditor:
         ]
         self.reads = _prefixes([*mine, *box.readable, *system, package, *filter(None, [numba])])
         self.package = f"{package}/"
-        self.writes = _prefixes([*mine[1:], "/dev/null", *filter(None, [numba])])
+        self.writes = _prefixes([*mine[1:], "/dev/null", "/dev/zero", *filter(None, [numba])])
         self.busy = False
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
