@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..protocol import PCP_DEGREES, pcp_thresholds
-from ..results import Result
+from .statistics import SequenceJoint
 
 LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
 """Shares of the errors that a calibrated method has within as many quantiles of the normal
@@ -39,18 +39,19 @@ class Calibration:
     """Share of these that are not reliable."""
 
 
-def calibrate(results: Iterable[Result], unit: str) -> Calibration | None:
-    """Compare errors with standard deviations and flags; None if the results have neither.
+def calibrate(
+    error_of: Mapping[SequenceJoint, float], scores: Mapping[str, Mapping[SequenceJoint, float]],
+    unit: str,
+) -> Calibration | None:
+    """Compare final errors with standard deviations and flags; None if the scores have neither.
 
-    The results are those of one row, of joints that move in `unit`.
+    Errors are in `unit`; `scores` are values of pairs by metric.
     """
-    value = {(r.metric, r.sequence, r.joint): r.value for r in results}
-    pairs = [(s, j) for metric, s, j in value if metric == "final_error"]
 
     def errors_and(metric: str) -> Array:
         """Return the final errors and values [2 N] of the pairs that have this metric."""
-        found = [(value["final_error", s, j], value[metric, s, j]) for s, j in pairs
-                 if (metric, s, j) in value]  # fmt: skip
+        value = scores.get(metric, {})
+        found = [(error, value[pair]) for pair, error in error_of.items() if pair in value]
         return np.array(found, np.float64).reshape(-1, 2).T
 
     (error, sigma), (flagged, flag) = errors_and("sigma"), errors_and("reliable")

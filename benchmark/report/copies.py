@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,7 +66,8 @@ def _without_folders(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 def _same_scores(one: RunFolder, other: RunFolder) -> bool:
     """Whether two runs have the same scores, except for speed and rounding of the machine."""
-    a, b = ([r for r in folder.results() if r.metric not in _OF_MACHINE] for folder in (one, other))
-    return ([replace(r, robot="", value=0.0) for r in a]
-            == [replace(r, robot="", value=0.0) for r in b]
-            and np.allclose([r.value for r in a], [r.value for r in b], 1e-6, 1e-9, True))
+    tables = (folder.scores() for folder in (one, other))
+    a, b = (table[~table["metric"].isin(_OF_MACHINE)] for table in tables)
+    return len(a) == len(b) and all(
+        np.allclose(a[name], b[name], 1e-6, 1e-9, True) if name == "value"
+        else name == "robot" or np.array_equal(a[name], b[name]) for name in a)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import ConfigError, DatasetError
 from ...renderer.scene import differences as config_differences
 from ..protocol import PCP_DEGREES, pcp_thresholds
-from ..results import SCORES, Result, Row, RunFolder, find_runs, is_label
+from ..results import SCORES, Row, RunFolder, find_runs, is_label
 from . import published_numbers as paper
 from .calibration import Calibration, calibrate
 from .copies import dataset_title, without_copies
@@ -27,6 +29,9 @@ from .statistics import (
     shared_ranks,
     summarize,
 )
+
+if TYPE_CHECKING:
+    import pandas
 
 _CURVE = sorted({*PCP_DEGREES, *(float(f"{x:.3g}") for x in np.geomspace(0.02, 90, 110))})
 CURVE_THRESHOLDS: Mapping[str, tuple[float, ...]] = {
@@ -222,7 +227,7 @@ def build_leaderboard(
     folders = list(folders)
     scored = without_copies(f for f in folders if (f.path / SCORES).exists())
     lines = [line for folder in scored
-             for line in _mark_partial(lines_of(folder, folder.results()))]
+             for line in _mark_partial(lines_of(folder, folder.scores()))]
     configs = {line.dataset: line.run.run.config for line in lines}
     lines += [line for line in published if not configs or (
         line.dataset in configs
@@ -266,66 +271,67 @@ def _mark_partial(lines: Sequence[Line]) -> list[Line]:
             for line in lines]
 
 
-def lines_of(folder: RunFolder, results: Iterable[Result]) -> list[Line]:
+def lines_of(folder: RunFolder, scores: pandas.DataFrame) -> list[Line]:
     """Return the lines of one run from its scores: one for each unit in which its joints move."""
-    results = sorted(results, key=_position)  # the order in the file changes no number
-    finals: dict[str, list[Result]] = defaultdict(list)
-    for r in results:
-        if r.metric == "final_error":
-            finals[r.unit].append(r)
-    return [_line(folder, unit, finals[unit], results) for unit in sorted(finals)]
+    name = scores["sequence"]
+    scores = scores.iloc[np.lexsort((  # the order in the file changes no number
+        scores["frame"], scores["metric"].cat.codes, scores["joint_index"], name.cat.codes,
+        name.str.len(),
+    ))]
+    finals = scores[scores["metric"] == "final_error"]
+    return [_line(folder, unit, finals[finals["unit"] == unit], scores)
+            for unit in sorted({*finals["unit"]})]
 
 
-def _position(r: Result) -> tuple[int, str, int, str, int]:
-    return len(r.sequence), r.sequence, r.joint_index, r.metric, r.frame
-
-
-def _line(folder: RunFolder, unit: str, finals: list[Result], results: list[Result]) -> Line:
-    names = {r.joint for r in finals}
-    mine = [r for r in results if not r.joint or r.joint in names]
-    covered = {(r.sequence, r.joint): r.value > 0.5 for r in mine if r.metric == "covered"}
-    known = np.array([covered.get((r.sequence, r.joint), False) for r in finals])
-    drift: dict[int, list[float]] = defaultdict(list)
-    means: dict[str, list[float]] = defaultdict(list)
-    conditions: dict[str, dict[SequenceJoint, float]] = {name: {} for name in CONDITIONS}
-    for r in mine:
-        if r.metric == "error":
-            drift[r.frame].append(r.value)
-        elif r.metric in conditions:
-            conditions[r.metric][r.sequence, r.joint] = r.value
-        elif r.metric in SECONDARY and np.isfinite(r.value):
-            means[r.metric].append(r.value)
+def _line(
+    folder: RunFolder, unit: str, finals: pandas.DataFrame, scores: pandas.DataFrame
+) -> Line:
+    mine = scores[scores["joint"].isin({"", *finals["joint"]})]
+    of = {str(metric): rows for metric, rows in mine.groupby("metric", observed=True)}
+    value = {metric: dict(zip(_pairs(of[metric]), of[metric]["value"], strict=True))
+             for metric in ("covered", "sigma", "reliable", *CONDITIONS) if metric in of}
+    covered = {pair: share > 0.5 for pair, share in value.get("covered", {}).items()}
+    error = dict(zip(_pairs(finals), finals["value"], strict=True))
+    drift = of["error"].groupby("frame")["value"] if "error" in of else ()
+    means = {metric: np.asarray(of[metric]["value"]) for metric in sorted(SECONDARY)
+             if metric in of}
+    failed = finals[finals["status"] != "ok"]
     return Line(
         run=folder,
         unit=unit,
         robot=Path(str(folder.run.config.get("robot", ""))).stem,
         summary=_summary(finals, covered, unit),
-        error={(r.sequence, r.joint): r.value for r in finals},
-        cluster={(r.sequence, r.joint): r.cluster for r in finals},
+        error=error,
+        cluster=dict(zip(_pairs(finals), finals["cluster"], strict=True)),
         joints=tuple(
-            JointScore(name, index, _summary([r for r in finals if r.joint == name], covered, unit))
-            for index, name in sorted({(r.joint_index, r.joint) for r in finals})
+            JointScore(name, index, _summary(finals[finals["joint"] == name], covered, unit))
+            for index, name in sorted({*zip(finals["joint_index"], finals["joint"], strict=True)})
         ),
-        drift=(0.0, *(float(np.mean(drift[t])) for t in sorted(drift))),
-        curve=pcp(np.array([r.value for r in finals]), known, CURVE_THRESHOLDS[unit]),
-        means={name: float(np.mean(values)) for name, values in sorted(means.items())},
-        calibration=calibrate(mine, unit),
-        sign="+".join(sorted({r.sign for r in finals if r.sign})),
-        conditions=conditions,
-        failed={r.sequence: r.status for r in finals if r.status != "ok"},
+        drift=(0.0, *(float(np.mean(errors.to_numpy())) for _, errors in drift)),
+        curve=pcp(np.asarray(finals["value"]), _flags(finals, covered), CURVE_THRESHOLDS[unit]),
+        means={metric: float(np.mean(x[np.isfinite(x)])) for metric, x in means.items()
+               if np.isfinite(x).any()},
+        calibration=calibrate(error, value, unit),
+        sign="+".join(sorted({*finals["sign"]} - {""})),
+        conditions={metric: value.get(metric, {}) for metric in CONDITIONS},
+        failed=dict(zip(failed["sequence"], failed["status"], strict=True)),
     )
 
 
+def _pairs(rows: pandas.DataFrame) -> Iterator[SequenceJoint]:
+    return zip(rows["sequence"], rows["joint"], strict=True)
+
+
+def _flags(rows: pandas.DataFrame, flag: Mapping[SequenceJoint, bool]) -> NDArray[np.bool_]:
+    return np.array([flag.get(pair, False) for pair in _pairs(rows)])
+
+
 def _summary(
-    finals: list[Result], covered: Mapping[SequenceJoint, bool], unit: str
+    finals: pandas.DataFrame, covered: Mapping[SequenceJoint, bool], unit: str
 ) -> ErrorSummary:
     return summarize(
-        [r.value for r in finals],
-        [covered.get((r.sequence, r.joint), False) for r in finals],
-        [r.cluster for r in finals],
-        [r.sequence for r in finals],
-        pcp_thresholds(unit),
-        np.random.default_rng(SEED),
+        finals["value"], _flags(finals, covered), [*finals["cluster"]], [*finals["sequence"]],
+        pcp_thresholds(unit), np.random.default_rng(SEED),
     )
 
 

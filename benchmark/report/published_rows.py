@@ -36,7 +36,7 @@ from ...renderer.runtime import (
 from ...renderer.types import Estimate
 from ...robots.files import write_atomically
 from ..protocol import Truth, score_motion
-from ..results import Result, Row, Run, RunFolder, Status, Stored
+from ..results import Result, Row, Run, RunFolder, Status, Stored, to_table
 from .leaderboard import CONDITIONS, Line, Score, lines_of
 from .statistics import SequenceJoint
 
@@ -171,7 +171,8 @@ def score_published(row: PublishedRow, truth: PublishedTruth) -> PublishedRow:
         results += score_motion(truth.of(name), stored, run, name, cluster[name])
     scores: list[Score] = []
     error = np.zeros((len(run.sequences), len(truth.joint_names)), np.float32)
-    for line in lines_of(RunFolder(Path(), run), results):
+    columns = {f.name: [getattr(r, f.name) for r in results] for f in dataclasses.fields(Result)}
+    for line in lines_of(RunFolder(Path(), run), to_table(columns)):
         for (sequence, joint), value in line.error.items():
             error[run.sequences.index(sequence), truth.joint_names.index(joint)] = value
         kept: dict[str, Any] = {f.name: getattr(line, f.name) for f in dataclasses.fields(Score)}

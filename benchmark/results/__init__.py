@@ -12,7 +12,18 @@ from .estimates import (
     read_stored,
     validate_estimate,
 )
-from .rows import INPUTS, KNOWLEDGE, LABEL, Attribution, Result, Row, is_label, write_scores
+from .rows import (
+    INPUTS,
+    KNOWLEDGE,
+    LABEL,
+    Attribution,
+    Result,
+    Row,
+    is_label,
+    read_scores,
+    to_table,
+    write_scores,
+)
 from .runs import (
     ESTIMATES,
     RUN,
@@ -27,8 +38,9 @@ from .runs import (
 )
 
 __all__ = [
-    "ESTIMATES", "INPUTS", "KNOWLEDGE", "LABEL", "RUN", "SCORES", "STATUSES", "Attribution",
-    "EstimateShape", "InvalidEstimateError", "Result", "Results", "Row", "Run", "RunFolder",
-    "Status", "Stored", "dump_stored", "find_runs", "is_label", "read_run", "read_stored",
-    "run_folder", "validate_estimate", "write_run", "write_scores",
+    "ESTIMATES", "INPUTS", "KNOWLEDGE", "LABEL", "RUN", "SCORES", "STATUSES",
+    "Attribution", "EstimateShape", "InvalidEstimateError", "Result", "Results", "Row", "Run",
+    "RunFolder", "Status", "Stored", "dump_stored", "find_runs", "is_label", "read_run",
+    "read_scores", "read_stored", "run_folder", "to_table", "validate_estimate",
+    "write_run", "write_scores",
 ]

@@ -79,9 +79,13 @@ class RunFolder:
         """Return the path of the estimate of a sequence, which need not exist."""
         return self.path / ESTIMATES / f"{sequence}.zip"
 
-    def results(self) -> list[Result]:
-        """Read the scores. Raises DatasetError if they are missing or damaged."""
+    def scores(self) -> pandas.DataFrame:
+        """Read the scores by column. Raises DatasetError if they are missing or damaged."""
         return read_scores(self.path / SCORES)
+
+    def results(self) -> list[Result]:
+        """Read the scores, one object for each. Raises DatasetError as `scores`."""
+        return [Result(*cells) for cells in self.scores().itertuples(index=False)]
 
 
 def run_folder(results: Path, row: Row, dataset: str) -> Path:
@@ -174,6 +178,6 @@ class Results:
         """All scores: one number a line, with the fields of `Result` as columns."""
         import pandas
 
-        rows = [r for folder in self.runs for r in folder.results()]
-        columns = {name: [getattr(row, name) for row in rows] for name in COLUMNS}
+        tables = [folder.scores() for folder in self.runs]
+        columns = {name: [x for table in tables for x in table[name]] for name in COLUMNS}
         return pandas.DataFrame(columns, columns=list(COLUMNS))

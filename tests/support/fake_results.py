@@ -10,7 +10,7 @@ import numpy as np
 from gcbench.benchmark.protocol.scoring import AXES_KNOWN, joint_results
 from gcbench.benchmark.protocol.truth import Truth
 from gcbench.benchmark.results.estimates import Stored, dump_stored
-from gcbench.benchmark.results.rows import Result, Row, write_scores
+from gcbench.benchmark.results.rows import Result, Row, read_scores, write_scores
 from gcbench.benchmark.results.runs import ESTIMATES, SCORES, Run, run_folder, write_run
 from gcbench.renderer.types.observation import Estimate
 
@@ -101,6 +101,11 @@ def write_results(
     if scores:
         write_scores(path / SCORES, lines)
     return path
+
+
+def read_results(path: Path) -> list[Result]:
+    """The lines of a table of scores."""
+    return [Result(*cells) for cells in read_scores(path).itertuples(index=False)]
 
 
 def _replace(blank: Result, metric: str, value: float, unit: str) -> Result:

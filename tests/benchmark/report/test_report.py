@@ -40,11 +40,21 @@ from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
 from gcbench.benchmark.report.suite_scores import suite_scores
 from gcbench.benchmark.report.tables import format_error, paper_tables
-from gcbench.benchmark.results.rows import Attribution, Row, read_scores, write_scores
+from gcbench.benchmark.results.rows import Attribution, Row, write_scores
 from gcbench.benchmark.results.runs import RUN, SCORES, find_runs, read_run, write_run
 from PIL import Image
 
-from ...support.fake_results import FREE, GCPOSE, ICP, JOINTS, NOISY, ORACLE, STILL, write_results
+from ...support.fake_results import (
+    FREE,
+    GCPOSE,
+    ICP,
+    JOINTS,
+    NOISY,
+    ORACLE,
+    STILL,
+    read_results,
+    write_results,
+)
 
 HOSTILE = "=cmd|' /C calc'!A0 </script><img src=x onerror=alert(1)> $\\x_{1}^2 & 5% #~ | `b` [a](b)"
 
@@ -158,7 +168,7 @@ def test_a_failure_counts_and_is_told(results: Path, tmp_path: Path) -> None:
 def test_drift_and_curve_are_means_and_shares_of_the_lines(results: Path) -> None:
     board = read_leaderboard([results])
     for line in board.lines:
-        scores = read_scores(line.run.path / SCORES)
+        scores = read_results(line.run.path / SCORES)
         for t in range(1, 5):
             at = [r.value for r in scores if r.metric == "error" and r.frame == t]
             assert line.drift[t] == pytest.approx(np.mean(at))
@@ -230,7 +240,7 @@ def test_errors_by_condition_are_medians_of_equal_bins(results: Path) -> None:
 def test_conditions_of_earlier_scores_are_not_recorded(tmp_path: Path) -> None:
     path = write_results(tmp_path, GCPOSE, 0.01)
     write_results(tmp_path, ICP, 0.01)
-    kept = [r for r in read_scores(path / SCORES) if r.metric not in ("pixels", "distance")]
+    kept = [r for r in read_results(path / SCORES) if r.metric not in ("pixels", "distance")]
     write_scores(path / SCORES, kept)
     lines = read_leaderboard([tmp_path]).lines
     old = [line.row for line in lines].index(GCPOSE)
@@ -443,7 +453,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
         config={"robot": HOSTILE, "seed": HOSTILE}, assets=({"name": HOSTILE, "source": HOSTILE},))
     run = find_runs(folder)[0].run
     write_run(path, dataclasses.replace(run, dataset=HOSTILE, data=HOSTILE))
-    scores = [dataclasses.replace(r, dataset=HOSTILE) for r in read_scores(path / SCORES)]
+    scores = [dataclasses.replace(r, dataset=HOSTILE) for r in read_results(path / SCORES)]
     write_scores(path / SCORES, scores)
     return report([folder], folder / "out", progress=False)[0].parent
 
@@ -512,7 +522,7 @@ def test_an_unfinished_run_is_told_and_left_out(tmp_path: Path) -> None:
 def test_missing_metrics_and_sequences(tmp_path: Path) -> None:
     """Scores of another version, with the final errors only, and of fewer sequences."""
     path = write_results(tmp_path, GCPOSE, 0.01)
-    kept = [r for r in read_scores(path / SCORES)
+    kept = [r for r in read_results(path / SCORES)
             if r.metric == "final_error" and r.sequence != "000005"]
     write_scores(path / SCORES, kept)
     report([tmp_path], tmp_path / "out", progress=False)
@@ -552,7 +562,7 @@ def test_results_of_colleagues_merge(tmp_path: Path) -> None:
         faster = {"me": 1.0, "you": 0.25}.get(who, 1.0)
         scores = [dataclasses.replace(r, value=r.value * faster) if "seconds" in r.metric
                   else dataclasses.replace(r, value=r.value * (1 + 1e-9 * (faster < 1)))
-                  for r in read_scores(path / SCORES)]
+                  for r in read_results(path / SCORES)]
         write_scores(path / SCORES, scores)
         return tmp_path / who
 
@@ -727,7 +737,7 @@ def test_errors_are_compared_with_their_standard_deviations_and_flags(tmp_path: 
 
 def test_flags_without_standard_deviations_are_told(tmp_path: Path) -> None:
     path = write_results(tmp_path, GCPOSE, 0.01)
-    kept = [r for r in read_scores(path / SCORES) if r.metric in ("final_error", "reliable")]
+    kept = [r for r in read_results(path / SCORES) if r.metric in ("final_error", "reliable")]
     write_scores(path / SCORES, kept)
     found = read_leaderboard([tmp_path]).lines[0].calibration
     assert found is not None

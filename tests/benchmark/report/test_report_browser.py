@@ -14,14 +14,23 @@ from gcbench.benchmark.report.gallery import Picture
 from gcbench.benchmark.report.leaderboard import CURVE_THRESHOLDS, read_leaderboard
 from gcbench.benchmark.report.page import report_page
 from gcbench.benchmark.report.tables import format_error
-from gcbench.benchmark.results.rows import Attribution, Row, read_scores, write_scores
+from gcbench.benchmark.results.rows import Attribution, Row, write_scores
 from gcbench.benchmark.results.runs import RUN, SCORES, read_run, write_run
 
 from ...renderer.show.test_show_browser import HOSTILE, luminance, until
 from ...renderer.show.test_show_browser import (
     browser as browser,  # the fixture, with its rule of skipping
 )
-from ...support.fake_results import FREE, GCPOSE, ICP, NOISY, ORACLE, STILL, write_results
+from ...support.fake_results import (
+    FREE,
+    GCPOSE,
+    ICP,
+    NOISY,
+    ORACLE,
+    STILL,
+    read_results,
+    write_results,
+)
 
 NASTY = Row(HOSTILE.replace("\u2028", ""), "<i>1</i>", "rgbd", "free", f"supervised: {HOSTILE}")
 PIXEL = ("data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk"
@@ -42,7 +51,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = write_results(folder, ORACLE, 0.02, "mini/ur5", seed=5)
     by = Attribution(f"A. Author {HOSTILE}".replace("\u2028", ""), "https://example.org/p", "2024")
     write_run(path, dataclasses.replace(read_run(path / RUN), attribution=by))
-    old = [r for r in read_scores(path / SCORES) if r.metric not in ("pixels", "distance")]
+    old = [r for r in read_results(path / SCORES) if r.metric not in ("pixels", "distance")]
     write_scores(path / SCORES, old)
     write_results(folder, NASTY, 0.03, "mini/ur5", seed=6)
     write_results(folder, GCPOSE, 0.01, "zz" + HOSTILE, joints=(HOSTILE, "slide"), prismatic=1)

@@ -21,10 +21,12 @@ from gcbench.benchmark.results.estimates import (
     read_stored,
     validate_estimate,
 )
-from gcbench.benchmark.results.rows import COLUMNS, Result, Row, read_scores, write_scores
+from gcbench.benchmark.results.rows import COLUMNS, Result, Row, write_scores
 from gcbench.benchmark.results.runs import SCORES, Results, Run, find_runs, run_folder, write_run
 from gcbench.renderer.runtime.zip_archive import ArchiveWriter
 from gcbench.renderer.types.observation import Estimate
+
+from ...support.fake_results import read_results
 
 SHAPE = EstimateShape(frames=3, joints=2, height=4, width=5)
 ROW = Row("icp", "1.2", "rgbd", "axes", "none", ("true-parts",))
@@ -50,7 +52,7 @@ def estimate() -> Estimate:
 def test_scores_come_back(tmp_path: Path) -> None:
     path = tmp_path / "scores.csv"
     write_scores(path, [RESULT, dataclasses.replace(RESULT, joint="", frame=3, value=2e-7)])
-    first, second = read_scores(path)
+    first, second = read_results(path)
     assert dataclasses.replace(first, value=0) == dataclasses.replace(RESULT, value=0)
     assert first.value == pytest.approx(RESULT.value, rel=1e-8)
     assert (second.joint, second.frame, second.value) == ("", 3, 2e-7)
@@ -85,7 +87,7 @@ def test_a_damaged_table_names_its_line(tmp_path: Path, old: str, new: str, mess
     write_scores(path, [RESULT])
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(GcbenchError, match=message):
-        read_scores(path)
+        read_results(path)
 
 
 @pytest.mark.parametrize("name", ["run.json", "scores.csv"])
