@@ -15,7 +15,7 @@ from gcbench.__main__ import main
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.catalog import load_robot
 
-from ..support.craves_lab import write_lab
+from ...support.craves_lab import write_lab
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 
