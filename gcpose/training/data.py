@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
@@ -147,3 +149,17 @@ def refuse_test_streams(paths: list[Path]) -> None:
                 f"{path} is of the stream `test`, which suites score on; render training data "
                 "with --stream train"
             )
+
+
+def draw_place(seed: int, number: int, count: int) -> tuple[np.random.Generator, int]:
+    """Return the generator of sample `number`, and its place in 0 .. count - 1.
+
+    Each epoch has every place once, in another order.
+    """
+    epoch, turn = divmod(number, count)
+    return np.random.default_rng([seed, number]), int(_shuffle(seed, epoch, count)[turn])
+
+
+@lru_cache(maxsize=2)
+def _shuffle(seed: int, epoch: int, count: int) -> NDArray[np.int64]:
+    return np.random.default_rng([seed, epoch, count]).permutation(count)

@@ -16,7 +16,7 @@ from ...renderer.dataset import open_dataset
 from ...renderer.types import Sequence
 from ..images import ImageSettings, Square, changing_square, color_and_change, cut_square
 from .config import ForegroundTraining
-from .screws import shuffle_epoch
+from .data import draw_place
 
 _STILL = 1e-6  # of the entries of a pose
 
@@ -60,9 +60,8 @@ class ForegroundVideos:
     def sample(self, number: int) -> ForegroundSample:
         """Return the sample of any number."""
         c = self.config
-        epoch, place = divmod(number, len(self))
-        rng = np.random.default_rng([c.seed, number])
-        dataset, index = self._place[int(shuffle_epoch(c.seed, epoch, len(self))[place])]
+        rng, place = draw_place(c.seed, number, len(self))
+        dataset, index = self._place[place]
         sequence = dataset[index]
         start = int(rng.integers(dataset.config.frames - c.frames + 1))
         chosen = slice(start, start + c.frames)

@@ -15,7 +15,7 @@ from ...renderer.dataset import open_dataset
 from ...renderer.types import Sequence
 from ...robots.geometry import Array, inverse, move_screw, quaternion_from_rotation
 from ..networks.depth_images import fit_depth
-from .screws import shuffle_epoch
+from .data import draw_place
 
 
 @dataclass(frozen=True)
@@ -109,9 +109,7 @@ class JointImages:
 
     def sample(self, number: int) -> JointSample:
         """Return the sample of any number."""
-        epoch, place = divmod(number, len(self))
-        rng = np.random.default_rng([self.seed, number])
-        image = int(shuffle_epoch(self.seed, epoch, len(self))[place])
+        rng, image = draw_place(self.seed, number, len(self))
         k = int(np.searchsorted(self._starts, image, side="right")) - 1
         frame = image - int(self._starts[k])
         dataset, index = self._place[k]

@@ -16,7 +16,7 @@ from ...robots.geometry import Array
 from ..networks.hourglass import KEYPOINTS
 from ..networks.keypoint_crops import cut_crop, draw_maps, frame_keypoints, place_crop, to_crop
 from .config import CravesTraining
-from .screws import shuffle_epoch
+from .data import draw_place
 
 _SHIFT = 0.1  # of a crop against its box, in sides of the crop
 
@@ -60,9 +60,8 @@ class KeypointImages:
     def sample(self, number: int) -> KeypointSample:
         """Return the sample of any number."""
         c = self.config
-        epoch, place = divmod(number, len(self))
-        rng = np.random.default_rng([c.seed, number])
-        image, pixels = self.image(int(shuffle_epoch(c.seed, epoch, len(self))[place]))
+        rng, place = draw_place(c.seed, number, len(self))
+        image, pixels = self.image(place)
         centre, side = frame_keypoints(pixels)
         side *= rng.uniform(*c.scale)
         shift = rng.uniform(-_SHIFT, _SHIFT, 2) * side

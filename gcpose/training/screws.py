@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence as Row
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from ...renderer.types import Sequence
 from ...robots.geometry import Array
 from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import Tensor, torch
+from .data import draw_place
 
 _PARALLEL = 1e-4  # sine of the angle below which lines count as parallel
 
@@ -76,21 +76,14 @@ class DepthVideos:
 
     def sample(self, number: int) -> ScrewSample:
         """Return the sample of any number."""
-        epoch, place = divmod(number, len(self))
-        rng = np.random.default_rng([self.seed, number])
-        dataset, index = self._place[shuffle_epoch(self.seed, epoch, len(self))[place]]
+        rng, place = draw_place(self.seed, number, len(self))
+        dataset, index = self._place[place]
         sequence = dataset[index]
         first = int(rng.integers(len(sequence) - self.frames + 1))
         depth = fit_depth(sequence.depth[first : first + self.frames])
         kept = rng.random(depth.shape[1:]) >= self.dropped  # the same pixels in all frames
         screw = relative_screws(sequence, first, first + self.frames - 1)
         return ScrewSample(depth * kept, screw.astype(np.float32))
-
-
-@lru_cache(maxsize=2)
-def shuffle_epoch(seed: int, epoch: int, count: int) -> NDArray[np.int64]:
-    """Return the order of an epoch."""
-    return np.random.default_rng([seed, epoch, count]).permutation(count)
 
 
 def screw_loss(found: Tensor, true: Tensor) -> Tensor:
