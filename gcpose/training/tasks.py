@@ -20,20 +20,18 @@ from .loop import train
 from .screwnet_task import ScrewNetTask
 from .task import Scores, TrainingTask
 
+_TASKS: dict[type[TrainConfig], type[TrainingTask]] = {
+    FlowTraining: FlowTask, ForegroundTraining: ForegroundTask, ScrewNetTraining: ScrewNetTask,
+    AbbatematteoTraining: AbbatematteoTask, CravesTraining: CravesTask,
+}
+
 
 def task_of(config: TrainConfig) -> TrainingTask:
     """Return the task of a network's options."""
-    if isinstance(config, FlowTraining):
-        return FlowTask(config)
-    if isinstance(config, ForegroundTraining):
-        return ForegroundTask(config)
-    if isinstance(config, ScrewNetTraining):
-        return ScrewNetTask(config)
-    if isinstance(config, AbbatematteoTraining):
-        return AbbatematteoTask(config)
-    if isinstance(config, CravesTraining):
-        return CravesTask(config)
-    raise ConfigError(f"{type(config).__name__} are options of no network")
+    kind = type(config)
+    if kind not in _TASKS:
+        raise ConfigError(f"{kind.__name__} are options of no network")
+    return _TASKS[kind](config)
 
 
 def run_training(config: TrainConfig) -> str:

@@ -71,8 +71,6 @@ class Rig:
     """[P 4 4] rigid"""
     part_from_node: Array
     """[P 4 4] scale, reflection and shear"""
-    world_from_scene: Array
-    """[4 4] to z up and metres"""
 
     @cached_property
     def part_of_node(self) -> dict[int, int]:
@@ -160,8 +158,7 @@ def rig(tree: NodeTree, wanted: Iterable[int], scene_name: str, unit: float) -> 
     nodes = [n for n in tree.order if n in keep]
     part = {-1: 0, **{n: p + 1 for p, n in enumerate(nodes)}}
     names = _unique([scene_name, *(tree.names[n] or f"node_{n}" for n in nodes)])
-    world_from_scene = transform(unit * Z_UP)
-    world = [world_from_scene]
+    world = [transform(unit * Z_UP)]
     turn = [Z_UP]
     for n in nodes:
         above = part[int(tree.parent[n])]
@@ -172,7 +169,7 @@ def rig(tree: NodeTree, wanted: Iterable[int], scene_name: str, unit: float) -> 
     return Rig(
         names, np.array([-1, *nodes], np.int64),
         np.array([-1, *(part[int(tree.parent[n])] for n in nodes)], np.int64), poses,
-        inverse(poses) @ np.array(world), world_from_scene)
+        inverse(poses) @ np.array(world))
 
 
 def _unique(names: Sequence[str]) -> tuple[str, ...]:
