@@ -118,3 +118,18 @@ def test_no_function_is_called_by_a_participle(path: Path) -> None:
             if is_participle(words[-1]) and words[0] not in VERBS:
                 wrong.append(f"{node.name}, line {node.lineno}")
     assert not wrong
+
+
+FOLK_WORDS = {"badness", "crew", "dice", "footage", "guess", "lively", "spots", "trade", "ways"}
+"""Words that the glossary replaces; `feet` is a word of geometry and of appliances."""
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_names_are_words_of_the_field(path: Path) -> None:
+    names = [path.stem]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.append(node.name)
+        elif isinstance(node, ast.Name | ast.arg):
+            names.append(node.id if isinstance(node, ast.Name) else node.arg)
+    assert not {name for name in names if FOLK_WORDS & set(name.lower().split("_"))}
