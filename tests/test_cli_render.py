@@ -113,7 +113,7 @@ def test_the_draws_of_another_robot_can_be_asked_for(tmp_path: Path, asked: Aske
     path = tmp_path / "old.toml"
     path.write_text("seed = 5\n")
     for options in ([], ["--twin-of", "ur5"], ["--twin-of", ""], ["--config", str(path)],
-                    ["--config", str(path), "--twin-of", "own"]):  # fmt: skip
+                    ["--config", str(path), "--twin-of", "own"]):
         assert main(["render", "--robot", "iiwa14", *options]) == 0
     assert [config.twin_of for config, *_ in asked] == ["iiwa14", "ur5", "", "", "iiwa14"]
 

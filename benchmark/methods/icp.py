@@ -132,7 +132,7 @@ class LabelledDepth:
         around = (
             own[step:-step, 2 * step :], own[step:-step, : -2 * step],
             own[2 * step :, step:-step], own[: -2 * step, step:-step],
-        )  # fmt: skip
+        )
         inside[middle] = np.all([other == own[middle] for other in around], axis=0)
         normal = np.zeros_like(cloud)
         normal[middle] = np.cross(down, across)
@@ -297,9 +297,7 @@ def with_rotation(motion: Array, rotation: Array, point: Array) -> Array:
     return transform(rotation, apply(motion, point[None])[0] - rotation @ point)
 
 
-def displacements(
-    motion: Array, axes: Array, parent: NDArray[np.int64], origin: Array
-) -> Array:
+def displacements(motion: Array, axes: Array, parent: NDArray[np.int64], origin: Array) -> Array:
     """Return the shift [T J] m of each part along its axis, relative to its parent part.
 
     motion [T J+1 4 4] is that of each part in the camera frame, frame t from frame 0 (part 0 is

@@ -235,7 +235,7 @@ def declaration_of(method: Any, source: str) -> Declaration:
         method.name, method.version, method.training, tuple(method.inputs),
         tuple(method.knowledge), str(getattr(method, "hint", "")),
         json.loads(dump_json(settings())), _attribution(method, source),
-    )  # fmt: skip
+    )
 
 
 def _attribution(method: Any, source: str) -> Attribution:

@@ -135,8 +135,7 @@ def _import_module(name: str, source: str) -> types.ModuleType:
     except ModuleNotFoundError as error:
         if error.name and (name == error.name or name.startswith(error.name + ".")):
             raise CannotLoadError(f"{source}: no module {error.name!r}") from error
-        raise CannotLoadError(
-            f"{source} needs the package {error.name!r}; install it") from error
+        raise CannotLoadError(f"{source} needs the package {error.name!r}; install it") from error
 
 
 def _import_file(name: str) -> types.ModuleType:

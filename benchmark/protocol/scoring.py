@@ -67,7 +67,7 @@ def _blank(stored: Stored, run: Run, name: str, cluster: str | None) -> Result:
         robot=str(run.config.get("robot", "")), sequence=name, cluster=cluster or name,
         joint="", joint_index=0, joint_type="", frame=-1, metric="", value=0.0, unit="", sign="",
         status=stored.status,
-    )  # fmt: skip
+    )
 
 
 def joint_results(
@@ -89,7 +89,7 @@ def joint_results(
         common: dict[str, Any] = {
             "joint": name, "joint_index": j + 1, "joint_type": truth.joint_types[j],
             "sign": how[j],
-        }  # fmt: skip
+        }
         joint = replace(blank, **common)
         out += [
             replace(joint, metric=metric, value=float(v[j]), unit=unit if u is None else u)

@@ -32,7 +32,7 @@ def _bins(lines: Sequence[Line], name: str) -> dict[str, Any]:
     number = max(2, min(MAX_BINS, len(known) // MIN_JOINTS))
     order = sorted(known, key=lambda pair: (known[pair], pair))
     bins = [order[part[0] : part[-1] + 1]
-            for part in np.array_split(np.arange(len(order)), number) if len(part)]  # fmt: skip
+            for part in np.array_split(np.arange(len(order)), number) if len(part)]
     return {
         "name": name,
         "at": [_short(np.median([known[pair] for pair in pairs])) for pairs in bins],
@@ -42,7 +42,7 @@ def _bins(lines: Sequence[Line], name: str) -> dict[str, Any]:
             if line.conditions[name] else None
             for line in lines
         ],
-    }  # fmt: skip
+    }
 
 
 def _median(errors: Sequence[float]) -> float | None:

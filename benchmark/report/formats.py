@@ -16,7 +16,7 @@ from .tables import Table, leaderboard_tables, suite_tables
 
 CSV_COLUMNS = ("dataset", "method", "inputs", "knowledge", "sequences", "joints", "mean", "std",
                "ci_low", "ci_high", "median", "p90", "pcp5", "coverage", "seconds_per_frame",
-               "unit", "published")  # fmt: skip
+               "unit", "published")
 """Columns of the CSV: pcp5 and coverage are percent, mean to p90 are in `unit`, `joints` is the
 number of (sequence, joint) pairs, and `published` the date of a published row (empty: your own)."""
 TABLE_COLUMNS = ("table", "row", "group", "column", "value", "source")
@@ -30,7 +30,7 @@ _LATEX = {
     "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}",
     '"': r"\textquotedbl{}", "'": r"\textquotesingle{}", "`": r"\textasciigrave{}",
     "-": "{-}", "±": r"$\pm$", "°": r"$^{\circ}$", "·": r"$\cdot$", "–": "--", "’": "'",
-}  # fmt: skip
+}
 
 
 def one_line(text: str) -> str:
@@ -54,7 +54,7 @@ def escape_markdown(text: str) -> str:
 def escape_latex(text: str) -> str:
     """Return text that remains text in LaTeX; letters that pdfTeX lacks by default become `?`."""
     known = (c if c.isascii() or c in _LATEX or ("\xa1" <= c <= "\xff" and c != "\xad") else "?"
-             for c in one_line(text))  # fmt: skip
+             for c in one_line(text))
     return "".join(_LATEX.get(c, c) for c in known)
 
 
@@ -96,7 +96,7 @@ def to_text(tables: Iterable[Table], without: tuple[str, ...] = ()) -> str:
     for table in tables:
         shown = [k for k, name in enumerate(table.columns) if name not in without]
         rows = [[one_line(cells[k]) for k in shown]
-                for cells in (table.columns, *(row.cells for row in table.rows))]  # fmt: skip
+                for cells in (table.columns, *(row.cells for row in table.rows))]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         out += ["", one_line(table.title)]
         out += [
@@ -165,7 +165,7 @@ def to_latex(tables: Iterable[Table], version: str) -> str:
     """
     out = [f"% Made by gcbench {version}.",
            r"% \usepackage[table]{xcolor} \usepackage{booktabs,graphicx,textcomp}",
-           "% Grey cells: numbers of the GC-Pose paper, whose data are not published."]  # fmt: skip
+           "% Grey cells: numbers of the GC-Pose paper, whose data are not published."]
     for table in tables:
         out += ["", *_latex_table(table)]
     return "\n".join([*out, ""])
@@ -193,7 +193,7 @@ def _latex_table(table: Table) -> list[str]:
         rf"  \begin{{tabular}}{{{table.align}}}", r"    \toprule",
         "    " + " & ".join(groups) + r" \\", "    " + " ".join(rules),
         "    " + " & ".join(map(escape_latex, table.columns)) + r" \\", r"    \midrule",
-    ]  # fmt: skip
+    ]
     for k, row in enumerate(table.rows):
         if row.reference and k and not table.rows[k - 1].reference:
             body.append(r"    \midrule")
@@ -206,7 +206,7 @@ def _latex_table(table: Table) -> list[str]:
     return [
         *body, r"    \bottomrule", r"  \end{tabular}}",
         rf"  \caption{{\textbf{{{title}.}} {caption}}}", r"\end{table*}",
-    ]  # fmt: skip
+    ]
 
 
 def _md_row(cells: Iterable[str]) -> str:

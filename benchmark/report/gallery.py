@@ -89,7 +89,7 @@ def select_pictures(lines: Sequence[Line]) -> list[Picture]:
             picks.append(("median", order[(len(order) - 1) // 2]))
         for kind, name in picks:
             joints = tuple((j.name, line.error[name, j.name]) for j in line.joints
-                           if (name, j.name) in line.error)  # fmt: skip
+                           if (name, j.name) in line.error)
             command = f"gcbench show {shlex.quote(line.run.run.data)} --index {int(name)}"
             out.append(Picture(number, kind, name, errors[name], joints, command=command))
     return out
@@ -114,7 +114,7 @@ def draw_pictures(
         return lines[out[k].line].run.run.data
 
     with Bar(total=len(out), desc="draw", unit="picture", delay=2, file=sys.stderr,
-             disable=not progress) as bar:  # fmt: skip
+             disable=not progress) as bar:
         for folder, mine in groupby(sorted(range(len(out)), key=folder_of), folder_of):
             chosen = {k: out[k] for k in mine}
             for k, picture in _draw_folder(Path(folder), lines, chosen, allow_model):
@@ -174,7 +174,7 @@ def _draw_picture(picture: Picture, dataset: Dataset, painter: Painter, line: Li
     return replace(
         picture, image=_film_url([film[-1] if film else frame(last)], quality=82),
         film=_film_url(film) if len(film) > 1 else "",
-    )  # fmt: skip
+    )
 
 
 def estimated_motion(line: Line, sequence: Video, name: str) -> dict[str, Array]:
@@ -186,9 +186,7 @@ def estimated_motion(line: Line, sequence: Video, name: str) -> dict[str, Array]
     screw = None if stored is None else stored.screw
     moved = metrics.fill_missing(given, truth.displacement)
     known = line.row.knowledge in AXES_KNOWN
-    sign, _ = metrics.signs(
-        moved, truth.displacement, truth.prismatic, known, screw, truth.screw
-    )
+    sign, _ = metrics.signs(moved, truth.displacement, truth.prismatic, known, screw, truth.screw)
     return dict(zip(truth.joint_names, (sign * moved).T, strict=True))
 
 
@@ -208,7 +206,7 @@ def write_pages(
     wanted = list(drawn)[:MAX_PAGES]
     pages: dict[tuple[str, str], str] = {}
     with Bar(total=len(wanted), desc="write", unit="page", delay=2, file=sys.stderr,
-             disable=not progress) as bar:  # fmt: skip
+             disable=not progress) as bar:
         for folder, sequence in wanted:
             name = re.sub(r"[^A-Za-z0-9-]+", "-", Path(folder).name)[:80]
             file = f"{len(pages) + 1:02d}-{name}-{sequence}.html"
@@ -240,5 +238,5 @@ def _film_url(frames: Sequence[NDArray[np.uint8]], quality: int = 60) -> str:
     pictures[0].save(
         buffer, "WEBP", save_all=len(pictures) > 1, append_images=pictures[1:], loop=0,
         duration=[_FILM_MS] * (len(pictures) - 1) + [_LAST_MS], quality=quality, method=3,
-    )  # fmt: skip
+    )
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -50,7 +50,7 @@ _MORE = {
     "reliable": ("reliable", "share", "joints that the method says can be believed"),
     "part_miou": ("part mIoU", "share", "estimated parts against the true ones"),
     "peak_memory": ("MiB", "number", "peak memory of the process"),
-}  # fmt: skip
+}
 _Failure = tuple[str, str, str, str, str]
 """Row, dataset, sequence, status, reason."""
 
@@ -192,7 +192,7 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
         "about": [{"title": title, "rows": rows} for title, rows in provenance(lines)],
         "failures": failed[:_MAX_FAILURES],
         "failed": len(failed),
-    }  # fmt: skip
+    }
 
 
 def _line(number: int, line: Line, label: str, group: int) -> dict[str, Any]:
@@ -241,7 +241,7 @@ def _group(lines: Sequence[Line]) -> dict[str, Any]:
     run = line.run.run
     prismatic = line.unit == "m"
     facts = [f"{len(run.sequences)} sequences of {len(line.drift)} frames",
-             ", ".join(one_line(joint.name) for joint in line.joints)]  # fmt: skip
+             ", ".join(one_line(joint.name) for joint in line.joints)]
     return {
         "title": one_line(line.dataset) + (" (prismatic joints)" if prismatic else ""),
         "unit": line.unit,
@@ -261,7 +261,7 @@ def _facts(lines: Sequence[Line]) -> str:
         plural(len({line.dataset for line in lines}), "dataset"),
         plural(len(sequences), "sequence"),
         plural(len({(line.row, line.dataset) for line in lines}), "row"),
-    ])  # fmt: skip
+    ])
 
 
 def _common(a: Line, b: Line) -> int:

@@ -25,7 +25,7 @@ _PROTOCOL = [
     ("ranks", "1 + the number of rows whose paired difference is better beyond its interval; no "
               "correction for the number of comparisons"),
     ("the paper's data", "are not published: its numbers are a reference and are not ranked"),
-]  # fmt: skip
+]
 _CONFIG = ("robot", "seed", "stream", "frames", "width", "height", "keep_unobservable")
 
 
@@ -44,7 +44,7 @@ def provenance(lines: Sequence[Line]) -> list[Section]:
         *((f"Machine {k}" if len(machines) > 1 else "Machine", rows)
           for k, rows in enumerate(machines, 1)),
         ("Report", [("written by", f"gcbench {__version__}")]),
-    ]  # fmt: skip
+    ]
     return [
         (one_line(title), [(one_line(key), one_line(text)) for key, text in rows])
         for title, rows in sections

@@ -87,7 +87,7 @@ PUBLISHED: tuple[PublishedCell, ...] = (
     *(PublishedCell(3, method, robot, 0, mean, pcp5=pcp5)
       for method, cells in _ROBOTS.items()
       for robot, (mean, pcp5) in zip(ARMS, cells, strict=True)),
-)  # fmt: skip
+)
 """All numbers; those on the real images of table 2 have no counterpart here."""
 
 _COUNTERPARTS = {

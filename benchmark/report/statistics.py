@@ -168,9 +168,7 @@ def compare_rows(
     return found
 
 
-def shared_ranks(
-    number: int, differences: Mapping[tuple[int, int], Difference]
-) -> list[int]:
+def shared_ranks(number: int, differences: Mapping[tuple[int, int], Difference]) -> list[int]:
     """Return the rank of each of `number` rows: 1 + the number of significantly better rows.
 
     Rows without a significant difference share a rank: a row loses a rank only to a row that is

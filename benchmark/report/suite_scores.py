@@ -45,7 +45,7 @@ def suite_scores(board: Leaderboard) -> list[SuiteScore]:
         datasets = {board.lines[k].dataset for mine in rows.values() for k in mine}
         if len(datasets) > 1:
             scores = [_score(board, suite, label, mine, len(datasets))
-                      for label, mine in rows.items()]  # fmt: skip
+                      for label, mine in rows.items()]
             out += sorted(scores, key=lambda s: (
                 not s.is_complete, np.isnan(s.mean_rank), s.mean_rank, s.mean))
     return out

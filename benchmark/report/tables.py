@@ -68,7 +68,7 @@ def suite_tables(board: Leaderboard) -> list[Table]:
             ),
         )
         for suite in dict.fromkeys(s.suite for s in scores)
-    ]  # fmt: skip
+    ]
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:
@@ -86,7 +86,7 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
             ),
         )
         for (_, unit), mine in board.groups.items()
-    ]  # fmt: skip
+    ]
 
 
 def _leaderboard_row(board: Leaderboard, k: int) -> TableRow:
@@ -100,7 +100,7 @@ def _leaderboard_row(board: Leaderboard, k: int) -> TableRow:
         format_error(s.std), format_error(s.median), format_error(s.p90),
         format_percent(s.pcp[PCP5]), format_percent(s.coverage),
         MISSING if seconds is None else f"{seconds:.3g}",
-    ))  # fmt: skip
+    ))
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def paper_tables(board: Leaderboard) -> list[Table]:
     """Return tables by robot and by object for each suite, and by joint for each dataset."""
     lines = board.lines
     named = [(line, label + ("*" if line.best_sign else ""))
-             for line, label in zip(lines, board.labels, strict=True)]  # fmt: skip
+             for line, label in zip(lines, board.labels, strict=True)]
     out: list[Table] = []
     for suite in dict.fromkeys(_suite(line) for line in lines):
         for unit in dict.fromkeys(line.unit for line in lines if _suite(line) == suite):
@@ -134,7 +134,7 @@ def paper_tables(board: Leaderboard) -> list[Table]:
     out += [
         _by_joint([named[k] for k in mine], [p for p in board.published if p.table == 2])
         for mine in board.groups.values() if len(lines[mine[0]].joints) > 1
-    ]  # fmt: skip
+    ]
     return out
 
 
@@ -183,13 +183,11 @@ def _by_dataset(
     limit = "5°" if unit == "deg" else "5 cm"
     caption = f"In the form of table {number} of the GC-Pose paper. " \
               f"Error at the last frame in {unit}, mean and standard deviation over all pairs of " \
-              f"sequence and joint, and the share of pairs within {limit}."  # fmt: skip
+              f"sequence and joint, and the share of pairs within {limit}."
     return _table(title, caption, columns, _order_labels(named))
 
 
-def _by_joint(
-    named: Sequence[tuple[Line, str]], published: Sequence[paper.PublishedCell]
-) -> Table:
+def _by_joint(named: Sequence[tuple[Line, str]], published: Sequence[paper.PublishedCell]) -> Table:
     first = named[0][0]
     columns: list[_Column] = []
     joints = dict.fromkeys((joint.index, joint.name) for line, _ in named for joint in line.joints)
@@ -197,7 +195,7 @@ def _by_joint(
         cells = {
             label: _mean_std(joint.summary)
             for line, label in named for joint in line.joints if joint.name == name
-        }  # fmt: skip
+        }
         columns.append(_Column(name, "mean ± std", cells))
         cells_of = [p for p in published if (p.robot, p.joint) == (first.robot, index)]
         columns += _reference(named, cells_of, name)
@@ -205,7 +203,7 @@ def _by_joint(
     columns += _reference(named, real, "real images, all joints")
     form = "In the form of table 2 of the GC-Pose paper. " if first.robot == paper.OWI else ""
     caption = f"{form}Error of each joint at the last frame in {first.unit}, mean and standard " \
-              "deviation."  # fmt: skip
+              "deviation."
     return _table(f"Joints of {first.dataset}", caption, columns, _order_labels(named))
 
 

@@ -70,9 +70,7 @@ def validate_estimate(value: Any, shape: EstimateShape) -> Estimate:
     Raises InvalidEstimateError that names the field, its shape and the expected one.
     """
     if not hasattr(value, "displacement"):
-        raise InvalidEstimateError(
-            f"returned {type(value).__name__}, expected gcbench.Estimate"
-        )
+        raise InvalidEstimateError(f"returned {type(value).__name__}, expected gcbench.Estimate")
     t, j = shape.frames, shape.joints
     displacement = _numbers(value, "displacement", (t, j), f"[T J] = [{t} {j}]")
     if displacement is None:

@@ -228,7 +228,7 @@ def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
         config=info.config, assets=info.assets, sequences=data.sequences, left_out=data.left_out,
         limits=limits, environments=(environment,), settings=declared.settings if declared else {},
         digests=data.digests, attribution=declared.attribution if declared else Attribution(),
-    )  # fmt: skip
+    )
 
 
 def _describe_environment() -> dict[str, Any]:
@@ -258,7 +258,7 @@ def _identity(run: Run, other: Run) -> dict[str, Any]:
     return json.loads(dump_json({
         "version": row.version, "training": row.training, "source": method_identity(run.source),
         "config": run.config, "truth": {name: run.digests[name] for name in sorted(common)},
-    }))  # fmt: skip
+    }))
 
 
 def _is_done(job: Job, sequence: str, retry: Sequence[Status]) -> bool:

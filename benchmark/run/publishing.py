@@ -113,7 +113,7 @@ def _join(old: PublishedRow, new: PublishedRow) -> PublishedRow:
         status=tuple(both[name][0].status[both[name][1]] for name in names),
         arrays={key: np.stack([both[name][0].arrays[key][both[name][1]] for name in names])
                 for key in new.arrays},
-    )  # fmt: skip
+    )
 
 
 def _without_folders(source: str) -> str:

@@ -15,7 +15,7 @@ SECONDS_PER_FRAME = {
     ("gcpose", "rgb", "kinematics"): 0.7, ("gcpose", "rgb", "axes"): 1.0,
     ("gcpose", "rgb", "free"): 1.3, ("icp", "rgbd", "axes"): 0.2,
     ("hold-still", "none", "none"): 0.001, ("constant-velocity", "none", "none"): 0.001,
-}  # fmt: skip
+}
 """Typical time of methods of this package, on one core, at 640 x 480 px."""
 _INPUTS = ("none", "rgbd", "rgbd-noise", "rgb")  # cheap to expensive, as a rule
 _COMPILED = "gcpose"
@@ -26,7 +26,7 @@ def cheap_first(jobs: Sequence[Job]) -> list[Job]:
     return sorted(jobs, key=lambda job: (
         _expected_seconds(job.row) is None,
         _expected_seconds(job.row) or _INPUTS.index(job.row.inputs),
-    ))  # fmt: skip
+    ))
 
 
 def interleave(jobs: Sequence[Job]) -> list[tuple[Job, str]]:

@@ -145,7 +145,7 @@ def score(
     folders = [data] if isinstance(data, str | Path) else data
     return score_predictions(ScoreConfig(
         Path(predictions), suite=suite, data=tuple(map(Path, folders)), results=Path(results)
-    ))  # fmt: skip
+    ))
 
 
 def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:

@@ -77,8 +77,7 @@ def find_flow(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
     if kind == "raft":
         from . import network_flow
 
-        return network_flow.load_raft(
-            Path(file) if file else network_flow.SHIPPED, settings)
+        return network_flow.load_raft(Path(file) if file else network_flow.SHIPPED, settings)
     if kind == "flownet2":
         if not file:
             raise ConfigError(

@@ -57,7 +57,7 @@ class _Filter:
             columns = np.concatenate([
                 wide[v : v + stride * height : stride, u : u + stride * width : stride]
                 for v in range(self.side) for u in range(self.side)
-            ], axis=2).reshape(height * width, -1)  # fmt: skip
+            ], axis=2).reshape(height * width, -1)
         return (columns @ self.matrix + self.bias).reshape(height, width, -1)
 
 

@@ -76,8 +76,7 @@ def _find(
         u, v = int(np.rint(pixel[i, 0])), int(np.rint(pixel[i, 1]))
         if min(u, v) < radius + 1 or u >= width - radius - 1 or v >= height - radius - 1:
             continue
-        m0, m1 = _read_template(
-            images[frame[i]], u, v, window, contrast, template, gx, gy, weight)
+        m0, m1 = _read_template(images[frame[i]], u, v, window, contrast, template, gx, gy, weight)
         for t in range(frames):
             if not wanted[i, t]:
                 continue

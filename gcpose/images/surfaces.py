@@ -177,9 +177,7 @@ class _Window:
         return [np.asarray(c[self.take], np.float32) for c in blurred]
 
 
-def _fit_window(
-    window: _Window, around: float, settings: ImageSettings
-) -> tuple[Image, Image]:
+def _fit_window(window: _Window, around: float, settings: ImageSettings) -> tuple[Image, Image]:
     """Depth [N] and normals [N 3] of the wanted pixels, by least squares of z = a + b x + c y.
 
     Depth is taken relative to `around`, so that single precision suffices.

@@ -91,9 +91,7 @@ class Craves:
                              pose, camera)
             yield pixels, pose
 
-    def keypoints(
-        self, image: NDArray[np.uint8], near: Array | None = None
-    ) -> tuple[Array, Array]:
+    def keypoints(self, image: NDArray[np.uint8], near: Array | None = None) -> tuple[Array, Array]:
         """Return the keypoints [17 2] px of an image [H W 3] and their scores [17].
 
         `near` [17 2] px are keypoints of an image before; they say where to look first.
@@ -110,9 +108,7 @@ class Craves:
             found, score = self._look(image, *frame_keypoints(found[sure]))
         return found, score
 
-    def _look(
-        self, image: NDArray[np.uint8], centre: Array, side: float
-    ) -> tuple[Array, Array]:
+    def _look(self, image: NDArray[np.uint8], centre: Array, side: float) -> tuple[Array, Array]:
         """Keypoints [17 2] px and scores [17] in a square of the image."""
         image_from_crop = place_crop(centre, side)
         crop = network_input(cut_crop(image, image_from_crop))

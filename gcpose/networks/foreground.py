@@ -30,8 +30,7 @@ class ForegroundNet(nn.Module):
         self.encode = nn.ModuleList(_Step(w, w) for w in widths)
         self.exchange = nn.ModuleList(_Step(3 * w, w, side=1) for w in widths[1:])
         self.bottom = _Step(widths[-1], widths[-1])
-        self.rise = nn.ModuleList(
-            _Step(below, own, side=1) for own, below in pairwise(widths))
+        self.rise = nn.ModuleList(_Step(below, own, side=1) for own, below in pairwise(widths))
         self.decode = nn.ModuleList(_Step(w, w) for w in widths[:-1])
         self.out = nn.Conv2d(widths[0], 4, 3, padding=1)
         # the order that convolutions in bfloat16 compute in

@@ -63,9 +63,7 @@ class Raft(nn.Module):
         a, b = 2 * a - 1, 2 * b - 1
         changed = F.avg_pool2d((b - a).abs(), CELL)
         flow = torch.zeros_like(changed[:, :2])
-        hidden, context = self.context(
-            torch.cat([a, b, 2 * (b - a)], 1), changed
-        ).split(_HIDDEN, 1)
+        hidden, context = self.context(torch.cat([a, b, 2 * (b - a)], 1), changed).split(_HIDDEN, 1)
         hidden, known = torch.tanh(hidden), self.known(F.relu(context))
         fa, fb = _normalize(self.features(torch.cat([a, b]))).chunk(2)
         windows = [correlations(fa, _blur(fb) if d > 1 else fb, d) for d in _DILATIONS]

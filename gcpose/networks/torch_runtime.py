@@ -15,8 +15,7 @@ try:
 except ImportError as error:
     raise MethodError("a network needs PyTorch: pip install 'gcbench[learn]'") from error
 
-__all__ = ["F", "Tensor", "find_device", "nn", "pad_image", "torch", "unit_range",
-           "warp_image"]
+__all__ = ["F", "Tensor", "find_device", "nn", "pad_image", "torch", "unit_range", "warp_image"]
 
 
 def find_device(name: str) -> torch.device:
@@ -59,6 +58,4 @@ def warp_image(image: torch.Tensor, flow: torch.Tensor) -> torch.Tensor:
     )
     x = 2 * (u + flow[:, 0]) / max(w - 1, 1) - 1
     y = 2 * (v + flow[:, 1]) / max(h - 1, 1) - 1
-    return F.grid_sample(
-        image, torch.stack([x, y], -1), padding_mode="border", align_corners=True
-    )
+    return F.grid_sample(image, torch.stack([x, y], -1), padding_mode="border", align_corners=True)

@@ -68,8 +68,7 @@ def patch_costs(
 
 def _depth_prior(sigma: float, settings: RgbSettings) -> tuple[float, float, float, float]:
     """Standard deviation, largest step, least and largest value of inverse depths."""
-    return (sigma, settings.max_depth_step, settings.min_inverse_depth,
-            settings.max_inverse_depth)
+    return (sigma, settings.max_depth_step, settings.min_inverse_depth, settings.max_inverse_depth)
 
 
 @compiled

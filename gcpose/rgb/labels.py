@@ -75,9 +75,7 @@ def sample_pixels(
     )
 
 
-def _sample_frame(
-    evidence: VideoEvidence, frame: int, most: int
-) -> tuple[NDArray[np.int64], int]:
+def _sample_frame(evidence: VideoEvidence, frame: int, most: int) -> tuple[NDArray[np.int64], int]:
     """Pixels [N 2] of a frame, and the side of the cells that they are from, px."""
     # the rim of the foreground may be background, which often has more texture
     mask = cv2.erode(evidence.moving[frame].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0

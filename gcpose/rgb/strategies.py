@@ -104,9 +104,7 @@ def exchange_parallel_turns(
     return select_hypotheses(found, most, settings)
 
 
-def vary_door_plane(
-    hypothesis: VideoHypothesis, settings: RgbSettings
-) -> list[VideoHypothesis]:
+def vary_door_plane(hypothesis: VideoHypothesis, settings: RgbSettings) -> list[VideoHypothesis]:
     """Return the motion of a door with its points in each of several planes through its axis.
 
     The slope of a door and its turn are ambiguous: from points at one distance the search ends in

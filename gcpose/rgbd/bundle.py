@@ -100,8 +100,7 @@ def assemble(
         if frame:
             here = relative_derivatives(derivative, here_from_there, derivative[frame : frame + 1])
         if surfaces.noise:
-            equations, coupling = accumulate_equations(
-                surfaces, here_from_there, surfels, settings)
+            equations, coupling = accumulate_equations(surfaces, here_from_there, surfels, settings)
             sums.add(equations, here)
             for part, c in zip(here.swapaxes(0, 1), coupling, strict=True):
                 along = part.swapaxes(1, 2).reshape(-1, size)

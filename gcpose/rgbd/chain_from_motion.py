@@ -66,8 +66,7 @@ def align_freely(tracker: Tracker, hypothesis: Hypothesis) -> tuple[Array, Array
     motion, clouds = hypothesis.state.motions(len(hypothesis.state.angle)), hypothesis.clouds
     information = np.zeros((*motion.shape[:2], 6, 6))
     for scale in tracker.settings.motion.scales:
-        motion, information = align_parts(tracker.surfaces, clouds, motion, scale,
-                                          tracker.settings)
+        motion, information = align_parts(tracker.surfaces, clouds, motion, scale, tracker.settings)
         clouds = tuple(tracker.label(motion, c.frame, scale)[0] for c in clouds)
     return motion, information
 
@@ -149,8 +148,7 @@ def random_axes(tracker: Tracker, state: Articulation, rng: np.random.Generator)
     """
     tuned = tracker.settings.motion
     moving = tracker.grid(0).point[tracker.moving]
-    places = spread_places(
-        subsample(moving, tracker.settings.sweep.spread_points), tuned.places)
+    places = spread_places(subsample(moving, tracker.settings.sweep.spread_points), tuned.places)
     out = np.zeros((tuned.starts, len(state.twist), 6))
     for s in range(tuned.starts):
         before = None

@@ -38,18 +38,18 @@ class Strategy:
 KNOWN_LINES = Strategy(
     sweep_spans=(1, 3), sweep_kept=6, flow_spans=(1, 2), flow_kept=4, extend_to=2,
     stages=(Stage(rounds=2, scales=_WIDE), Stage(kept=6, until=5)),
-)  # fmt: skip
+)
 KNOWN_LINES_MORE = Strategy(
     sweep_spans=(1, 2, 4), sweep_kept=16, flow_spans=(4,), flow_kept=6,
     stages=(Stage(rounds=1, scales=_FIRST), Stage(kept=12, until=5),
             Stage(kept=6, rounds=1, scales=_MIDDLE)),
-)  # fmt: skip
+)
 FREE_FLOW = Strategy(
     flow_spans=(1, 2, 4), flow_kept=6, extend_to=2,
     stages=(Stage(rounds=2, scales=_WIDE), Stage(kept=24, until=4),
             Stage(kept=16, rounds=1, scales=_MIDDLE), Stage(kept=10, until=7),
             Stage(kept=6, rounds=2, scales=_MIDDLE)),
-)  # fmt: skip
+)
 
 
 def _stages(fixed_until: int, factor: int) -> tuple[Stage, ...]:

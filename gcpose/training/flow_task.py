@@ -81,8 +81,7 @@ class HeldOutPairs:
         count = min(most, len(found) // 2)
         chosen = np.linspace(0, len(found) // 2 - 1, count).astype(int)
         pairs = [found.pair(2 * int(i)) for i in chosen]
-        return HeldOutPairs(
-            pairs, flow_errors({"dis": dis_flow, "dis-fine": fine_dis_flow}, pairs))
+        return HeldOutPairs(pairs, flow_errors({"dis": dis_flow, "dis-fine": fine_dis_flow}, pairs))
 
 
 def one_cycle(progress: float, warm_up: float, first: float) -> float:

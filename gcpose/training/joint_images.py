@@ -65,7 +65,7 @@ def joint_numbers(sequence: Sequence) -> Array:
         point, _quaternion(_turn_x_to(direction)), state.joint_positions[:, j, None], centre,
         np.tile(np.append(size[body], size[part].min()), (frames, 1)),
         cam_from_body[:, :3, 3], _quaternion(cam_from_body[:, :3, :3]),
-    ], axis=1)  # fmt: skip
+    ], axis=1)
 
 
 def _turn_x_to(direction: Array) -> Array:

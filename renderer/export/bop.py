@@ -86,7 +86,7 @@ class Bop(Writer):
         k = s.intrinsics
         camera = {
             "cx": k[0, 2], "cy": k[1, 2], "fx": k[0, 0], "fy": k[1, 1], "depth_scale": scale,
-            "width": meta.width, "height": meta.height}  # fmt: skip
+            "width": meta.width, "height": meta.height}
         cameras: dict[str, Any] = {}
         poses: dict[str, Any] = {}
         infos: dict[str, Any] = {}

@@ -53,20 +53,20 @@ class Coco(Writer):
             images.append({
                 "id": number, "file_name": name, "width": meta.width,
                 "height": meta.height, "sequence": archive.path.stem, "frame": t,
-            })  # fmt: skip
+            })
             part = sequence.part[t]
             if part.any() and (places := keypoints(sequence, t)) is not None:
                 points.append({
                     "id": len(self._keypoints) + len(points) + 1, "image_id": number,
                     "category_id": 1, **instance(part > 0), "keypoints": places,
                     "num_keypoints": int(np.count_nonzero(places[2::3])),
-                })  # fmt: skip
+                })
             for p in np.unique(part[part > 0]):
                 category = categories.setdefault(meta.part_names[p - 1], len(categories) + 1)
                 annotations.append({
                     "id": len(self._annotations) + len(annotations) + 1, "image_id": number,
                     "category_id": category, **instance(part == p), "part": int(p),
-                })  # fmt: skip
+                })
         return {"images": images, "annotations": annotations, "keypoints": points,
                 "keypoint_names": meta.keypoint_names if points else (), "categories": categories}
 
@@ -85,7 +85,7 @@ class Coco(Writer):
             "info": {"description": f"gcbench: {model}", "version": "1.0"},
             "licenses": [{"id": 1, "name": f"of the model: {licence}", "url": ""}],
             "images": [{**image, "license": 1} for image in self._images],
-        }  # fmt: skip
+        }
         parts = [{"id": k, "name": part, "supercategory": model}
                  for part, k in self._categories.items()]
         folder = self.folder / "annotations"
@@ -117,4 +117,4 @@ def instance(mask: NDArray[np.bool_]) -> dict[str, Any]:
     return {
         "segmentation": {"size": list(runs["size"]), "counts": runs["counts"].decode("ascii")},
         "area": int(_coco.area(runs)), "bbox": _coco.toBbox(runs).tolist(), "iscrowd": 0,
-    }  # fmt: skip
+    }

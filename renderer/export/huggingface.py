@@ -99,7 +99,7 @@ class HuggingFace(WebDataset):
             "configs": [{"config_name": "default", "data_files": [
                 {"split": self._split, "path": f"data/{self._split}-*.tar"}]}],
             "dataset_info": {"features": self._columns},
-        }  # fmt: skip
+        }
         licences = "\n".join(f"* {licence}" for licence in self._licences)
         # JSON is YAML: a quoted name cannot end the head of the card.
         return f"""---

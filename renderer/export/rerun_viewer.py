@@ -44,10 +44,9 @@ def open_rerun(recording: Path) -> str:
     Without a display or the program `rerun`, return a message that says what to run.
     """
     program = shutil.which("rerun", path=f"{Path(sys.executable).parent}{os.pathsep}"
-                                         f"{os.environ.get('PATH', '')}")  # fmt: skip
+                                         f"{os.environ.get('PATH', '')}")
     if program is None or not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
         return f"to see the recording where there is a display, run: rerun {recording}"
     silent = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in range(3)]
-    os.posix_spawn(program, [program, str(recording)], os.environ, file_actions=silent,
-                   setpgroup=0)  # fmt: skip
+    os.posix_spawn(program, [program, str(recording)], os.environ, file_actions=silent, setpgroup=0)
     return ""

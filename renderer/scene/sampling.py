@@ -234,7 +234,7 @@ def draw_scene(
     scene = Scene(
         model, trajectory, camera, lights, ambient, config.lights.shadows, materials, tile,
         backdrop, room, noise, noise_seed, blur, exposure,
-    )  # fmt: skip
+    )
     record = {
         "vertical_fov_deg": float(
             np.degrees(2 * np.arctan(camera.height / 2 / camera.intrinsics[1, 1]))

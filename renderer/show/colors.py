@@ -29,7 +29,7 @@ VISIBILITY = {
 """Value of a visibility image -> what it says, RGB."""
 _FIRST = ((66, 133, 220), (240, 128, 30), (46, 160, 80), (214, 64, 72), (150, 100, 200),
           (226, 176, 20), (30, 176, 190), (224, 110, 178), (140, 96, 72), (150, 176, 40),
-          (110, 120, 240), (0, 120, 110))  # fmt: skip
+          (110, 120, 240), (0, 120, 110))
 """Parts 1..12: readable on white and on black."""
 
 
@@ -131,7 +131,7 @@ def _wheel() -> bytes:
     # between two neighbours is proportional to how different they look.
     steps = (("RY", 15), ("YG", 6), ("GC", 4), ("CB", 11), ("BM", 13), ("MR", 6))
     full = {"R": (1, 0, 0), "Y": (1, 1, 0), "G": (0, 1, 0),
-            "C": (0, 1, 1), "B": (0, 0, 1), "M": (1, 0, 1)}  # fmt: skip
+            "C": (0, 1, 1), "B": (0, 0, 1), "M": (1, 0, 1)}
     rows = [np.linspace(full[name[0]], full[name[1]], n, endpoint=False) for name, n in steps]
     return np.concatenate(rows).astype(np.float64).tobytes()
 

@@ -31,11 +31,11 @@ def joint_table(meta: Meta, state: State) -> dict[str, list[Any]]:
     head = ["joint", "scored", "type", "parent → child", "limits", "first → last", "total"]
     known = columns_of_joints(meta.observability, meta.joint_names)
     columns = list(dict.fromkeys(column for values in known.values() for column in values
-                                 if column != "displacement"))  # fmt: skip
+                                 if column != "displacement"))
     names = ("(world)", *meta.part_names)
     rows: list[list[str]] = []
     for j in sorted(range(len(meta.joint_names)),
-                    key=lambda j: meta.joint_names[j] not in meta.scored_joints):  # fmt: skip
+                    key=lambda j: meta.joint_names[j] not in meta.scored_joints):
         name, kind, limits = meta.joint_names[j], meta.joint_types[j], meta.joint_limits[j]
         q = state.joint_positions[:, j]
         rows.append([
@@ -47,7 +47,7 @@ def joint_table(meta: Meta, state: State) -> dict[str, list[Any]]:
             f"{format_position(float(q[0]), kind)} → {format_position(float(q[-1]), kind)}",
             format_position(float(q[-1] - q[0]), kind),
             *(format_value(known.get(name, {}).get(column, "–")) for column in columns),
-        ])  # fmt: skip
+        ])
     return {"head": head + [_HEADINGS.get(c, c.replace("_", " ")) for c in columns], "rows": rows}
 
 
@@ -78,7 +78,7 @@ def sections(meta: Meta, state: State) -> list[dict[str, Any]]:
         ("frames", f"{meta.frames}, {_seconds(state)}"),
         ("image", f"{meta.width} × {meta.height} px"), ("format", meta.format),
         ("parts / joints", f"{len(meta.part_names)} / {len(meta.joint_names)}"),
-    ]  # fmt: skip
+    ]
     out: list[tuple[str, _Rows]] = [
         ("Robot", flatten(meta.asset)),
         ("Sequence", sequence),
@@ -97,7 +97,7 @@ def camera_rows(meta: Meta, state: State) -> _Rows:
     k, world_from_cam = state.intrinsics, inverse(state.cam_from_world)
     eye = world_from_cam[0, :3, 3]
     fov = [math.degrees(2 * math.atan(n / (2 * f)))
-           for n, f in ((meta.width, k[0, 0]), (meta.height, k[1, 1]))]  # fmt: skip
+           for n, f in ((meta.width, k[0, 0]), (meta.height, k[1, 1]))]
     travel = float(np.linalg.norm(world_from_cam[:, :3, 3] - eye, axis=-1).max())
     turned = float(np.abs(state.cam_from_world[:, :3, :3] - state.cam_from_world[0, :3, :3]).max())
     still = travel < 1e-9 and turned < 1e-9
@@ -159,7 +159,7 @@ def format_value(value: Any) -> str:
         return f"{value:.4g}"
     if isinstance(value, (list, tuple)):
         return "(" + ", ".join(format_value(item) for item in value[:16]) + (
-            ", …)" if len(value) > 16 else ")")  # fmt: skip
+            ", …)" if len(value) > 16 else ")")
     if isinstance(value, Mapping) and not value:
         return "none"
     shown = "–" if value is None or value == "" else str(value)

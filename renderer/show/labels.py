@@ -36,7 +36,7 @@ class Labels:
         self.taken.append((left, top, right, bottom))
         if away:
             cv2.line(self.image, at, ((left + right) // 2, (top + bottom) // 2), color, 1,
-                     cv2.LINE_AA)  # fmt: skip
+                     cv2.LINE_AA)
         cv2.rectangle(self.image, (left, top), (right - 1, bottom - 1), (255, 255, 255), -1)
         cv2.rectangle(self.image, (left, top), (right - 1, bottom - 1), color, 1)
         cv2.putText(self.image, text, (left + 3, bottom - below - 2), cv2.FONT_HERSHEY_SIMPLEX,

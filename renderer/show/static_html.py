@@ -16,7 +16,7 @@ Links = Sequence[tuple[str, str, str]]
 """(rel, address, text) of the links from a page to others of its folder."""
 _CAPTIONS = {"rgb": "RGB", "depth": "Depth", "part": "Parts", "flow": "Forward flow",
              "visibility": "Visibility", "normal": "Normals", "coordinates": "Coordinates",
-             "points": "Points"}  # fmt: skip
+             "points": "Points"}
 _INDEX_STYLE = """
 main, header { max-width: 1600px; margin: 0 auto; padding: 0 16px; }
 header { padding-top: 18px; } h1 { font-size: 1.45rem; margin: 0; } p { margin: 4px 0; }

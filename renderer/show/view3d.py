@@ -85,8 +85,7 @@ def is_model_of(model: ArticulatedModel, meta: Meta, state: State, t: int) -> bo
 
     The joints of an animated model are not in the sequence: then the parts alone decide.
     """
-    if (meta.part_names != model.part_names
-            or str(meta.asset.get("sha256", "")) != model.sha256):
+    if (meta.part_names != model.part_names or str(meta.asset.get("sha256", "")) != model.sha256):
         return False
     if meta.joint_names != model.joint_names:
         return not meta.joint_names
@@ -104,7 +103,7 @@ def simplify(
     while len(faces) > most:
         index = np.rint((vertices - low) * (cells / size)).astype(np.int64)
         _, first, merged = np.unique(index @ [1, 1000, 1000_000], return_index=True,
-                                     return_inverse=True)  # fmt: skip
+                                     return_inverse=True)
         vertices, faces = vertices[first], merged[faces]
         a, b, c = faces.T
         faces = faces[(a != b) & (b != c) & (c != a)]
@@ -144,9 +143,7 @@ def _meshes(model: ArticulatedModel) -> list[dict[str, Any]]:
     return out
 
 
-def _object_points(
-    sequence: Sequence, frames: Many[int]
-) -> tuple[Array, NDArray[np.uint16]]:
+def _object_points(sequence: Sequence, frames: Many[int]) -> tuple[Array, NDArray[np.uint16]]:
     """Points [N 3] of the object that some frames show, as they are in the first of `frames`, and
     their parts [N]."""
     state = sequence.state

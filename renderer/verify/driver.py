@@ -156,8 +156,7 @@ def reference_of(
         if not allow_model:
             check_model_paths(config)
         packages = packages_of(config)
-        model = load_robot(robot, packages, config.allow_missing, False, config.root,
-                           config.scale)
+        model = load_robot(robot, packages, config.allow_missing, False, config.root, config.scale)
         file = Path(robot) if is_file(robot) else robot_urdf(robot, packages, download=False)
         names = partnet.part_names(file.parent) if file and is_object(robot) else {}
         notes: list[str] = []

@@ -147,8 +147,7 @@ def _mesh_group(shapes: Sequence[Shape], material: str) -> MeshGroup:
     corners.append(normal[solid.faces])
     # corners without radius have triangles without area
     kept = (corners[0] != np.roll(corners[0], 1, axis=1)).all(1)
-    return MeshGroup(material, finish, vertices, normals, uv,
-                     np.stack(corners, axis=-1)[kept])
+    return MeshGroup(material, finish, vertices, normals, uv, np.stack(corners, axis=-1)[kept])
 
 
 def _unique(values: Array, digits: int) -> tuple[Array, NDArray[np.int64]]:

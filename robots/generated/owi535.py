@@ -34,7 +34,7 @@ from ..model import (
 SHOULDER, UPPER_ARM, FOREARM, HAND = 67.66, 89.68, 113.58, 75.0
 """mm: from table to shoulder, to elbow, to wrist, to grasp point."""
 LIMITS = {"rotation": (-130.0, 130.0), "base": (-90.0, 60.0), "elbow": (-60.0, 90.0),
-          "wrist": (-45.0, 45.0)}  # fmt: skip
+          "wrist": (-45.0, 45.0)}
 """deg"""
 OPENING = 45.0
 """Distance between the fingertips at the joint limit of the gripper, mm."""
@@ -266,16 +266,14 @@ def _hand() -> Solids:
                        (3, 6, 3, 3, 6, 3))
         solids.append((BLACK, plate(fork, (z * 10.4, z * 12.4))))
     for s in (-1.0, 1.0):
-        solids += [(STEEL, rod((x, s * y, -13), (x, s * y, 13), 2.0, sides=16))
-                   for x, y in _PIVOTS]
+        solids += [(STEEL, rod((x, s * y, -13), (x, s * y, 13), 2.0, sides=16)) for x, y in _PIVOTS]
     return solids
 
 
 def _crank(end: tuple[float, float], layer: float) -> Solids:
     """Return two bars from the pivot to `end` mm, at z = +-`layer` mm."""
     profile = bar((0, 0), end, 3.6, 3.6, 0.8)
-    return [(BLACK, plate(profile, (z * (layer - 1.2), z * (layer + 1.2))))
-            for z in (-1.0, 1.0)]
+    return [(BLACK, plate(profile, (z * (layer - 1.2), z * (layer + 1.2)))) for z in (-1.0, 1.0)]
 
 
 def _finger(sign: float) -> Solids:

@@ -93,8 +93,7 @@ class _Reader:
         """Return the model; `unit` m is the file's unit of length."""
         gltf, tree = self.document.gltf, self.tree
         meshes = Meshes(self.document, self.accessors, self.materials)
-        bones = {n: list(gltf.skins[cast("int", gltf.nodes[n].skin)].joints)
-                 for n in self.skinned}
+        bones = {n: list(gltf.skins[cast("int", gltf.nodes[n].skin)].joints) for n in self.skinned}
         scene = gltf.scenes[gltf.scene or 0].name if gltf.scenes else ""
         parts = rig(tree, [*self.plain, *(j for joints in bones.values() for j in joints)],
                     scene or "scene", unit)

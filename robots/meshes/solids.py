@@ -65,8 +65,7 @@ def capsule(radius: float, length: float) -> TriangleSurface:
     lower, upper = polar[: _AROUND // 4 + 1], polar[_AROUND // 4:]
     both = np.concatenate([lower, upper] if length else [polar])
     shift = np.where(np.arange(len(both)) < len(lower), -length / 2.0, length / 2.0)
-    return revolve(radius * np.sin(both), radius * np.cos(both) + shift,
-                     np.sin(both), np.cos(both))
+    return revolve(radius * np.sin(both), radius * np.cos(both) + shift, np.sin(both), np.cos(both))
 
 
 def revolve(

@@ -84,8 +84,7 @@ class RigidGroups:
         base = float(lowest[0, fixed].min())
         if not np.array_equal(poses[0, 0], self._root):
             self._root, self._reach = poses[0, 0], self.lowest(poses[0, 0] @ self._tries)
-        above: NDArray[np.bool_] = np.all(
-            self._reach[:, ~fixed] >= base - FLOOR_TOLERANCE, axis=1)
+        above: NDArray[np.bool_] = np.all(self._reach[:, ~fixed] >= base - FLOOR_TOLERANCE, axis=1)
         return base if above[0] or above.mean() >= _UPRIGHT else float(lowest.min())
 
 

@@ -51,7 +51,7 @@ def test_the_tree_of_settings_makes_the_same_settings() -> None:
     ("rgbd.sigma_static", "inf", "expected a finite number$"),
     ("rgbd.final_scales", "1,-1", "expected float > 0.0$"),
     ("rgbd.final_scales", "", "expected float$"),
-])  # fmt: skip
+])
 def test_what_is_no_setting_is_refused(name: str, value: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Settings().override({name: value})

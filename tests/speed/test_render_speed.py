@@ -21,7 +21,7 @@ def test_the_short_form_measures_what_is_installed(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(PROGRAM), *options, "--json", str(numbers)],
         capture_output=True, text=True,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     left_out = [line for line in done.stdout.splitlines() if line.startswith("left out: ")]
     assert "left out: pyrender script: ValueError: owi535 has no URDF file" in left_out

@@ -22,7 +22,7 @@ BLANK = Result(
     method="m", version="1", inputs="rgbd", knowledge="free", oracles="", training="none",
     dataset="d", robot="r", sequence="000000", cluster="000000", joint="", joint_index=0,
     joint_type="", frame=-1, metric="", value=0.0, unit="", sign="", status="ok",
-)  # fmt: skip
+)
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         for index in range(2)
         for t, positions in enumerate(bench_data.truth(data, index)) if t
         for j, q in enumerate(positions)
-    ]  # fmt: skip
+    ]
     table = "\n".join(["sequence,frame,joint,displacement", *rows, ""])
     (tmp_path / "mine.csv").write_text(HEADER + table)
     monkeypatch.chdir(tmp_path)
@@ -53,6 +53,6 @@ def test_results_of_several_kinds_make_one_report(folder: Path) -> None:
     written = [gb.report(results, folder / name, pictures=False) for name, results in (
         ("one", "results"), ("two", gb.Results(evaluated.runs + scored.runs)),
         ("three", ["results"]),
-    )]  # fmt: skip
+    )]
     for other in written[1:]:
         assert [p.read_bytes() for p in written[0]] == [p.read_bytes() for p in other]

@@ -46,7 +46,7 @@ DATASET = {
     "config": CONFIG, "assets": [ASSET],
     "counts": {"sequences": 3, "frames": 12, "unobservable": 0, "refused": {}},
     **INSTALLED, "other_environments": [],
-}  # fmt: skip
+}
 SOURCES = {
     "gcbench.gcpose.method:GCPose": "gcpose",
     "gcbench.gcpose.published:FlowOnly": "gcpose-flow",
@@ -69,7 +69,7 @@ def former_run(source: str, method: str) -> dict[str, Any]:
         "assets": [ASSET], "sequences": ["000000", "000001", "000002"], "left_out": 0,
         "limits": {"seconds_per_sequence": 300.0, "workers": 1, "threads": 2},
         "environments": [{"gcbench": "0.1.0", **INSTALLED, "cpu": "a CPU", "cores": 2}],
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture

@@ -41,7 +41,7 @@ def run(data: Path, results: Path, *names: str, timeout: float = 300, memory: fl
     ("ReturnsExit", "invalid: reading what it returned raised SystemExit: 0"),
     ("ReturnsInterrupt", "invalid: reading what it returned raised KeyboardInterrupt: "),
     ("RaisesUnprintable", "raised: UnprintableError (its message cannot be printed)"),
-])  # fmt: skip
+])
 def test_what_is_returned_may_raise_anything(
     data: Path, tmp_path: Path, name: str, failure: str
 ) -> None:
@@ -55,7 +55,7 @@ def test_what_is_returned_may_raise_anything(
     ("ExitsAtStart", "SystemExit: 0"),
     ("SurrogateName", "name is 'mine\\ud800', expected one line of"),
     ("Scripted", "link 'javascript:alert(1)', date '', expected one line, an address with https"),
-])  # fmt: skip
+])
 def test_a_method_that_cannot_start_leaves_the_others_alone(
     data: Path, tmp_path: Path, name: str, reason: str
 ) -> None:
@@ -70,7 +70,7 @@ def test_a_method_that_cannot_start_leaves_the_others_alone(
 
 def test_a_method_may_say_who_made_it(data: Path, tmp_path: Path) -> None:
     first, second = (run(data, tmp_path / "results", name).runs[0]
-                     for name in ("Attributed", "Good"))  # fmt: skip
+                     for name in ("Attributed", "Good"))
     by = read_run(first.path / RUN).attribution
     assert by == Attribution("A. Author", "https://example.org/@a", "2024-05-01")
     assert read_run(second.path / RUN).attribution == Attribution()
@@ -85,7 +85,7 @@ def test_a_broken_process_costs_one_sequence(data: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize(("name", "failure"), [
     ("ForksAndExits", "crashed: the method's process exited with 0"),
     ("LeavesSession", "timeout: no estimate within 6 s"),
-])  # fmt: skip
+])
 def test_no_process_of_a_method_stays(
     data: Path, tmp_path: Path, calls: Path, name: str, failure: str
 ) -> None:

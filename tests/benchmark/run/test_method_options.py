@@ -73,7 +73,7 @@ def test_each_of_the_weights_makes_a_row_of_its_method(data: Path, tmp_path: Pat
 @pytest.mark.parametrize(("given", "said"), [
     ({"flow": "dis"}, "no method here has the option --flow (for dis); leave it out"),
     ({"weights": ("Plain=w",)}, "no method here has the option --weights (for w); leave it out"),
-])  # fmt: skip
+])
 def test_an_option_that_no_method_takes_is_refused(
     data: Path, tmp_path: Path, given: dict[str, object], said: str
 ) -> None:

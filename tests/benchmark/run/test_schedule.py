@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def jobs(folder: Path, tmp_path: Path) -> list[Job]:
     (data,) = from_folders([folder])
     return [prepare_job(describe_run(row, row.name, data, {}), data, tmp_path)
-            for row in (FOREIGN, RGB, RGBD)]  # fmt: skip
+            for row in (FOREIGN, RGB, RGBD)]
 
 
 def test_cheap_rows_run_first_and_each_row_is_tried_first(jobs: list[Job]) -> None:
@@ -39,7 +39,7 @@ def test_cheap_rows_run_first_and_each_row_is_tried_first(jobs: list[Job]) -> No
     assert cheap_first(jobs) == [rgbd, rgb, foreign]
     order = interleave([rgbd, rgb])
     assert order == [(rgbd, "000000"), (rgb, "000000"), (rgbd, "000001"), (rgbd, "000002"),
-                     (rgb, "000001"), (rgb, "000002")]  # fmt: skip
+                     (rgb, "000001"), (rgb, "000002")]
 
 
 def test_the_plan_names_the_time_of_known_methods(jobs: list[Job]) -> None:
@@ -71,7 +71,7 @@ def test_the_default_is_axes_and_a_limit_is_kept(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["eval", "--method", f"{METHODS}:Levels", "--data", str(folder), "--limit", "2",
-               "--results", str(tmp_path / "results"), "--workers", "1"]  # fmt: skip
+               "--results", str(tmp_path / "results"), "--workers", "1"]
     assert main(command) == 0
     captured = capsys.readouterr()
     assert captured.err.startswith("plan: 2 rows x 2 sequences, the time left shows after one")
@@ -89,7 +89,7 @@ def test_sequences_are_chosen_by_number(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["eval", "--method", "hold-still", "--data", str(folder),
-               "--results", str(tmp_path / "results"), "--sequences"]  # fmt: skip
+               "--results", str(tmp_path / "results"), "--sequences"]
     assert main([*command, "1-2"]) == 0
     (run,) = (f.run for f in find_runs(tmp_path / "results"))
     assert run.sequences == ("000001", "000002")
@@ -106,7 +106,7 @@ def test_the_exit_code_is_1_if_nothing_was_estimated(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["eval", "--method", f"{METHODS}:AlwaysRaises", "--data", str(folder),
-               "--results", str(tmp_path / "results")]  # fmt: skip
+               "--results", str(tmp_path / "results")]
     assert main(command) == 1
     assert "gcbench: no sequence was estimated" in capsys.readouterr().err
     assert main([*command, "--method", "hold-still"]) == 0

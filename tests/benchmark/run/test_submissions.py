@@ -49,7 +49,7 @@ def finals(results: list[Result]) -> list[float]:
     (lambda q: -q, 0.0),  # at `free` and without an axis the sign is a gauge
     (lambda q: q + 0.01 * np.sign(q[-1]), np.degrees(0.01)),
     (lambda q: q + 2 * np.pi, 0.0),
-])  # fmt: skip
+])
 def test_truth_flip_and_offset(
     data: Path, tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], expected: float
 ) -> None:
@@ -114,7 +114,7 @@ def test_nan_is_an_answer_that_failed(data: Path, tmp_path: Path) -> None:
     ("000000,1,1,", "000000,1,1,0.1,", "line 6: 5 cells instead of 4"),
     ("000000,1,1,", "000000,1,1,x", "line 6: displacement is 'x"),
     ("000000,1,1,", '"000000,1,1,', "unexpected end of data"),
-])  # fmt: skip
+])
 def test_a_wrong_file_is_told_the_format(
     data: Path, tmp_path: Path, old: str, new: str, message: str
 ) -> None:

@@ -98,7 +98,7 @@ def test_a_users_own_file_works(tmp_path: Path) -> None:
     (b"[defaults]", b"[default]", r"\$\.default: unknown field; there are name, dataset, about"),
     (b"iiwa14", b"r2d2", "two: no robot 'r2d2'; there are ur5"),
     (b"[[dataset]]", b"[[dataset", "not TOML"),
-])  # fmt: skip
+])
 def test_what_cannot_be_meant_is_told(old: bytes, new: bytes, message: str) -> None:
     with pytest.raises(GcbenchError, match=f"mine.toml: .*{message}"):
         parse_suite(MINE.replace(old, new, 1), "mine.toml")

@@ -97,7 +97,7 @@ def test_keypoints_are_unknown_where_the_joints_contradict_the_angles(lab: Path)
     ("FusionCameraActor3_2/caminfo/00000001.json", '{"Fov": 300}', "caminfo"),
     ("FusionCameraActor3_2/lit/00000001.png", "no image", "not an image"),
     ("FusionCameraActor3_2/lit/a b.png", "", "the name of an image"),
-])  # fmt: skip
+])
 def test_a_damaged_file_is_one_line(lab: Path, file: str, text: str | None, said: str) -> None:
     path = lab / file
     path.unlink(missing_ok=True)

@@ -46,7 +46,7 @@ def options(data: Path, out: Path, steps: int = 3) -> AbbatematteoTraining:
 
 @pytest.mark.parametrize(("joint", "displacement"), [
     ("pan", [0.3, 0.5, 0.1, -0.4, -2.0]), ("slide", [0.0, 0.05, -0.02, 0.01, 0.1]),
-])  # fmt: skip
+])
 def test_labels_describe_the_object(joint: str, displacement: list[float]) -> None:
     sequence = moved(joint, displacement)
     state, j = sequence.state, sequence.meta.joint_names.index(joint)

@@ -128,7 +128,7 @@ def test_errors_of_known_flows() -> None:
         "off": lambda a, b: pair.flow + np.float32([0.3, 0.4]),
         "noisy": lambda a, b: pair.flow + noise,
         "none": lambda a, b: np.zeros_like(pair.flow),
-    }, [pair])  # fmt: skip
+    }, [pair])
     speed = float(np.hypot(5, 3))
     assert (errors["true"].epe, errors["true"].bias, errors["true"].parts) == (0, 0, 1)
     for value in (errors["off"].epe, errors["off"].bias, errors["off"].median):
@@ -175,7 +175,7 @@ def config(folder: Path, out: Path, steps: int) -> FlowTraining:
     return FlowTraining(
         data=(folder,), out=out, held_out=(folder,), steps=steps, batch=2, crop=(48, 48),
         threads=1, every=100, device="cpu", precision="float32",
-    )  # fmt: skip
+    )
 
 
 def test_the_loss_is_least_at_the_truth(torch) -> None:
@@ -331,7 +331,7 @@ def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
 def test_wrong_options_are_told_in_one_line(
     torch, args: list[str], said: str, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["train", *args]) == 2
     assert not list(tmp_path.iterdir())

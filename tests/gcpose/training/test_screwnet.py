@@ -51,7 +51,7 @@ def options(data: Path, out: Path, steps: int = 3) -> ScrewNetTraining:
 @pytest.mark.parametrize(("joint", "displacement"), [
     ("pan", [0.3, 0.5, 0.1, -0.4, -2.0]), ("slide", [0.0, 0.05, -0.02, 0.01, 0.1]),
     ("pan", [0.0, 0.0, 4.0, -4.0, 3.0]),
-])  # fmt: skip
+])
 @pytest.mark.parametrize("first", [0, 1])
 def test_labels_are_the_motion_of_the_part(
     joint: str, displacement: list[float], first: int
@@ -347,7 +347,7 @@ def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
 @pytest.mark.parametrize(("args", "said"), [
     ("--width 20", "multiple of 8"), ("--classes fridge", "there are"), ("--dropped 1", "share"),
     ("--frames 1", "--frames 2 or more"), ("--epochs 0", "--epochs must be"),
-])  # fmt: skip
+])
 def test_wrong_options_are_refused(
     args: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -37,7 +37,7 @@ def _no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     ({"AWS_BATCH_JOB_ARRAY_INDEX": "0", "AWS_BATCH_JOB_ARRAY_SIZE": "2"}, "auto", 0, 2),
     ({"JOB_COMPLETION_INDEX": "5"}, "auto/6", 5, 6),
     ({"RANK": "1", "WORLD_SIZE": "2"}, "auto", 1, 2),
-])  # fmt: skip
+])
 def test_schedulers_say_the_shard(
     variables: dict[str, str], text: str, index: int, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -54,7 +54,7 @@ def test_schedulers_say_the_shard(
     ({"JOB_COMPLETION_INDEX": "5"}, "auto", "number of shards is unknown; give auto/COUNT"),
     ({"RANK": "x", "WORLD_SIZE": "2"}, "auto", "RANK is 'x', no number"),
     ({"RANK": "3", "WORLD_SIZE": "2"}, "auto", "shard 3/2"),
-])  # fmt: skip
+])
 def test_wrong_shards_are_one_line(
     variables: dict[str, str], text: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

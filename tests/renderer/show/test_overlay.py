@@ -65,7 +65,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def moved(sequence: Sequence) -> dict[str, float]:
     q, meta = sequence.state.joint_positions, sequence.meta
     return {n: float(q[-1, j] - q[0, j]) for j, n in enumerate(meta.joint_names)
-            if n in meta.scored_joints}  # fmt: skip
+            if n in meta.scored_joints}
 
 
 def test_positions_are_the_true_ones_but_for_the_estimate() -> None:

@@ -18,7 +18,7 @@ from ...support.fake_results import write_results
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>'\"&\x1b[2J\u202e\ud800"
 SHOWN = HOSTILE.replace("\x1b", "\\x1b").replace("\u202e", "\\u202e").replace("\ud800", "\\ud800")
 ALLOWED = {"div": {"style"}, "table": set(), "tr": set(), "th": {"style"}, "td": {"style"},
-           "img": {"alt", "src"}}  # fmt: skip
+           "img": {"alt", "src"}}
 
 
 class Card(HTMLParser):

@@ -390,7 +390,7 @@ def test_what_fails_halfway_leaves_nothing(tmp_path: Path) -> None:
     ("partnet:7310x", "partnet:NUMBER"),
     ("toaster", "there are ur5.*microwave, dishwasher, oven, drawer"),
     ("oven:../1", "names no object"),
-])  # fmt: skip
+])
 def test_a_name_that_means_nothing_is_refused(name: str, message: str) -> None:
     with pytest.raises(GcbenchError, match=message):
         load_robot(name)

@@ -162,7 +162,7 @@ def test_textures_come_from_the_objects_own_folder_only(awkward: Path) -> None:
     ("link_0 hinge door\r\nlink_1 heavy door\r\n", {"link_0": "door", "link_1": "door_2"}),
     ("link_0 hinge door_2\nlink_1 hinge door\nlink_2 hinge door\n",
      {"link_0": "door_2", "link_1": "door", "link_2": "door_3"}),
-])  # fmt: skip
+])
 def test_what_semantics_calls_parts(tmp_path: Path, text: str | None, names: dict[str, str]
                                     ) -> None:
     if text is not None:
