@@ -47,7 +47,6 @@ CONDITIONS = ("displacement", "pixels", "distance")
 """
 
 
-
 @dataclass(frozen=True)
 class JointScore:
     """Final errors of one joint."""

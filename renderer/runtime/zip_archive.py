@@ -102,7 +102,6 @@ class Archive:
                 return data
         raise DatasetError(f"{self.where(member)}: damaged")
 
-
     def _read_range(self, start: int, size: int) -> bytes:
         if self.stored:
             return self.stored.read(start, start + size)
