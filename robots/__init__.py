@@ -1,1 +1,1 @@
-"""Articulated models: shape, joints, motion. Imports nothing of the other rooms."""
+"""Articulated models: shape, joints, motion. Imports no other room."""

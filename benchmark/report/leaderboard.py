@@ -72,7 +72,7 @@ class Score:
     means: Mapping[str, float]
     """Mean of each metric of SECONDARY that the scores contain."""
     calibration: Calibration | None
-    """None if the method tells nothing of its errors."""
+    """None if the method reports neither standard deviations nor flags."""
     sign: str
     """How the signs were decided (see `Result.sign`); several are joined by "+"."""
     failed: Mapping[str, str]
@@ -176,7 +176,7 @@ class Leaderboard:
 
 
 def count_estimates(folder: RunFolder) -> str:
-    """Return what there is of a run without scores."""
+    """Return in words how many estimates a run without scores has."""
     done = sum(folder.estimate_path(name).exists() for name in folder.run.sequences)
     return (f"{done} of {len(folder.run.sequences)} sequences estimated and none scored; the same "
             "gcbench eval continues it")

@@ -1,4 +1,4 @@
-"""Sums over many sequences, and how sure they are: pure functions of arrays.
+"""Means over many sequences with their uncertainty: pure functions of arrays.
 
 N values, one for each (sequence, joint); `cluster` [N] says what was drawn independently: the
 sequence, or the object's instance. Randomness is an argument; every list keeps its order.

@@ -64,7 +64,7 @@ class Job:
         return read_stored(self.folder.estimate_path(sequence), shape)
 
     def write(self, sequence: str, estimate: bytes) -> Stored:
-        """Store and read an estimate; bytes that are none become a failure."""
+        """Store and read an estimate; bytes that are no estimate become a failure."""
         path = self.folder.estimate_path(sequence)
         with name_unwritable(path.parent):
             write_atomically(path, estimate)

@@ -122,7 +122,7 @@ def render_datasets(
 
 
 def find_datasets(paths: tuple[Path, ...]) -> list[Path]:
-    """Return the datasets among paths, and those in paths that are none.
+    """Return the paths that are datasets, and the datasets in the other folders.
 
     Raises:
         DatasetError: If there is no dataset at a path.

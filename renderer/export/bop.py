@@ -73,7 +73,7 @@ class Bop(Writer):
         meta, s = sequence.meta, sequence.state
         now = self._now = self._model_of(meta)
         if meta.part_names != now.model.part_names:
-            raise DatasetError(f"{archive.path}: its parts are not those of the model at hand")
+            raise DatasetError(f"{archive.path}: its parts are not those of the loaded model")
         folder = self.folder / self._split / archive.path.stem
         for kind in ("rgb", "depth", "mask", "mask_visib"):
             (folder / kind).mkdir(parents=True, exist_ok=True)

@@ -138,7 +138,7 @@ class SequenceRenderer:
             randomization=record,
             renderer={"renderer": context.renderer, "version": context.version},
             observability={
-                # The rule is about joints: it says nothing of a motion that has none.
+                # The rule is about joints: it does not apply to a motion without joints.
                 "observable": None if "animation" in record else not draw.reason,
                 "reason": draw.reason,
                 "refused": refused,

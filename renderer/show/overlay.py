@@ -65,7 +65,7 @@ class Painter:
             raise DatasetError(f"{meta.name} does not show the model {self.model.name}")
         true = forward_kinematics(self.model, state.joint_positions[t])
         if np.abs(true - state.world_from_part[t]).max() > _TOLERANCE:
-            raise DatasetError(f"{meta.name} was rendered from another model than the one at hand")
+            raise DatasetError(f"{meta.name} was rendered from another model than the loaded one")
         positions = estimated_positions(sequence, displacement, t)
         poses = forward_kinematics(self.model, positions)
         world_from_cam = np.linalg.inv(state.cam_from_world[t])

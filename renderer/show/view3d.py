@@ -116,9 +116,9 @@ def _why_no_model(
 ) -> str:
     """Why the view has no model; "" if it has."""
     if model is None:
-        return "The model is not at hand"
+        return "The model is not available on this machine"
     if not is_model_of(model, meta, state, frames[0]):
-        return "The model at hand is not the one that this sequence shows"
+        return "The available model is not the one that this sequence shows"
     if len(frames) * len(meta.part_names) > _POSES:
         return "The model has too many parts for this view"
     return "" if _rigid(model) else "The surfaces of the model deform"

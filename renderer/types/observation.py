@@ -1,6 +1,6 @@
 """What a method may see of a sequence, and what it returns: the types that methods are built on.
 
-They stand here, beside the sequence, so that a method needs nothing of the benchmark.
+They stand here, beside the sequence, so that a method does not import the benchmark.
 """
 
 from __future__ import annotations

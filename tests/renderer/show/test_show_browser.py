@@ -214,7 +214,8 @@ def test_3d_view_moves_with_the_slider_and_turns(page: Any) -> None:
     page.mouse.up()
     assert space(page) not in seen
     assert not page.locator("#model-label").is_visible(), "there is no model to show or hide"
-    assert "The model is not at hand" in page.locator("#space-note").text_content()
+    note = page.locator("#space-note").text_content()
+    assert "The model is not available on this machine" in note
 
 
 def test_3d_view_of_a_model(browser: Any, tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_only_the_model_of_the_sequence_is_drawn(sequence: Sequence) -> None:
     moved = model.parent_from_part_at_zero.copy()
     moved[2, 0, 3] += 1e-3
     others = {
-        "not at hand": None,
+        "not available": None,
         "not the one": dataclasses.replace(model, parent_from_part_at_zero=moved),
         "is not the one": dataclasses.replace(model, sha256="12"),
         "deform": dataclasses.replace(model, visuals=()),
