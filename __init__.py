@@ -26,9 +26,10 @@ from typing import TYPE_CHECKING, Any
 from .errors import ConfigError, DatasetError, GcbenchError, MethodError, ModelError, RenderError
 
 if TYPE_CHECKING:
+    from .benchmark.methods import list_methods
     from .benchmark.report import ReportOptions, report
     from .benchmark.results import Results
-    from .benchmark.run import EvalConfig, evaluate, export_observations, score
+    from .benchmark.run import EvalConfig, evaluate, export_observations, list_suites, score
     from .gcpose.method import GCPose
     from .renderer.dataset import Dataset, open_dataset
     from .renderer.doctor import doctor
@@ -49,9 +50,9 @@ __all__ = [
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
     "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
     "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
-    "export_dataset", "export_observations", "fetch_robot", "list_robots", "load_robot",
-    "merge_verification", "open_dataset", "render_dataset", "render_sequence", "report", "score",
-    "show", "stream", "verify_dataset", "verify_shard",
+    "export_dataset", "export_observations", "fetch_robot", "list_methods", "list_robots",
+    "list_suites", "load_robot", "merge_verification", "open_dataset", "render_dataset",
+    "render_sequence", "report", "score", "show", "stream", "verify_dataset", "verify_shard",
 ]
 
 _HOMES = {
@@ -68,8 +69,9 @@ _HOMES = {
     "renderer.export": "export_dataset",
     "renderer.doctor": "doctor",
     "gcpose.method": "GCPose",
+    "benchmark.methods": "list_methods",
     "benchmark.results": "Results",
-    "benchmark.run": "EvalConfig evaluate export_observations score",
+    "benchmark.run": "EvalConfig evaluate export_observations list_suites score",
     "benchmark.report": "ReportOptions report",
 }
 """Where each lazy public name is defined."""

@@ -182,8 +182,8 @@ def methods(json: bool = False) -> tuple[object, int]:
     Args:
         json: Print the list as one JSON document.
     """
+    from .. import list_methods
     from ..robots.catalog import records_table
-    from .methods import list_methods
 
     records = list_methods()
     return records if json else records_table(records), 0
@@ -199,8 +199,8 @@ def suites(json: bool = False) -> tuple[object, int]:
     Args:
         json: Print the list as one JSON document.
     """
+    from .. import list_suites
     from ..robots.catalog import records_table
-    from .run import list_suites
 
     records = list_suites()
     return records if json else records_table(records), 0

@@ -89,7 +89,16 @@ def registered_methods() -> Mapping[str, str]:
 
 
 def list_methods() -> list[dict[str, str]]:
-    """Return a record for each registered method; those of other packages are not loaded."""
+    """List the methods that `gcbench eval` knows by name.
+
+    Returns:
+        For each method its name, inputs, knowledge and training. Methods of other packages are not
+        loaded: their training names the module.
+
+    Examples:
+        >>> [record["method"] for record in gb.list_methods()][-1]
+        'constant-velocity'
+    """
     records: list[dict[str, str]] = []
     for name, source in registered_methods().items():
         inputs = knowledge = ""

@@ -80,7 +80,15 @@ def builtin_suites() -> tuple[str, ...]:
 
 
 def list_suites() -> list[dict[str, object]]:
-    """Return a record for each built-in suite."""
+    """List the suites that come with gcbench.
+
+    Returns:
+        For each suite its name, version, numbers of datasets and sequences, and what it is for.
+
+    Examples:
+        >>> [record["suite"] for record in gb.list_suites()]
+        ['mini', 'paper', 'standard']
+    """
     return [{"suite": suite.name, "version": suite.version, "datasets": len(suite.datasets),
              "sequences": sum(dataset.n for dataset in suite.datasets), "about": suite.about}
             for suite in map(read_suite, builtin_suites())]
