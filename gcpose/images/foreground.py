@@ -17,6 +17,7 @@ from .foreground_input import (
     changing_square,
     color_and_change,
     cut_square,
+    most_frequent,
     paste_square,
 )
 from .foreground_network import FOREGROUND_WEIGHTS, ForegroundInference, load_foreground
@@ -114,16 +115,10 @@ def subtract_background(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
     The background of a pixel is the color that it shows in most frames.
     """
     live = _changes(rgb, settings)
-    values = rgb[:, live].astype(np.int16)
-    alike = np.zeros(values.shape[:2], np.int8)
-    for a in range(len(values)):
-        for b in range(a + 1, len(values)):
-            same = np.abs(values[a] - values[b]).max(axis=-1) <= settings.same_threshold
-            alike[a] += same
-            alike[b] += same
-    usual = values[alike.argmax(axis=0), np.arange(values.shape[1])]
+    values = np.ascontiguousarray(np.moveaxis(rgb[:, live], 2, 1))
+    apart = values.astype(np.int16) - most_frequent(values, settings.same_threshold)
     raw = np.zeros(rgb.shape[:3], np.uint8)
-    raw[:, live] = np.abs(values - usual).max(axis=-1) > settings.background_threshold
+    raw[:, live] = np.abs(apart).max(axis=1) > settings.background_threshold
     return np.stack([_clean_mask(mask, live, settings) for mask in raw])
 
 

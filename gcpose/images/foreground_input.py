@@ -74,14 +74,19 @@ def usual_color(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.u
     In a long video, it is the most frequent one of `foreground_frames` frames.
     """
     count = min(len(rgb), settings.foreground_frames)
-    values = rgb[np.linspace(0, len(rgb) - 1, count).astype(int)]
-    alike = np.zeros((count, *rgb.shape[2:]), np.uint8)
-    for a in range(count):
-        for b in range(a + 1, count):
-            same = _distance(values[a], values[b]) <= settings.same_threshold
+    return most_frequent(rgb[np.linspace(0, len(rgb) - 1, count).astype(int)],
+                         settings.same_threshold)
+
+
+def most_frequent(colors: NDArray[np.uint8], threshold: float) -> NDArray[np.uint8]:
+    """Return of colors [T 3 ...] the one [3 ...] to which most others are within a threshold."""
+    alike = np.zeros((len(colors), *colors.shape[2:]), np.int16)
+    for a in range(len(colors) if alike.size else 0):
+        for b in range(a + 1, len(colors)):
+            same = _distance(colors[a], colors[b]) <= threshold
             alike[a] += same
             alike[b] += same
-    return np.take_along_axis(values, alike.argmax(axis=0)[None, None], axis=0)[0]
+    return np.take_along_axis(colors, alike.argmax(axis=0)[None, None], axis=0)[0]
 
 
 def color_and_change(rgb: NDArray[np.uint8], settings: ImageSettings) -> Image:

@@ -126,6 +126,14 @@ def test_the_usual_color_is_the_most_frequent() -> None:
     assert usual[0, 0, 2] in (19, 20)
 
 
+def test_the_background_of_a_long_video_is_its_usual_color() -> None:
+    rgb = np.full((200, 120, 160, 3), 100, np.uint8)
+    rgb[::40, 30:90, 40:110] = 200
+    found = subtract_background(rgb, SETTINGS)
+    assert found[::40, 40:80, 50:100].all()
+    assert not found[1:40].any()
+
+
 def test_channels_are_color_and_change() -> None:
     rgb = np.full((4, 6, 6, 3), 100, np.uint8)
     rgb[2, 3, 3] = (110, 100, 60)
