@@ -14,6 +14,7 @@ from ...errors import ConfigError, suggestion
 from ..numerics import Image
 from .foreground_input import (
     FOREGROUND_SIDE,
+    changing_pixels,
     changing_square,
     color_and_change,
     cut_square,
@@ -87,18 +88,13 @@ def _compare_with_background(
     best = free.argmin(axis=0)[None]
     background = np.take_along_axis(rgb, best[..., None], axis=0)[0]
     known = np.isfinite(np.take_along_axis(free, best, axis=0)[0])
-    live = _changes(rgb, settings)
+    live = changing_pixels(rgb, settings)
     out = np.empty(found.shape, bool)
     for t, image in enumerate(rgb):
         differs = cv2.absdiff(image, background).max(axis=2) > settings.background_threshold
         mask = np.where(known, near[t] & differs, found[t]).astype(np.uint8)
         out[t] = _clean_mask(mask, live, settings)
     return out
-
-
-def _changes(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.bool_]:
-    """Return which pixels [H W] of images [T H W 3] change."""
-    return (rgb.max(axis=0) - rgb.min(axis=0)).max(axis=-1) > settings.change_threshold
 
 
 def _without_specks(mask: NDArray[np.bool_], settings: ImageSettings) -> NDArray[np.bool_]:
@@ -114,7 +110,7 @@ def subtract_background(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
 
     The background of a pixel is the color that it shows in most frames.
     """
-    live = _changes(rgb, settings)
+    live = changing_pixels(rgb, settings)
     values = np.ascontiguousarray(np.moveaxis(rgb[:, live], 2, 1))
     apart = values.astype(np.int16) - most_frequent(values, settings.same_threshold)
     raw = np.zeros(rgb.shape[:3], np.uint8)

@@ -30,10 +30,14 @@ class Square:
     side: int
 
 
+def changing_pixels(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.bool_]:
+    """Return which pixels [H W] of images [T H W 3] change."""
+    return (rgb.max(axis=0) - rgb.min(axis=0)).max(axis=-1) > settings.change_threshold
+
+
 def changing_square(rgb: NDArray[np.uint8], settings: ImageSettings) -> Square | None:
     """Return the square around what changes in images [T H W 3]; None if nothing does."""
-    change = (rgb.max(axis=0) - rgb.min(axis=0)).max(axis=-1)
-    live = cv2.medianBlur((change > settings.change_threshold).astype(np.uint8), 5)
+    live = cv2.medianBlur(changing_pixels(rgb, settings).astype(np.uint8), 5)
     rows, columns = np.nonzero(live)
     if not len(rows):
         return None
