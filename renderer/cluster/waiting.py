@@ -55,7 +55,7 @@ def wait_for_shards(submission: Submission, progress: bool = True) -> str:
 
 @contextmanager
 def _jobs_go_on(submission: Submission) -> Generator[None]:
-    """Ctrl-C ends the waiting only; processes of this machine hear of it themselves."""
+    """Ctrl-C ends the waiting only; processes of this machine get the signal too."""
     try:
         yield
     except KeyboardInterrupt:

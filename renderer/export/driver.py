@@ -102,7 +102,7 @@ def write_export(
         raise ConfigError(f"{out} is there already; choose another --out, or delete it")
     part = out.with_name(f".{out.name}.part")
     origin = {"generator": {"name": "gcbench", "version": __version__},
-               "assets": dataset.info.assets, **origin}
+              "assets": dataset.info.assets, **origin}
     try:
         part.mkdir(parents=True, exist_ok=True)
         with lock_folder(part):

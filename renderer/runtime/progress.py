@@ -33,7 +33,7 @@ def frame_bar(total: int, done: int, visible: bool, what: str = "render") -> Bar
 
     It appears with the first frame, so that a model that cannot be loaded is told in one line.
     """
-    with defer_interrupts():  # half a bar complains when it is thrown away
+    with defer_interrupts():  # tqdm prints errors if its constructor is interrupted
         return Bar(
             total=total,
             initial=done,

@@ -1,6 +1,6 @@
 """Worker processes that share a list of tasks: start, hand out, time limits, deaths, restarts.
 
-The pool knows nothing of the work. A target "module:function" runs in each process as
+The pool does not depend on the kind of work. A target "module:function" runs in each process as
 `function(connection, *arguments)`: it receives tasks from its connection and sends messages, until
 the connection ends. The caller decides what a message is: pickled records between our own
 processes, or bytes where the process runs foreign code. No process outlives the iterator of

@@ -115,7 +115,7 @@ def depth_colors() -> RgbImage:
 def color_depth(depth: NDArray[np.floating], near: float, far: float) -> RgbImage:
     """RGB [H W 3] of a depth image [H W] m; `near` and what is nearer is red, `far` is blue.
 
-    Linear in 1/z, as disparity is: a room behind the robot does not eat the robot's colours.
+    Linear in 1/z, as disparity is: the robot keeps most of the colours, also before a distant room.
     """
     valid = np.asarray(np.isfinite(depth) & (depth > 0))
     z = np.clip(np.where(valid, depth, far), near, far)

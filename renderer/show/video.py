@@ -171,7 +171,7 @@ def _layers(sequence: Sequence, t: int, side: int) -> list[Tile]:
 
 
 def _over_time(sequence: Sequence) -> list[list[Tile]]:
-    # The last frame has no flow: a sheet with a black corner would ask for an explanation.
+    # The last frame has no flow, so it is left out.
     numbers = [int(t) for t in select_frames(max(len(sequence) - 1, 1), _SHEET_FRAMES)]
     span = value_ranges(sequence, numbers)
     columns = [[*_tiles(sequence, t, _SHEET_TILE, span), *_layers(sequence, t, _SHEET_TILE)]
