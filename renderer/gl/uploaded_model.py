@@ -51,8 +51,10 @@ class UploadedModel:
     array: VertexArray
     one_sided: Sequence[NDArray[np.bool_]]
     """of each visual [F]"""
-    boxes: Sequence[tuple[int, Array]]
-    """part, and corners [8 3] m in its frame, of the box around each rigid visual"""
+    rigid: NDArray[np.intp]
+    """[R] the part of each rigid visual"""
+    boxes: Array
+    """[R 8 3] m, corners of the box around each rigid visual in its part's frame"""
     deforming: Sequence[DeformingPiece]
     """in the order of the visuals"""
     cut: Mapping[int, int]
@@ -96,11 +98,13 @@ def upload_model(
         pieces.append(Piece(visual.part, k, visual.vertices[kept], faces, visual.normals[kept], uv,
                             one_sided[k], visual.deforms, color))
         moving[k] = DeformingPiece(k, kept, np.zeros((len(kept), 2)) if uv is None else uv)
-    boxes = [(v.part, box_corners(v.vertices)) for v in model.visuals if not v.deforms]
+    rigid = [v for v in model.visuals if not v.deforms]
+    boxes = np.array([box_corners(v.vertices) for v in rigid]).reshape(-1, 8, 3)
     textures = TextureCache(gl)
     cut = {k: textures.texture(_WHITE if m.texture is None else m.texture, m.tiling)
            for k, m in enumerate(v.material for v in model.visuals) if m.alpha_cutoff is not None}
-    return UploadedModel(model, projected, upload_pieces(gl, pieces), one_sided, boxes,
+    return UploadedModel(model, projected, upload_pieces(gl, pieces), one_sided,
+                         np.array([v.part for v in rigid], np.intp), boxes,
                          [moving[k] for k in deforming], cut, textures)
 
 
@@ -139,18 +143,16 @@ class Shot:
         what deforms in all frames.
         """
         poses = self.posed.world_from_part[slice(None) if t is None else slice(t, t + 1)]
-        boxes = [apply(poses[:, part], corners).reshape(-1, 3)
-                 for part, corners in self.uploaded.boxes]
-        return np.concatenate([self.posed.bounds, *boxes])
+        boxes = apply(poses[:, self.uploaded.rigid], self.uploaded.boxes)
+        return np.concatenate([self.posed.bounds, boxes.reshape(-1, 3)])
 
     def boxes(self, t: int) -> tuple[NDArray[np.intp], Array]:
         """The part [K] and world corners [K 8 3] m of the box around each visual in frame t."""
-        moved = [(part, apply(self.posed.world_from_part[t, part], corners))
-                 for part, corners in self.uploaded.boxes]
-        moved += [(visual.part, box_corners(vertices)) for visual, (vertices, _)
-                  in zip(self.posed.deforming, self.posed.surfaces(t), strict=True)]
-        part = np.array([part for part, _ in moved], np.intp)
-        return part, np.array([corners for _, corners in moved]).reshape(-1, 8, 3)
+        rigid, deforming = self.uploaded.rigid, self.posed.deforming
+        boxes = apply(self.posed.world_from_part[t, rigid], self.uploaded.boxes)
+        more = [box_corners(vertices) for vertices, _ in self.posed.surfaces(t)]
+        part = np.concatenate([rigid, np.array([v.part for v in deforming], np.intp)])
+        return part, np.concatenate([boxes, np.array(more).reshape(-1, 8, 3)])
 
     def place(self, gl: Any, t: int) -> None:
         """Upload the vertices that deform, of frame t, in the camera frame: there single

@@ -183,10 +183,10 @@ class DrawSampler:
             return np.zeros(0, np.int64)
         parts = motion.world_from_part.shape[1]
         boxes = _boxes(index, number, parts, camera.width)
-        hiders = np.array([
-            _around(boxes[(self._moved[self._moved[:, part]] == 0).any(0)])
-            for part in range(parts)
-        ])
+        hiders = np.array([  # of each group, and of the parts without one
+            _around(boxes[(self._moved[joints] == 0).any(0)])
+            for joints in [*self._patterns, np.zeros(len(self.scored), bool)]
+        ])[self._group]
         outlines = self._rasterizer.outlines(motion.posed, camera, t)
         low, high = (np.maximum(outlines[:, :2], hiders[:, :2]),
                      np.minimum(outlines[:, 2:], hiders[:, 2:]))

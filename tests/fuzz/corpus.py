@@ -238,8 +238,8 @@ def _chain(links: int) -> str:
 
 
 @named()
-def a_chain_of_three_hundred_links() -> Case:
-    return Case({"m/m.urdf": _chain(300).encode()}, [render("../input/m/m.urdf")])
+def a_chain_of_a_thousand_links() -> Case:
+    return Case({"m/m.urdf": _chain(1000).encode()}, [render("../input/m/m.urdf")])
 
 
 @named("links")
@@ -248,21 +248,21 @@ def a_chain_of_three_thousand_links() -> Case:
 
 
 @named()
-def a_thousand_instances() -> Case:
+def three_thousand_instances() -> Case:
     maker = Maker()
     made = maker.mesh()
     top = maker.node()
-    for k in range(1000):
+    for k in range(3000):
         maker.node(top, mesh=made, translation=[2 * (k % 50), 2 * (k // 50), 0])
     maker.scene(top)
     return Case({"m/m.glb": maker.glb()}, [render("../input/m/m.glb", "--allow-missing")])
 
 
 @named()
-def two_thousand_primitives() -> Case:
+def five_thousand_primitives() -> Case:
     maker = Maker()
     points, faces = maker.accessor(np.eye(3)), maker.accessor([0, 1, 2], "H")
-    primitives = [{"attributes": {"POSITION": points}, "indices": faces}] * 2000
+    primitives = [{"attributes": {"POSITION": points}, "indices": faces}] * 5000
     maker.scene(maker.node(mesh=maker.add("meshes", primitives=primitives)))
     return Case({"m/m.glb": maker.glb()}, [render("../input/m/m.glb")])
 

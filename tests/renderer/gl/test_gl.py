@@ -237,7 +237,7 @@ CLOSED = {
 @pytest.mark.parametrize("name", CLOSED)
 def test_which_meshes_are_drawn_one_sided(name: str) -> None:
     visual, expected = CLOSED[name]
-    found = outward_faces([visual.vertices], [visual.faces])[0]
+    found = outward_faces([visual.vertices], [visual.faces], [0])[0]
     assert found.all() if expected else not found.any()
 
 
@@ -245,7 +245,7 @@ def test_a_closed_surface_may_be_cut_into_meshes_with_split_vertices() -> None:
     triangles = BOX.vertices[BOX.faces]
     pieces = [t.reshape(-1, 3) for t in np.split(triangles, [5])]
     faces = [np.arange(len(p), dtype=np.int32).reshape(-1, 3) for p in pieces]
-    assert all(found.all() for found in outward_faces(pieces, faces))
+    assert all(found.all() for found in outward_faces(pieces, faces, [4, 4]))
 
 
 @pytest.mark.parametrize("name", CLOSED)
@@ -257,7 +257,7 @@ def test_culling_changes_no_pixel(
     drawn = [truth(rasterizer, model(visual), view) for view in views]
     colors = color(rasterizer, scene(model(visual)))
     monkeypatch.setattr("gcbench.renderer.gl.culling.outward_faces",
-                        lambda v, f: [np.zeros(len(x), bool) for x in f])
+                        lambda v, f, p: [np.zeros(len(x), bool) for x in f])
     both = [truth(rasterizer, model(visual), view) for view in views]
     for one, two in zip(drawn, both, strict=True):
         np.testing.assert_array_equal(one[0], two[0])
