@@ -478,6 +478,11 @@ _RUN = "work/results/hold-still_none_none/d"
 # -- results --------------------------------------------------------------------------------------
 
 
+@named("../secret: cannot be read")
+def a_folder_as_configuration() -> Case:
+    return Case({}, [render("../input/m.urdf", "--config", "../secret")])
+
+
 @named("cannot write to /dev/zero/")
 def results_in_a_device() -> Case:
     return Case(
