@@ -4,8 +4,10 @@ Models are untrusted input. The rule: a reference is relative (or `package://`),
 that of a mesh or a texture, and the file it leads to, symbolic links followed, lies inside one of
 these folders:
 
-* the root that the caller gives; without one, the package of the URDF (the nearest folder at or
-  above it with a `package.xml`), and without a package the folder of the URDF;
+* the root that the caller gives; without one, the package of the URDF, and without a package the
+  folder of the URDF. The package is the nearest folder at or above it with a `package.xml`; else
+  the nearest one that has the layout of a package: the URDF is below its folder `urdf` or `robots`,
+  beside `meshes`. (The author of such a layout could as well add a `package.xml`.)
 * for `package://NAME/...`, a folder called NAME at most three levels above the URDF, and those of
   NAME among the packages that the caller names and in ROS_PACKAGE_PATH.
 
@@ -18,6 +20,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -147,8 +150,11 @@ def asset_finder(
 
 def _default_root(folder: Path) -> Path:
     """Return the package of a folder, else the folder itself."""
-    packages = (f for f in _above(folder, _PACKAGE_LEVELS) if (f / "package.xml").is_file())
-    return next(packages, folder)
+    above = _above(folder, _PACKAGE_LEVELS)
+    named = (f for f in above if (f / "package.xml").is_file())
+    laid_out = (package for f, package in pairwise(above)
+                if f.name in ("urdf", "robots") and (package / "meshes").is_dir())
+    return next(named, None) or next(laid_out, folder)
 
 
 def _above(folder: Path, levels: int) -> list[Path]:

@@ -307,9 +307,9 @@ def test_the_root_is_never_the_home_or_the_file_system(
 def test_meshes_come_from_the_package_or_a_named_folder(tmp_path: Path) -> None:
     (tmp_path / "ws/arm/meshes").mkdir(parents=True)
     (tmp_path / "ws/arm/meshes/a.obj").write_text(OBJ)
-    path = tmp_path / "ws/arm/urdf/m.urdf"
+    path = tmp_path / "ws/arm/model/m.urdf"
     text = refuse(path, "leads out of", with_mesh("../meshes/a.obj"))
-    assert f"{tmp_path}/ws/arm/urdf, the folder that the model may read" in text
+    assert f"{tmp_path}/ws/arm/model, the folder that the model may read" in text
     assert text.endswith(f"if you trust the model, add --root {tmp_path}/ws/arm")
     assert load_urdf(path, asset_root=tmp_path / "ws/arm").visuals
     assert load_robot(path, root=tmp_path / "ws/arm").visuals
@@ -321,6 +321,23 @@ def test_meshes_come_from_the_package_or_a_named_folder(tmp_path: Path) -> None:
     assert f"add --root {tmp_path}/ws, or name its package by --package NAME=DIR, or " in text
     assert load_urdf(other, {"arm": tmp_path / "ws/arm"}).visuals
     assert load_urdf(other, asset_root=tmp_path / "ws").visuals
+
+
+@pytest.mark.parametrize("place", ["urdf", "robots", "urdf/left"])
+def test_a_package_is_known_by_its_layout(tmp_path: Path, place: str) -> None:
+    """The folders `urdf` and `meshes` side by side, also under another name than the package's."""
+    for folder in ("ws/arm/meshes", "ws/arm/other", "ws/hand"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "a.obj").write_text(OBJ)
+    path = tmp_path / "ws/arm" / place / "m.urdf"
+    path.parent.mkdir(parents=True)
+    up = "../" * len(Path(place).parts)
+    for mesh in (f"{up}meshes/a.obj", "package://arm_v2/meshes/a.obj", f"{up}other/a.obj"):
+        path.write_text(with_mesh(mesh))
+        assert load_urdf(path).visuals
+    refuse(path, "leads out of", with_mesh(f"{up}../hand/a.obj"))
+    (tmp_path / "ws/arm/meshes").rename(tmp_path / "ws/arm/shapes")
+    refuse(path, "leads out of", with_mesh(f"{up}shapes/a.obj"))
 
 
 def test_the_root_that_an_error_names_is_enough(tmp_path: Path) -> None:
