@@ -485,9 +485,12 @@ def a_folder_as_configuration() -> Case:
 
 @named("cannot write to /dev/zero/")
 def results_in_a_device() -> Case:
-    return Case(
-        dict(dataset_files()), [Command((*EVALUATE, "--results=/dev/zero"), (2,))], []
-    )
+    return Case(dict(dataset_files()), [Command((*EVALUATE, "--results=/dev/zero"))])
+
+
+@named("cannot write to /etc/passwd/")
+def results_in_a_file_of_the_system() -> Case:
+    return Case(dict(dataset_files()), [Command((*EVALUATE, "--results", "/etc/passwd"))])
 
 
 def _scores(change: Callable[[list[str]], None]) -> Case:

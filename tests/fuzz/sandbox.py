@@ -321,7 +321,7 @@ class Auditor:
             "/etc/mime.types",
         ]
         self.reads = _prefixes([*mine, *box.readable, *system, package, *filter(None, [numba])])
-        self.package = f"{package}/"
+        self.package, self.box = f"{package}/", box.root
         self.writes = _prefixes([*mine[1:], "/dev/null", "/dev/zero", *filter(None, [numba])])
         self.busy = False
 
@@ -342,8 +342,6 @@ class Auditor:
         if event == "open":
             path, _, flags = args
             writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
-            if not writes and str(path) in {word.rpartition("=")[2] for word in command.argv}:
-                return  # the user names it
             yield from self._path("writes" if writes else "reads", path)
         elif event in ("os.rename", "os.link"):
             yield from self._path("changes", args[0], args[2])
@@ -379,8 +377,17 @@ class Auditor:
             return
         if real == "/memfd:observation (deleted)/":  # memory, not a file: what a method gets
             return
-        if not real.startswith(self.reads if what == "reads" else self.writes):
+        if real.startswith(self.reads if what == "reads" else self.writes):
+            return
+        assert self.command is not None
+        named = [word.rpartition("=")[2] for word in self.command.argv]
+        if what == "reads" and name in named:
+            return  # the user names it, or, outside of the box, a folder above it
+        if not real.startswith(_prefixes([n for n in named if not self._inside(n)])):
             yield f"{what} {name}"
+
+    def _inside(self, name: str) -> bool:
+        return Path(os.path.realpath(name)).is_relative_to(self.box)
 
 
 _CHANGES = ("os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.chmod", "os.chown")
