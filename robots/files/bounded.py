@@ -23,17 +23,20 @@ def read_bounded(
     """Return the bytes of a file; symbolic links are followed.
 
     Raises `error` if the file is missing, is no regular file (a FIFO or a device, which could
-    block), or is larger than `limit` bytes.
+    block), is larger than `limit` bytes, or has more bytes than its size says.
     """
     try:
         with open(path, "rb", opener=_open_without_blocking) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            found = os.fstat(file.fileno())
+            if not stat.S_ISREG(found.st_mode):
                 raise error(f"{path}: is not a regular file")
-            data = file.read(limit + 1)
+            if found.st_size > limit:
+                raise error(f"{path}: is larger than {limit} bytes, the largest file that is read")
+            data = file.read(found.st_size + 1)  # `read` allocates that much at once
     except OSError as problem:
         raise error(f"{path}: cannot be read ({problem.strerror or problem})") from problem
-    if len(data) > limit:
-        raise error(f"{path}: is larger than {limit} bytes, the largest file that is read")
+    if len(data) > found.st_size:
+        raise error(f"{path}: has more bytes than the file system says")
     hashes = _HASHES.get()
     if hashes is not None:
         hashes[path.resolve()] = hashlib.sha256(data).hexdigest()

@@ -30,6 +30,7 @@ def test_a_file_is_read_up_to_its_bound(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"12345")
     assert read_bounded(path, 5) == b"12345"
+    assert read_bounded(path, 2**62) == b"12345"  # a bound costs no memory
     with pytest.raises(ConfigError, match="larger than 4 bytes"):
         read_bounded(path, 4, ConfigError)
 
