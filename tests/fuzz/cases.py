@@ -57,7 +57,10 @@ def write(files: Files, box: Sandbox) -> None:
         path = box.work / rest if folder == "work" else box.input / name
         if any(parent.exists() and not parent.is_dir() for parent in path.parents) or path.is_dir():
             continue  # a case may put a file in the place of a folder
-        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            continue  # a file of the case is in the place of its folder
         path.unlink(missing_ok=True)
         if isinstance(data, bytes):
             path.write_bytes(data)
