@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .benchmark.results import Results
     from .benchmark.run import EvalConfig, evaluate, export_observations, list_suites, score
     from .gcpose.method import GCPose
+    from .renderer.cluster import RayWorkers
     from .renderer.dataset import Dataset, open_dataset
     from .renderer.doctor import doctor
     from .renderer.export import export_dataset
@@ -48,11 +49,12 @@ __version__ = "0.1.0"
 __all__ = [
     "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
-    "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
-    "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
-    "export_dataset", "export_observations", "fetch_robot", "list_methods", "list_robots",
-    "list_suites", "load_robot", "merge_verification", "open_dataset", "render_dataset",
-    "render_sequence", "report", "score", "show", "stream", "verify_dataset", "verify_shard",
+    "Method", "MethodError", "ModelError", "Observation", "RayWorkers", "RenderConfig",
+    "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor",
+    "evaluate", "export_dataset", "export_observations", "fetch_robot", "list_methods",
+    "list_robots", "list_suites", "load_robot", "merge_verification", "open_dataset",
+    "render_dataset", "render_sequence", "report", "score", "show", "stream", "verify_dataset",
+    "verify_shard",
 ]
 
 _HOMES = {
@@ -61,6 +63,7 @@ _HOMES = {
     "robots.motion": "JointTrajectory",
     "renderer.types": "Camera Estimate Frame Method Observation Sequence",
     "renderer.scene": "RenderConfig",
+    "renderer.cluster": "RayWorkers",
     "renderer.dataset": "Dataset open_dataset",
     "renderer.generate": "render_dataset render_sequence stream",
     "renderer.runtime": "Shard",

@@ -14,6 +14,7 @@ _GROUPS = {
     "options": "--help --method --suite --data --inputs --knowledge --limit --shard --workers "
                "--results --quiet --json",
     "method": "--set --flow --depth --foreground --weights",
+    "cluster": "--executor --address --gpus",
     "limit": "--timeout --memory --retry --python",
     "data": "--suites --keep-unobservable --allow-model",
 }

@@ -88,7 +88,7 @@ BETWEEN_ROOMS = {
     },
     "benchmark": {
         "robots": LAYERS["robots"],
-        "renderer": ("types runtime dataset scene generate show export",),
+        "renderer": ("types runtime dataset scene cluster generate show export",),
     },
 }
 """What a room, or one of its sub-packages, imports from other rooms; `errors` is for everyone."""
@@ -316,6 +316,28 @@ assert all(getattr(gb, name) is not None for name in gb.__all__)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.gl
+def test_a_run_of_this_machine_imports_no_cluster_and_no_cloud(tmp_path: Path) -> None:
+    """Neither in the command nor in its processes, although `find_spec` finds them."""
+    (tmp_path / "extras").mkdir()
+    marker = tmp_path / "imported"
+    for name in ("ray", "submitit", "fsspec", "s3fs"):
+        code = f"from pathlib import Path; Path({str(marker)!r}).write_text({name!r})"
+        (tmp_path / f"extras/{name}.py").write_text(code)
+    path = os.pathsep.join([str(tmp_path / "extras"), os.environ.get("PYTHONPATH", "")])
+    for args in (
+        ["render", "--robot", "owi535", "--n", "1", "--frames", "2", "--width", "64", "--height",
+         "48", "--out", "data", "--executor", "local", "--keep-unobservable"],
+        ["eval", "--method", "hold-still", "--data", "data", "--keep-unobservable", "--executor",
+         "local"],
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "gcbench", *args], cwd=tmp_path, capture_output=True, text=True,
+            env={**os.environ, "PYTHONPATH": path.rstrip(os.pathsep)})
+        assert done.returncode == 0, done.stderr
+        assert not marker.exists(), marker.read_text()
 
 
 def test_robots_are_listed_without_drawing_or_parsing() -> None:

@@ -22,12 +22,12 @@ def test_what_is_public() -> None:
     assert set(gb.__all__) == {
         "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
         "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
-        "Method", "MethodError", "ModelError", "Observation", "RenderConfig", "RenderError",
-        "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor", "evaluate",
-        "export_dataset", "export_observations", "fetch_robot", "list_methods", "list_robots",
-        "list_suites", "load_robot",
-        "merge_verification", "open_dataset", "render_dataset", "render_sequence", "report",
-        "score", "show", "stream", "verify_dataset", "verify_shard",
+        "Method", "MethodError", "ModelError", "Observation", "RayWorkers", "RenderConfig",
+        "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor",
+        "evaluate", "export_dataset", "export_observations", "fetch_robot", "list_methods",
+        "list_robots", "list_suites", "load_robot", "merge_verification", "open_dataset",
+        "render_dataset", "render_sequence", "report", "score", "show", "stream", "verify_dataset",
+        "verify_shard",
     }
     assert set(gb.__all__) <= set(dir(gb))
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from ...errors import ConfigError, DatasetError
+from ...renderer.cluster import RayWorkers
 from ...renderer.dataset import (
     Dataset,
     open_dataset,
@@ -84,7 +85,7 @@ def from_folders(
 
 def from_suite(
     suite: Suite, folder: Path = SUITES, selection: Selection = ALL, progress: bool = True,
-    may_render: bool = True,
+    may_render: bool = True, workers: RayWorkers | None = None,
 ) -> list[Data]:
     """Open the datasets of a suite, in FOLDER/SUITE/NAME; missing sequences are rendered first.
 
@@ -110,7 +111,7 @@ def from_suite(
         if missing:
             print(f"{name}: {missing} of {len(wanted)} sequences to render", file=sys.stderr)
         if may_render:
-            render_dataset(entry.config, wanted, path, progress=progress and missing > 0)
+            render_dataset(entry.config, wanted, path, workers, progress and missing > 0)
         elif changed := differences(
                 config_tree(open_dataset(path).config), config_tree(entry.config)):
             raise DatasetError(f"{path} is not the dataset of the suite ({changed[0]}); delete it")

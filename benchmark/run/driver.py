@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from ...errors import ConfigError, MethodError, printable
-from ...renderer.dataset import Dataset
+from ...renderer.cluster import ExecutorOptions, RayCluster, RayWorkers, connect_to_ray
 from ...renderer.runtime import Bar, cpu_count, defer_interrupts, parse_shard, say
-from ...renderer.scene import check_model_paths, model_of
-from ...renderer.types import Inputs, Knowledge, Observation
-from ...renderer.types import Sequence as Video
-from ...robots.catalog import is_category
-from ...robots.model import ArticulatedModel
+from ...renderer.scene import check_model_paths
+from ...renderer.types import Inputs, Knowledge
 from ..methods import (
     Declaration,
     is_own,
@@ -32,18 +29,18 @@ from ..methods import (
     split_oracles,
     with_options,
 )
-from ..protocol import Allocate, observe, shape_of
-from ..results import SCORES, EstimateShape, Results, Row, Status
+from ..results import SCORES, Results, Row, Status, Stored
 from .datasets import SUITES, Selection, from_folders, from_suite
-from .isolation import Limits, read_declaration, run_method
+from .estimation import estimate
+from .isolation import Limits, read_declaration
 from .jobs import Job, describe_run, prepare_job
-from .schedule import Clock, cheap_first, describe_plan, interleave
+from .schedule import Clock, cheap_first, describe_plan
 from .suite import read_suite
 
 
 @dataclass(frozen=True)
-class EvalConfig:
-    """Options of an evaluation: methods, data, limits and folders."""
+class EvalConfig(ExecutorOptions):
+    """Options of an evaluation: methods, data, limits and folders; executor, address and gpus."""
 
     method: tuple[str, ...] = ()
     """Methods to evaluate: registered names, module:attribute or FILE.py:attribute. The suffix
@@ -86,7 +83,7 @@ class EvalConfig:
     as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
     workers: int = 0
     """Number of parallel processes. They share the CPU cores; use 1 to compare run times.
-    0: one for each core, at most 4."""
+    0: one for each core, at most 4; with Ray, one for each CPU of the cluster."""
     results: Path = Path("results")
     """Folder for estimates and scores."""
     timeout: float = 300.0
@@ -141,13 +138,25 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         True
     """
     limits = _limits(config)
+    workers = config.choose_workers(config.workers or None)
+    if not isinstance(workers, RayWorkers):
+        return _evaluate(config, limits, None, progress)
+    with connect_to_ray(workers) as cluster:
+        count, cpus = cluster.plan()
+        return _evaluate(config, replace(limits, workers=count, threads=cpus), cluster, progress)
+
+
+def _evaluate(
+    config: EvalConfig, limits: Limits, cluster: RayCluster | None, progress: bool
+) -> Results:
+    """Make what is missing, here or on a cluster, and return the results."""
     declared, rows, refused = _plan(config, limits)
     selection = Selection(config.sequences, config.limit, config.keep_unobservable)
     if config.data:
         data = from_folders(config.data, selection, config.allow_model)
     else:
         data = from_suite(read_suite(config.suite), config.suites, selection, progress,
-                          may_render=not config.shard)
+                          not config.shard, cluster and cluster.workers)
     recorded = {
         "seconds_per_sequence": limits.timeout, "workers": limits.workers,
         "threads": limits.threads, **({"memory": limits.memory} if limits.memory else {}),
@@ -163,7 +172,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     ])  # fmt: skip
     if progress:
         print(printable(describe_plan(jobs, limits.workers)), file=sys.stderr)
-    refused |= _estimate(jobs, limits, progress)
+    refused |= _estimate(jobs, limits, cluster, progress)
     estimated = [job for job in jobs if job.folder.run.source not in refused]
     failures = [line for job in estimated for line in job.failures()]
     complete = [job for job in estimated if (job.folder.path / SCORES).exists()]
@@ -255,7 +264,9 @@ def _knowledge(config: EvalConfig, declared: Declaration) -> tuple[Knowledge, ..
     return tuple(k for k in config.knowledge if k != "all") if "all" not in config.knowledge else ()
 
 
-def _estimate(jobs: Sequence[Job], limits: Limits, progress: bool) -> dict[str, str]:
+def _estimate(
+    jobs: Sequence[Job], limits: Limits, cluster: RayCluster | None, progress: bool
+) -> dict[str, str]:
     """Compute and store the missing estimates and score each finished job.
 
     Returns why a method could not be run to its end, by its identity.
@@ -268,7 +279,8 @@ def _estimate(jobs: Sequence[Job], limits: Limits, progress: bool) -> dict[str, 
         for source in dict.fromkeys(job.folder.run.source for job in jobs):
             mine = [job for job in jobs if job.folder.run.source == source]
             try:
-                _estimate_by(source, mine, limits, clock, bar)
+                with closing(estimate(source, mine, limits, cluster)) as answers:
+                    _follow(answers, mine, clock, bar)
             except MethodError as error:
                 refused[source] = f"{source}: {error}"
                 say(refused[source])
@@ -277,58 +289,28 @@ def _estimate(jobs: Sequence[Job], limits: Limits, progress: bool) -> dict[str, 
     return refused
 
 
-def _estimate_by(
-    source: str, jobs: Sequence[Job], limits: Limits, clock: Clock, bar: Bar
+def _follow(
+    answers: Iterable[tuple[Job, str, Stored]], jobs: Sequence[Job], clock: Clock, bar: Bar
 ) -> None:
-    """Estimate all rows of one method with one pool of workers."""
+    """Tell what is estimated, and score each job that is complete."""
     left = {job: len(job.todo) for job in jobs}
     for job in jobs:
         if not job.todo:
             job.finish()
     failed, before = 0, time.monotonic()
-    tasks = interleave(jobs)
-    with closing(run_method(source, tasks, _Observer().observe, limits)) as answers:
-        for (job, name), estimate in answers:
-            stored = job.write(name, estimate)
-            if line := job.describe_failure(name, stored):
-                failed += 1
-                say(line)
-            clock.count(job, stored, time.monotonic() - before)
-            before = time.monotonic()
-            left_time = clock.remaining_time()
-            more = [f"{left_time} left"] * bool(left_time) + [f"{failed} failed"] * bool(failed)
-            bar.set_postfix_str(", ".join(more), refresh=False)
-            bar.update()
-            left[job] -= 1
-            if not left[job]:
-                job.finish()
-
-
-class _Observer:
-    """Reads observations, with the model of a dataset at knowledge `model`."""
-
-    def __init__(self) -> None:
-        self._key: tuple[object, ...] = ()
-        self._model: ArticulatedModel | None = None
-
-    def observe(
-        self, task: tuple[Job, str], allocate: Allocate
-    ) -> tuple[Observation, EstimateShape]:
-        job, name = task
-        row, dataset = job.row, job.data.dataset
-        sequence = dataset[name]
-        model = self._model_of(dataset, sequence) if row.knowledge == "model" else None
-        seen = observe(sequence, row.inputs, row.knowledge, row.oracles, model, allocate)
-        return seen, shape_of(sequence)
-
-    def _model_of(self, dataset: Dataset, sequence: Video) -> ArticulatedModel:
-        """Return the model of a sequence; only categories have several."""
-        several = is_category(dataset.config.robot)
-        key = (dataset.path, sequence.meta.name if several else "")
-        if self._model is None or key != self._key:
-            self._model = model_of(dataset.config, sequence.meta, dataset.allow_model)
-            self._key = key
-        return self._model
+    for job, name, stored in answers:
+        if line := job.describe_failure(name, stored):
+            failed += 1
+            say(line)
+        clock.count(job, stored, time.monotonic() - before)
+        before = time.monotonic()
+        left_time = clock.remaining_time()
+        more = [f"{left_time} left"] * bool(left_time) + [f"{failed} failed"] * bool(failed)
+        bar.set_postfix_str(", ".join(more), refresh=False)
+        bar.update()
+        left[job] -= 1
+        if not left[job]:
+            job.finish()
 
 
 def _bar(total: int, done: int, visible: bool) -> Bar:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -71,17 +71,18 @@ def read_declaration(source: str, limits: Limits) -> Declaration:
 
 
 def run_method(
-    source: str, tasks: Sequence[Task], observe: Observe[Task], limits: Limits
+    source: str, todo: deque[Task], observe: Observe[Task], limits: Limits
 ) -> Generator[tuple[Task, bytes]]:
     """Yield each finished task with the ZIP of its stored estimate (results/estimates.py).
 
     A failure is yielded as a stored estimate too. Closing the iterator ends all processes.
     `observe` reads the observation of a task in this process; its large arrays come from the
-    function given to it. Raises MethodError if the method cannot be loaded.
+    function given to it. Tasks may be appended to `todo` between two that are yielded. Raises
+    MethodError if the method cannot be loaded.
     """
     sender = Sender(limits.workers)
-    reader = _Reader(lambda task: observe(task, sender.allocate), tasks, limits.workers)
-    pool = WorkerPool[Task](_settings(source, limits), tasks, partial(_send, sender, reader),
+    reader = _Reader(lambda task: observe(task, sender.allocate), todo, limits.workers)
+    pool = WorkerPool[Task](_settings(source, limits), todo, partial(_send, sender, reader),
                             _receive)
     started: set[Task] = set()
     problems: dict[Task, str] = {}
@@ -119,16 +120,15 @@ class _Reader(Generic[Task]):
     """Reads observations; with several workers, ahead of them and in a thread."""
 
     def __init__(
-        self, observe: Callable[[Task], tuple[Observation, EstimateShape]], tasks: Sequence[Task],
+        self, observe: Callable[[Task], tuple[Observation, EstimateShape]], todo: deque[Task],
         workers: int,
     ) -> None:
-        self._observe, self._todo = observe, deque(tasks)
+        self._observe, self._todo = observe, todo
         self._ahead = workers if workers > 1 else 0
         self._threads = ThreadPoolExecutor(1)
         self._ready: dict[Task, Future[tuple[Observation, EstimateShape]]] = {}
 
     def read(self, task: Task) -> tuple[Observation, EstimateShape]:
-        self._todo.remove(task)
         future = self._ready.pop(task, None)
         found = future.result() if future else self._observe(task)
         for following in islice(self._todo, self._ahead):

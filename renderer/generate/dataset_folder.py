@@ -110,8 +110,12 @@ class DatasetFolder:
             remove_leftovers(self.out)
         remove_leftovers(self.out / SEQUENCES_FOLDER, names)
 
-    def add_model(self, asset: Mapping[str, Any]) -> None:
+    def add_model(
+        self, asset: Mapping[str, Any], environment: Mapping[str, Any] | None = None
+    ) -> None:
         """Compare a model with that of the dataset; record it before the first sequence is there.
+
+        `environment` is that of the machine that has loaded it, if not this one.
 
         Raises:
             ConfigError: If it is another one.
@@ -120,17 +124,12 @@ class DatasetFolder:
         with nullcontext() if self.target else lock_briefly(self.out):
             if self._is_shared:  # another run may have created it, or have added its environment
                 self._provenance = self._read()
-            there = self._provenance.assets[0] if self._provenance.assets else now
-            # datasets of the first edition have no hashes of meshes and textures
-            changed = differences(
-                there, {k: v for k, v in now.items() if k != "files" or k in there})
-            if changed:
-                raise ConfigError(f"{address(self.out)} was rendered with other model files "
-                                  f"({'; '.join(changed)}); choose another --out folder")
-            assets = self._provenance.assets or (now,)
-            written = self._write(replace(self._provenance, assets=assets, counts=None))
+            _compare_model(self.out, self._provenance, now)
+            provenance = _with_environment(self._provenance, environment)
+            assets = provenance.assets or (now,)
+            written = self._write(replace(provenance, assets=assets, counts=None))
         if not written:
-            self.add_model(asset)
+            self.add_model(asset, environment)
 
     def finish(self) -> dict[str, Any]:
         """Return the counts of what is on disk; `dataset.json` says so from now on.
@@ -166,19 +165,44 @@ class DatasetFolder:
             raise ConfigError(f"{address(out)} holds sequences but no {DATASET_FILE}; "
                               "choose another --out folder")
         there = read_provenance(out)
-        # A field that is newer than the dataset has its default there.
-        old = parse_config(there.config, str(out / DATASET_FILE))
-        # The folder that meshes are read from does not count: an old dataset has none.
-        changed = differences({**config_tree(old), "root": here.config["root"]}, here.config)
-        changed += differences({"generator": there.generator}, {"generator": here.generator})
-        if changed:
-            raise ConfigError(
-                f"{address(out)} holds a dataset of another configuration ({'; '.join(changed)}); "
-                "choose another --out folder, or delete this one"
-            )
-        if here.environments[0] not in there.environments:
-            return replace(there, environments=(*there.environments, *here.environments))
-        return there
+        _compare_config(out, there, here)
+        return _with_environment(there, here.environments[0])
+
+
+def compare_dataset(out: Path, config: RenderConfig, asset: Mapping[str, Any]) -> None:
+    """Raise ConfigError if the dataset in `out` has another configuration, or another model."""
+    there = read_provenance(out)
+    _compare_config(out, there, new_provenance(config))
+    _compare_model(out, there, asset)
+
+
+def _compare_config(out: Path, there: Provenance, here: Provenance) -> None:
+    # A field that is newer than the dataset has its default there.
+    old = parse_config(there.config, str(out / DATASET_FILE))
+    # The folder that meshes are read from does not count: an old dataset has none.
+    changed = differences({**config_tree(old), "root": here.config["root"]}, here.config)
+    changed += differences({"generator": there.generator}, {"generator": here.generator})
+    if changed:
+        raise ConfigError(
+            f"{address(out)} holds a dataset of another configuration ({'; '.join(changed)}); "
+            "choose another --out folder, or delete this one"
+        )
+
+
+def _compare_model(out: Path, dataset: Provenance, asset: Mapping[str, Any]) -> None:
+    now = json.loads(dump_json(asset))
+    there = dataset.assets[0] if dataset.assets else now
+    # datasets of the first edition have no hashes of meshes and textures
+    if changed := differences(
+            there, {k: v for k, v in now.items() if k != "files" or k in there}):
+        raise ConfigError(f"{address(out)} was rendered with other model files "
+                          f"({'; '.join(changed)}); choose another --out folder")
+
+
+def _with_environment(dataset: Provenance, one: Mapping[str, Any] | None) -> Provenance:
+    if one is None or one in dataset.environments:
+        return dataset
+    return replace(dataset, environments=(*dataset.environments, one))
 
 
 def _count(paths: Iterable[Path]) -> dict[str, Any]:

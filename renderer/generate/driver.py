@@ -9,15 +9,17 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...errors import ConfigError, RenderError
+from ..cluster import RayWorkers
 from ..dataset import sequence_name, sequence_paths
 from ..runtime import Bar, Shard, address, cpu_count, frame_bar, say
 from ..scene import RenderConfig, resolve
 from ..types import Sequence
 from .dataset_folder import DatasetFolder, open_folder
+from .ray_rendering import render_on_ray
 from .worker_pool import WorkerDied, render_in_workers
 from .worker_process import FrameDone, ModelLoaded, RenderTask
 
@@ -101,7 +103,7 @@ def render_dataset(
     config: RenderConfig,
     n: int | Collection[int],
     out: str | Path,
-    workers: int | None = None,
+    workers: int | RayWorkers | None = None,
     progress: bool = True,
     source: str = _SOURCE,
 ) -> Summary:
@@ -115,7 +117,8 @@ def render_dataset(
         n: Number of sequences in the dataset (0 to n-1), or the numbers of those to render. With a
             `Shard`, several calls may write to one folder at the same time.
         out: Folder of the dataset, or its address in object storage, such as "s3://bucket/data".
-        workers: Processes that render; default: one for each core.
+        workers: Processes that render; default: one for each core. `RayWorkers` renders on a Ray
+            cluster.
         progress: Whether to show a bar on stderr.
         source: "module:attribute" of what renders (`Renderer`).
 
@@ -136,8 +139,8 @@ def render_dataset(
     started = time.monotonic()
     if source == _SOURCE:  # another source has robots of its own
         config = resolve(config)
-    cores = cpu_count()
-    plan_workers(cores, workers)  # refuses before anything is written
+    if not isinstance(workers, RayWorkers):
+        plan_workers(cpu_count(), workers)  # refuses before anything is written
     wanted = range(n) if isinstance(n, int) else sorted({*n})
     if not wanted or wanted[0] < 0:
         raise ConfigError("no sequences to render; give a number of 1 or more, or indices from 0")
@@ -146,13 +149,12 @@ def render_dataset(
             there = sequence_paths(out)
             todo = [i for i in wanted if sequence_name(i) not in there]
             if todo:
-                count, threads = plan_workers(cores, min(workers or cores, len(todo)))
-                task = RenderTask(source, folder.config, folder.work, threads, folder.target)
+                task = RenderTask(source, folder.config, folder.work, 1, folder.target)
                 total = len(wanted) * config.frames
                 done = total - len(todo) * config.frames
                 try:
                     with frame_bar(total, done, progress) as bar:
-                        _render(task, todo, count, folder, bar)
+                        _render(task, todo, workers, folder, bar)
                 finally:
                     folder.remove_leftovers()
             counts = folder.finish()
@@ -163,15 +165,22 @@ def render_dataset(
 
 
 def _render(
-    task: RenderTask, todo: list[int], workers: int, folder: DatasetFolder, bar: Bar
+    task: RenderTask, todo: list[int], workers: int | RayWorkers | None, folder: DatasetFolder,
+    bar: Bar,
 ) -> None:
     """Render `todo`; the provenance on disk names the model."""
-    with closing(render_in_workers(task, todo, workers)) as events:
-        for event in events:
-            if isinstance(event, ModelLoaded):
-                folder.add_model(event.asset)
-            elif isinstance(event, FrameDone):
+    if isinstance(workers, RayWorkers):
+        messages = render_on_ray(task, todo, workers)
+    else:
+        cores = cpu_count()
+        count, threads = plan_workers(cores, min(workers or cores, len(todo)))
+        messages = render_in_workers(replace(task, threads=threads), todo, count)
+    with closing(messages):
+        for message in messages:
+            if isinstance(message, ModelLoaded):
+                folder.add_model(message.asset, message.environment)
+            elif isinstance(message, FrameDone):
                 bar.update()
-            elif isinstance(event, WorkerDied):
-                bar.update(-event.frames)
-                say(event.notice)
+            elif isinstance(message, WorkerDied):
+                bar.update(-message.frames)
+                say(message.notice)

@@ -3,12 +3,13 @@
 # No `annotations` from the future here: tyro evaluates those of the local class.
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from ...errors import ConfigError
+from ..cluster import ExecutorOptions, RayWorkers
 from ..runtime import command_line, parse_shard
 from ..scene import STUDIO, RandomizationConfig, RenderConfig, read_config, resolve
 
@@ -16,6 +17,7 @@ _MOST = 1_000_000  # sequences of one run
 _GROUPS = {
     "options": "--help --robot --n --out --sequences --shard --seed --frames --width --height "
                "--layers --randomize --config --workers --quiet --json",
+    "cluster": "--executor --address --gpus",
     "model": "--package --root --scale --allow-missing --animation --scored-joints",
     "sequence": "--twin-of --vary --stream --keep-unobservable --samples --track-points",
 }
@@ -29,7 +31,7 @@ class RenderOptions:
     config: RenderConfig
     n: int | Collection[int]
     out: Path
-    workers: int | None
+    workers: int | RayWorkers | None
     quiet: bool
     json: bool
 
@@ -45,7 +47,7 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     ranges = RandomizationConfig()
 
     @dataclass(frozen=True)
-    class Render(command_line.OutputOptions, RenderConfig):
+    class Render(command_line.OutputOptions, ExecutorOptions, RenderConfig):
         n: int = 10
         """Number of sequences in the dataset."""
         sequences: Annotated[str, quiet] = ""
@@ -63,14 +65,13 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         """none: a plain studio, in which only the motion (and the object of a kind) is random."""
         config: Annotated[Path | None, quiet] = None
         """TOML or JSON file of options (any but --n, --sequences, --shard, --out, --workers,
-        --quiet, --json and --randomize, with _ for -), with tables such as
-        `[randomization.camera]`, or a dataset.json. Options on the command line override the
-        file."""
+        --executor, --address, --gpus, --quiet, --json and --randomize, with _ for -), with tables
+        such as `[randomization.camera]`, or a dataset.json. Options on the command line override
+        the file."""
         randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
 
-    base = RenderConfig()
-    if command_line.option_value(args, "--randomize") == "none":
-        base = replace(base, randomization=STUDIO)
+    is_plain = command_line.option_value(args, "--randomize") == "none"
+    base = RenderConfig(randomization=STUDIO) if is_plain else RenderConfig()
     if file := command_line.option_value(args, "--config"):
         base = read_config(Path(file), base)
     names = [f.name for f in fields(RenderConfig)]
@@ -88,4 +89,5 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         if sum(map(len, ranges)) > _MOST:
             raise ConfigError(f"--sequences {options.sequences[:60]}: more than {_MOST} at once")
         n = sorted({*chain(*ranges)})
-    return RenderOptions(config, n, out, options.workers, options.quiet, options.json)
+    workers = options.choose_workers(options.workers)
+    return RenderOptions(config, n, out, workers, options.quiet, options.json)

@@ -8,10 +8,10 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from ...errors import RenderError
-from ..runtime import WorkerPool, WorkerSettings
-from .worker_process import FrameDone, Message, ModelLoaded, Problem, RenderTask, SequenceDone
+from ..runtime import Problem, WorkerPool, WorkerSettings
+from .worker_process import FrameDone, Message, ModelLoaded, RenderTask, SequenceDone
 
-_LIFETIME = 50
+LIFETIME = 50
 """Sequences of one process: drivers and decoders leak memory."""
 _MAX_LOST = 3  # sequences lost for good, after which the others are not tried
 
@@ -27,7 +27,7 @@ class WorkerDied:
 
 
 def render_in_workers(
-    task: RenderTask, indices: list[int], workers: int, lifetime: int = _LIFETIME
+    task: RenderTask, indices: list[int], workers: int, lifetime: int = LIFETIME
 ) -> Generator[Message | WorkerDied]:
     """Render sequences in order with several processes at a time, and yield what happens.
 
@@ -61,9 +61,7 @@ def render_in_workers(
                         pool.todo.clear()
                 continue
             if isinstance(message, Problem):
-                if message.error is None:
-                    raise RuntimeError(message.text)
-                raise message.error(message.text)
+                message.throw()
             yield message
             if isinstance(message, FrameDone):
                 frames[index] += 1

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from ...errors import GcbenchError, RenderError
-from ..runtime import receive_tasks, upload_file
+from ..runtime import Problem, receive_tasks, upload_file
 from ..scene import RenderConfig
 from .rendered_sequence import Renderer
 
@@ -36,6 +35,8 @@ class ModelLoaded:
     """The process waits for its first index."""
 
     asset: Mapping[str, Any]
+    environment: Mapping[str, Any] | None = None
+    """Software of its machine, if that is another one."""
 
 
 @dataclass(frozen=True)
@@ -48,47 +49,41 @@ class SequenceDone:
     """The sequence is in the dataset; the process waits for the next index."""
 
 
-@dataclass(frozen=True)
-class Problem:
-    """The process gives up."""
-
-    text: str
-    """One line for the user, or the traceback of a bug."""
-    error: type[GcbenchError] | None
-    """Kind of the error; None for a bug."""
-
-
 Message = ModelLoaded | FrameDone | SequenceDone
 
 
 def render_tasks(connection: Connection, task: RenderTask) -> None:
     """Receive indices, render them and report, until the connection ends."""
-    os.environ["LP_NUM_THREADS"] = str(task.threads)  # Mesa reads it when it loads
     where = ""
     try:
-        import cv2
-
-        cv2.setNumThreads(1)
-        module, _, attribute = task.source.partition(":")
-        renderer: Renderer = getattr(import_module(module), attribute)(task.config)
+        renderer = open_renderer(task)
         connection.send(ModelLoaded(renderer.asset))
         for index in receive_tasks(connection, Connection.recv):
             where = f"sequence {index:06d}: "
-            _render(renderer, index, task, connection)
+            write_sequence(renderer, index, task, lambda: connection.send(FrameDone()))
             connection.send(SequenceDone())
         renderer.close()
-    except GcbenchError as error:
-        connection.send(Problem(f"{where}{error}", type(error)))
-    except OSError as error:  # a full disk, no permission
-        file = error.filename or task.dataset
-        connection.send(Problem(f"{where}{file}: {error.strerror or error}", RenderError))
-    except Exception:
-        import traceback
-
-        connection.send(Problem(where + traceback.format_exc(), None))
+    except Exception as error:
+        connection.send(Problem.describe(error, where, task.dataset))
 
 
-def _render(renderer: Renderer, index: int, task: RenderTask, connection: Connection) -> None:
+def open_renderer(task: RenderTask) -> Renderer:
+    """Load the model of a task, in a process that has drawn nothing."""
+    os.environ["LP_NUM_THREADS"] = str(task.threads)  # Mesa reads it when it loads
+    import cv2
+
+    cv2.setNumThreads(1)
+    module, _, attribute = task.source.partition(":")
+    return getattr(import_module(module), attribute)(task.config)
+
+
+def write_sequence(
+    renderer: Renderer, index: int, task: RenderTask, report: Callable[[], None]
+) -> int:
+    """Render a sequence into the dataset, and return the bytes of its file.
+
+    `report` is called after each frame.
+    """
     from ..dataset import SEQUENCES_FOLDER, SequenceWriter
 
     rendered = renderer.render(index)
@@ -97,8 +92,10 @@ def _render(renderer: Renderer, index: int, task: RenderTask, connection: Connec
     ) as writer:
         for frame in rendered.frames:
             writer.add(frame)
-            connection.send(FrameDone())
+            report()
         path = writer.finish(*rendered.finish())
+    size = path.stat().st_size
     if task.target:
         upload_file(path, task.target / SEQUENCES_FOLDER / path.name)
         path.unlink()
+    return size

@@ -6,6 +6,7 @@ pyrender provides the EGL platform and the functions of the physically based sha
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 from pathlib import Path
@@ -20,6 +21,7 @@ from .programs import Features, shader_source, surface_shaders
 
 os.environ["PYOPENGL_PLATFORM"] = "egl"  # the only one that this package draws with
 os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
+_EGL_CUDA_DEVICE_NV = 0x323A
 _INSTALL = ("for software rendering on Debian or Ubuntu: "
             "apt-get install libegl1 libgl1 libgl1-mesa-dri")
 
@@ -72,6 +74,26 @@ class GLContext:
 def device_names() -> list[str]:
     """Return every EGL device with its device file, in the order in which they are tried."""
     return [f"device {i}: {device.name or 'software (Mesa)'}" for i, device in _load_egl()[1]]
+
+
+def find_cuda_device(cuda: int) -> int:
+    """Return the number of the EGL device that is a CUDA device, for `EGL_DEVICE_ID`.
+
+    EGL shows all devices to a process that sees only some of CUDA's; a driver may number these
+    from 0. Raises NoRendererError if there is no such device.
+    """
+    egl, devices = _load_egl()
+    query = egl._get_egl_func("eglQueryDeviceAttribEXT", ctypes.c_uint)
+    found: dict[int, int] = {}
+    for number, device in devices:
+        value = ctypes.c_ssize_t(-1)
+        if query and query(device._display, _EGL_CUDA_DEVICE_NV, ctypes.byref(value)):
+            found[value.value] = number
+    number = found.get(cuda, found.get(0))
+    if number is None:
+        raise NoRendererError(f"no EGL device draws on CUDA device {cuda}; install the driver's "
+                              "EGL (libnvidia-gl), or render without GPUs")
+    return number
 
 
 def _load_egl() -> tuple[Any, list[tuple[int, Any]]]:

@@ -14,6 +14,7 @@ from .object_store import (
     store_file,
     upload_file,
 )
+from .problem import Problem
 from .progress import Bar, frame_bar, say, shard_bar
 from .shards import Shard, parse_shard
 from .streams import named_rng
@@ -22,10 +23,10 @@ from .workers import WorkerPool, WorkerSettings, cpu_count, hide_main, receive_t
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
-    "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Shard", "WorkerPool",
-    "WorkerSettings", "address", "cpu_count", "defer_interrupts", "die_with_parent", "dump_json",
-    "dump_npy", "end_like", "exists", "find_object", "frame_bar", "hide_main", "is_remote",
-    "list_folder", "named_rng", "open_archive", "parse_json", "parse_npz", "parse_shard",
-    "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file", "to_record",
-    "upload_file",
+    "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Problem", "Shard",
+    "WorkerPool", "WorkerSettings", "address", "cpu_count", "defer_interrupts", "die_with_parent",
+    "dump_json", "dump_npy", "end_like", "exists", "find_object", "frame_bar", "hide_main",
+    "is_remote", "list_folder", "named_rng", "open_archive", "parse_json", "parse_npz",
+    "parse_shard", "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file",
+    "to_record", "upload_file",
 ]

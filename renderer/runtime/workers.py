@@ -117,8 +117,11 @@ class WorkerPool(Generic[_Task]):
         send: Callable[[Connection, _Task], None] = Connection.send,
         receive: Callable[[Connection], Any] = Connection.recv,
     ) -> None:
-        """`send` and `receive` write a task to a connection and read a message from it."""
-        self.settings, self.todo = settings, deque(tasks)
+        """`send` and `receive` write a task to a connection and read a message from it.
+
+        A deque of tasks is used itself: its owner may append to it while an event is handled.
+        """
+        self.settings, self.todo = settings, tasks if isinstance(tasks, deque) else deque(tasks)
         self._send, self._receive = send, receive
         self._workers = list[Worker[_Task]]()
         self._number = count()

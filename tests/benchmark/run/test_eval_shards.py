@@ -139,3 +139,20 @@ def test_scores_of_a_part_are_not_ranked(data: Path, tmp_path: Path) -> None:
     board = build_leaderboard(found.runs)
     assert board.ranks == (0,)
     assert board.labels == [f"reads · rgbd · axes · {N - 1} of {N} sequences"]
+
+
+@pytest.mark.slow
+def test_actors_of_ray_make_the_scores_of_one_run(
+    data: Path, tmp_path: Path, expected: str
+) -> None:
+    """Their records have no estimates; the files of the actors do."""
+    pytest.importorskip("ray")
+    command = [sys.executable, "-m", "gcbench", "eval", "--method", METHOD, "--data", str(data),
+               "--results", str(tmp_path), "--executor", "ray", "--address", "local", "--workers",
+               "2"]
+    for _ in range(2):  # the second finds all estimates
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        (folder,) = find_runs(tmp_path)
+        assert scores(Results((folder,))) == expected
+    assert folder.run.limits["workers"] == 2
