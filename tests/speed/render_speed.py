@@ -21,11 +21,13 @@ import tempfile
 import time
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
+from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gcbench.renderer.cluster import RayWorkers
 from gcbench.renderer.generate.driver import plan_workers, render_dataset
 from gcbench.renderer.scene.config import RenderConfig
 
@@ -192,12 +194,20 @@ def _quantiles(values: np.ndarray) -> str:
     return " ".join(f"{q:.1e}" for q in np.nanquantile(values, [0.5, 0.99]))
 
 
-def workers(config: RenderConfig, n: int, rounds: int) -> dict[str, float]:
-    """Median frames/s of `render_dataset` by number of workers; the first is bound to one core."""
+def workers(config: RenderConfig, n: int, rounds: int) -> dict[str, tuple[float, float]]:
+    """Median frames/s of `render_dataset`, and s until its first sequence, by kind of workers.
+
+    The first is bound to one core.
+    """
     cores = sorted(os.sched_getaffinity(0))
-    setups = [("1 on one core", 1, cores[:1])]
+    setups: list[tuple[str, int | RayWorkers, list[int]]] = [("1 on one core", 1, cores[:1])]
     setups += [(str(count), count, cores) for count in range(1, len(cores) + 2)]
-    rates: dict[str, list[float]] = {name: [] for name, _, _ in setups}
+    default = plan_workers(len(cores), None)[0]
+    if find_spec("ray"):
+        setups.append((f"{default} of Ray", RayWorkers("local", default), cores))
+    else:
+        print("left out: Ray: not installed")
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name, _, _ in setups}
     for turn in range(rounds):
         for name, count, held in setups[:: -1 if turn % 2 else 1]:
             with tempfile.TemporaryDirectory() as folder:
@@ -206,20 +216,25 @@ def workers(config: RenderConfig, n: int, rounds: int) -> dict[str, float]:
                     target=_generate, args=(theirs, config, n, folder, count, held))
                 run.start()
                 theirs.close()
-                rates[name].append(ours.recv())
+                found[name].append(ours.recv())
                 run.join()
-    return {name: statistics.median(values) for name, values in rates.items()}
+    return {name: (statistics.median(rates), statistics.median(starts))
+            for name, (rates, starts) in ((k, zip(*v, strict=True)) for k, v in found.items())}
 
 
 def _generate(
-    pipe: Connection, config: RenderConfig, n: int, folder: str, count: int, cores: list[int]
+    pipe: Connection, config: RenderConfig, n: int, folder: str, workers: int | RayWorkers,
+    cores: list[int],
 ) -> None:
     """Frames/s while all workers run: from the times at which the files were finished."""
+    count = (workers if isinstance(workers, int) else workers.count) or 1
     n = max(n, 2 * count + 2)
     os.sched_setaffinity(0, cores)
-    render_dataset(config, n, Path(folder), workers=count, progress=False)
+    began = time.time()
+    render_dataset(config, n, Path(folder), workers=workers, progress=False)
     times = sorted(p.stat().st_mtime for p in (Path(folder) / "sequences").glob("*.zip"))
-    pipe.send(config.frames * (n - 2 * count) / (times[-1 - count] - times[count - 1]))
+    rate = config.frames * (n - 2 * count) / (times[-1 - count] - times[count - 1])
+    pipe.send((rate, times[0] - began))
 
 
 def report(turns: list[Turn], versions: dict[str, str]) -> dict[str, dict[str, float]]:
@@ -276,13 +291,14 @@ def main() -> None:
     turns, versions = compare(config, options.sequences, options.seconds)
     ratios = report(turns, versions)
     print("PyBullet and MuJoCo draw the robot alone; gcbench draws its backgrounds too.")
-    rates: dict[str, float] = {}
+    rates: dict[str, tuple[float, float]] = {}
     if options.worker_sequences:
         rates = workers(config, options.worker_sequences, options.rounds)
-        one, default = rates["1 on one core"], str(plan_workers(cores, None)[0])
-        print("\nworkers, frames/s on disk, start not counted (ratio to one on one core)")
-        for name, rate in rates.items():
-            print(f"  {name:14} {rate:6.1f}  ({rate / one:.2f})"
+        one, default = rates["1 on one core"][0], str(plan_workers(cores, None)[0])
+        print("\nworkers, frames/s on disk, start not counted (ratio to one on one core), "
+              "s until the first sequence")
+        for name, (rate, start) in rates.items():
+            print(f"  {name:14} {rate:6.1f}  ({rate / one:.2f})  {start:5.1f}"
                   f"{'  default' if name == default else ''}")
     if options.json:
         options.json.write_text(json.dumps({
