@@ -6,7 +6,7 @@ import os
 import re
 import socket
 from collections.abc import Generator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal
@@ -19,9 +19,12 @@ _STORE = 100 * 2**20
 
 _PATIENCE = 10.0
 """s for a cluster to answer."""
-_MESSAGES = "_worker_logs_enabled"
-"""Whether Ray prints messages about its nodes, to stdout; only a module of Ray's has this switch.
-"""
+_MESSAGES = ("ray._private.worker", "_worker_logs_enabled")
+"""Whether Ray prints messages about its nodes, to stdout."""
+_NETWORK = ("ray._private.ray_constants", "ENABLE_RAY_CLUSTER")
+"""Whether a Ray that is started listens to other machines, which could run anything in it."""
+_NETWORK_VARIABLE = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+"""The same for the processes of Ray; in spite of its name also on Linux."""
 
 
 @dataclass(frozen=True)
@@ -144,15 +147,28 @@ def connect_to_ray(workers: RayWorkers) -> Generator[RayCluster]:
     if ray.is_initialized():
         yield _describe(ray, workers)
         return
-    settings = vars(import_module("ray._private.worker"))
-    before = settings.get(_MESSAGES)
-    try:
-        settings[_MESSAGES] = False
+    with ExitStack() as stack:
+        stack.enter_context(_switch_off(*_MESSAGES))
+        if workers.address == "local":
+            stack.enter_context(_switch_off(*_NETWORK))
+            os.environ[_NETWORK_VARIABLE] = "0"
+            stack.callback(os.environ.pop, _NETWORK_VARIABLE)
+        stack.callback(ray.shutdown)
         _connect(ray, workers)
         yield _describe(ray, workers)
+
+
+@contextmanager
+def _switch_off(module: str, name: str) -> Generator[None]:
+    """Set a variable of a module of Ray's to False while the block runs; Ray has no option for it.
+    """
+    variables = vars(import_module(module))
+    before = variables.get(name)
+    variables[name] = False
+    try:
+        yield
     finally:
-        ray.shutdown()
-        settings[_MESSAGES] = before
+        variables[name] = before
 
 
 def _describe(ray: Any, workers: RayWorkers) -> RayCluster:
@@ -165,12 +181,11 @@ def _connect(ray: Any, workers: RayWorkers) -> None:
         options |= {
             "num_cpus": max(cpu_count(), workers.count or 0), "object_store_memory": _STORE,
             "include_dashboard": False,
-            "_node_ip_address": "127.0.0.1",  # nobody else reaches it
         }
     try:
         _knock(workers.endpoint)
         ray.init(address=workers.address, **options)
-    except (ConnectionError, RuntimeError, ValueError, OSError) as error:
+    except (ConnectionError, RuntimeError, ValueError, OverflowError, OSError) as error:
         said = next(iter(str(error).strip().splitlines()), type(error).__name__)
         raise ConfigError(
             f"no connection to Ray at {workers.endpoint} ({said}); start a cluster by ray start "

@@ -168,6 +168,36 @@ def test_two_actors_make_what_one_process_makes(
 
 @needs_ray
 @pytest.mark.slow
+def test_a_ray_of_this_machine_listens_to_no_other() -> None:
+    """Whoever reaches a Ray can run anything in it. /proc lists who listens, by address."""
+    code = """
+import os
+from pathlib import Path
+from gcbench.renderer.cluster import RayWorkers, connect_to_ray
+
+def sockets():
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if b"MARK=of this test" in path.read_bytes():
+                yield from (os.readlink(fd) for fd in (path.parent / "fd").iterdir())
+        except OSError:
+            pass
+
+with connect_to_ray(RayWorkers("local", 1)) as cluster:
+    files = [Path("/proc/net", name).read_text() for name in ("tcp", "tcp6")]
+    lines = [line.split() for text in files for line in text.splitlines()]
+    mine = {*sockets()}
+    print(*{line[1].split(":")[0][-8:] for line in lines
+            if line[3] == "0A" and f"socket:[{line[9]}]" in mine})
+assert not {name for name in os.environ if name.startswith("RAY_ENABLE")}
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120,
+                          env={**os.environ, "MARK": "of this test"})
+    assert (done.returncode, done.stdout) == (0, "0100007F\n"), done.stderr  # 127.0.0.1
+
+
+@needs_ray
+@pytest.mark.slow
 @pytest.mark.gl
 @pytest.mark.skipif(Path("/dev/nvidiactl").exists(), reason="there is a GPU")
 def test_a_worker_on_a_gpu_never_draws_without_it(tmp_path: Path) -> None:
