@@ -20,8 +20,8 @@ from ..types import FORMAT, Meta
 
 DATASET_FILE = "dataset.json"
 _PACKAGES = (
-    "numpy", "scipy", "opencv-python-headless", "opencv-python", "scikit-robot-pyrender",
-    "PyOpenGL", "trimesh", "pycollada", "python-fcl", "yourdfpy",
+    "numpy", "scipy", "opencv-python-headless", "opencv-python", "isal",
+    "scikit-robot-pyrender", "PyOpenGL", "trimesh", "pycollada", "python-fcl", "yourdfpy",
 )
 """Distributions that influence the images."""
 
