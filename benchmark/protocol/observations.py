@@ -74,7 +74,7 @@ def observe(
         axis_line=truth.screw.copy() if lines else None,
         model=model if knowledge == "model" else None,
         part=part if "true-parts" in oracles else None,
-        flow=np.array(sequence.flow[0 : len(sequence) - 1]) if "true-flow" in oracles else None,
+        flow=np.array(sequence.stack("flow")[:]) if "true-flow" in oracles else None,
         mask=part > 0 if part is not None and "true-mask" in oracles else None,
     )
 

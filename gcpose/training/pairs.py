@@ -104,14 +104,14 @@ def _steps(dataset: Dataset) -> int:
 def read_pair(sequence: Sequence, t: int, backward: bool = False) -> FramePair:
     """Return frames t and t + 1 with the flow between, or from t + 1 back to t."""
     if backward:
-        flow, part = sequence.flow_backward[t], sequence.part[t + 1]
+        flow, part = sequence.stack("flow_backward")[t], sequence.part[t + 1]
         u, v = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in part.shape[::-1]))
         there = cv2.remap(sequence.part[t], u + np.nan_to_num(flow[..., 0], nan=-1e4),
                           v + np.nan_to_num(flow[..., 1]), cv2.INTER_NEAREST, borderValue=65535)
         seen = np.asarray(there) == part
     else:
-        flow, part = sequence.flow[t], sequence.part[t]
-        seen = ~np.isin(sequence.visibility[t], (OCCLUDED, OUT_OF_IMAGE))
+        flow, part = sequence.stack("flow")[t], sequence.part[t]
+        seen = ~np.isin(sequence.stack("visibility")[t], (OCCLUDED, OUT_OF_IMAGE))
     # Flow is unknown without a surface (a backdrop), which is static, as the camera is.
     flow = np.where((part == 0)[..., None], np.nan_to_num(flow), flow)
     a, b = (sequence.rgb[i] for i in ((t + 1, t) if backward else (t, t + 1)))

@@ -66,7 +66,7 @@ def _unpack(packed: bytes, shape: tuple[int, int, int], item: int) -> NDArray[An
         if first not in _SIMPLE:
             return None
         data = first + inflater.decompress(inflater.unconsumed_tail, length)
-    except isal_zlib.error:
+    except isal_zlib.error:  # pyright: ignore[reportGeneralTypeIssues] # it is a class
         return None
     if not inflater.eof or len(data) != length:
         return None

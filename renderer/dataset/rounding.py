@@ -20,9 +20,7 @@ def round_as_stored(sequence: Sequence) -> Sequence:
     Integer images and the state are stored exactly.
     """
     unit, box = sequence.meta.depth_unit, sequence.state.coordinate_box
-    normal, coordinates = sequence.normal, sequence.coordinates
-    if normal is not None:
-        normal = _stack(normal, lambda n: codes.normal_of_codes(codes.normal_codes(n)))
+    coordinates = sequence.coordinates
     if coordinates is not None and box is not None:
         metres, part = coordinates, sequence.part
 
@@ -34,11 +32,12 @@ def round_as_stored(sequence: Sequence) -> Sequence:
         coordinates = LazyStack(in_box, metres.shape, np.dtype(np.float32))
     return replace(
         sequence,
-        depth=_stack(
-            sequence.depth, lambda d: codes.depth_of_codes(codes.depth_codes(d, unit), unit)),
+        depth=LazyStack(
+            lambda t: codes.depth_of_codes(codes.depth_codes(sequence.depth[t], unit), unit),
+            sequence.depth.shape, np.dtype(np.float32)),
         flow=_stack(sequence.flow, _round_flow),
         flow_backward=_stack(sequence.flow_backward, _round_flow),
-        normal=normal,
+        normal=_stack(sequence.normal, lambda n: codes.normal_of_codes(codes.normal_codes(n))),
         coordinates=coordinates,
     )
 
@@ -48,6 +47,8 @@ def _round_flow(flow: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _stack(
-    images: Stack[np.float32], function: Callable[[NDArray[Any]], NDArray[np.float32]]
-) -> Stack[np.float32]:
+    images: Stack[np.float32] | None, function: Callable[[NDArray[Any]], NDArray[np.float32]]
+) -> Stack[np.float32] | None:
+    if images is None:
+        return None
     return LazyStack(lambda t: function(images[t]), images.shape, np.dtype(np.float32))

@@ -16,6 +16,8 @@ _REQUIRED = ("depth_unit", "camera_model", "units")
 def dump_meta(meta: Meta) -> bytes:
     """Return the bytes of `meta.json`."""
     tree = {**vars(meta), "units": dict(meta.units or UNITS)}
+    if not meta.omitted:
+        del tree["omitted"]
     return dump_json({"format": tree.pop("format"), **tree})
 
 

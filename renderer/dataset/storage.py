@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -42,17 +42,18 @@ def sequence_name(index: int) -> str:
     return f"{index:06d}"
 
 
-def image_times(frames: int, layers: Collection[str] = ()) -> dict[str, range]:
+def image_times(meta: Meta) -> dict[str, range]:
     """Return the frames that have an image, by the image's name."""
-    every, forward = range(frames), range(frames - 1)
-    return {
+    every, forward = range(meta.frames), range(meta.frames - 1)
+    times = {
         "rgb": every,
         "depth": every,
         "part": every,
         "flow": forward,
-        "flow_backward": range(1, frames),
+        "flow_backward": range(1, meta.frames),
         "visibility": forward,
-    } | {name: every for name in ("normal", "coordinates") if name in layers}
+    } | {name: every for name in ("normal", "coordinates") if name in meta.layers}
+    return {name: numbers for name, numbers in times.items() if name not in meta.omitted}
 
 
 def image_member(name: str, t: int) -> str:
@@ -107,7 +108,7 @@ class SequenceWriter:
         wide = len(meta.part_names) > 255
         for t, png in enumerate(self._parts):
             self._add("part", t, codec.widen_part(png) if wide else png)
-        times = image_times(meta.frames, meta.layers)
+        times = image_times(meta)
         expected = {image_member(name, t) for name in times for t in times[name]}
         if self._members != expected:
             raise ValueError(f"missing or surplus images: {sorted(self._members ^ expected)}")
@@ -171,10 +172,15 @@ def open_sequence(path: str | Path) -> Sequence:
     """
     archive = open_archive(Path(path))
     meta = _read_meta(archive)
-    times = image_times(meta.frames, meta.layers)
+    times = image_times(meta)
     archive.require(image_member(name, t) for name in times for t in times[name])
     state = parse_state(archive.read("state.npz"), meta, archive.where("state.npz"))
     size, plane = (meta.width, meta.height), (meta.height, meta.width)
+
+    def stored(
+        name: str, decode: Callable[..., NDArray[Item]], dtype: type[Item], *channels: int,
+    ) -> LazyStack[Item] | None:
+        return lazy(name, decode, dtype, *channels) if name in times else None
 
     def lazy(
         name: str, decode: Callable[..., NDArray[Item]], dtype: type[Item], *channels: int,
@@ -184,9 +190,7 @@ def open_sequence(path: str | Path) -> Sequence:
         return LazyStack(load, (len(times[name]), *plane, *channels), np.dtype(dtype))
 
     part = lazy("part", codec.decode_part, np.uint16, parts=len(meta.part_names))
-    normal = coordinates = None
-    if "normal" in meta.layers:
-        normal = lazy("normal", codec.decode_normal, np.float32, 3)
+    coordinates = None
     if state.coordinate_box is not None:
         shares = lazy("coordinates", codec.decode_shares, np.float32, 3)
         load = partial(_load_coordinates, shares, part, state.coordinate_box)
@@ -197,10 +201,10 @@ def open_sequence(path: str | Path) -> Sequence:
         rgb=lazy("rgb", codec.decode_rgb, np.uint8, 3),
         depth=lazy("depth", codec.decode_depth, np.float32, unit=meta.depth_unit),
         part=part,
-        flow=lazy("flow", codec.decode_flow, np.float32, 2),
-        flow_backward=lazy("flow_backward", codec.decode_flow, np.float32, 2),
-        visibility=lazy("visibility", codec.decode_visibility, np.uint8),
-        normal=normal,
+        flow=stored("flow", codec.decode_flow, np.float32, 2),
+        flow_backward=stored("flow_backward", codec.decode_flow, np.float32, 2),
+        visibility=stored("visibility", codec.decode_visibility, np.uint8),
+        normal=stored("normal", codec.decode_normal, np.float32, 3),
         coordinates=coordinates,
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import ConfigError, DatasetError, GcbenchError
 from ..runtime import address
 from ..scene import RenderConfig
-from ..types import Sequence, State
+from ..types import Sequence, State, describe_absence
 from .reader import Dataset
 
 try:
@@ -53,7 +53,7 @@ class TensorItems:
         self,
         config: RenderConfig,
         pairs: bool = True,
-        images: tuple[str, ...] = IMAGES,
+        images: tuple[str, ...] | None = None,
         state: tuple[str, ...] = STATE,
         masks: bool = False,
         transform: Callable[[_Item], Any] | None = None,
@@ -63,7 +63,7 @@ class TensorItems:
         Args:
             config: Configuration of the sequences.
             pairs: An item is a pair of frames (t, t+1), not a sequence.
-            images: Names of images.
+            images: Names of images. Default: IMAGES, without those that are not stored.
             state: Names of arrays of `State`.
             masks: Make items ready for loss functions: unknown values are 0, and a mask says where
                 values are known ("flow_valid" [G H W] bool beside "flow"; also for "flow_backward",
@@ -73,7 +73,11 @@ class TensorItems:
         Raises:
             ConfigError: there is no image or array of a name.
         """
-        _check("image", images, [*IMAGES, *(name for name in _LAYERS if name in config.layers)])
+        stored = [name for name in IMAGES if name not in config.omitted]
+        images = tuple(stored) if images is None else images
+        if lacks := [name for name in images if name in config.omitted]:
+            raise ConfigError(f"the dataset has {describe_absence(lacks[0])}")
+        _check("image", images, [*stored, *(name for name in _LAYERS if name in config.layers)])
         _check("array", state, [f.name for f in dataclasses.fields(State)])
         self.config, self.pairs, self.images, self.state = config, pairs, images, state
         self.masks, self.transform = masks, transform
@@ -104,7 +108,7 @@ class TensorItems:
         lacks = [k for k in (*self.images, *self.state)
                  if getattr(sequence, k, None) is None and getattr(sequence.state, k, None) is None]
         if lacks:
-            raise DatasetError(f"{where} has no {lacks[0]}; render with --layers")
+            raise DatasetError(f"{where} has {describe_absence(lacks[0])}")
 
     def _images(self, sequence: Sequence, name: str, start: int, stop: int) -> _Item:
         stack = np.asarray(getattr(sequence, name)[start : stop - (name in _PER_STEP)])

@@ -51,8 +51,9 @@ class Kitti(Writer):
         first = len(self._rows) - 1
         for t in range(len(sequence) - 1):
             name = f"{first + t:06d}"
-            flow, part = sequence.flow[t], sequence.part[t]
-            seen = unoccluded_pixels(flow, part, sequence.visibility[t], sequence.part[t + 1])
+            flow, part = sequence.stack("flow")[t], sequence.part[t]
+            visibility = sequence.stack("visibility")[t]
+            seen = unoccluded_pixels(flow, part, visibility, sequence.part[t + 1])
             self._write("image_2", f"{name}_10", archive.read(f"rgb/{t:06d}.png"))
             self._write("image_2", f"{name}_11", archive.read(f"rgb/{t + 1:06d}.png"))
             self._write("flow_occ", f"{name}_10", codec.encode_flow(flow))

@@ -7,8 +7,9 @@
     SSSSSS_TTTTTT.flow.npy.gz        float32 [H W 2] px; NaN: unknown; also flow_backward
     SSSSSS_TTTTTT.visibility.npy.gz  uint8 [H W]; UNKNOWN in the last frame
 
-and normal and coordinates, float32 [H W 3] with NaN, where the dataset has them. All samples have
-the same keys: the flow of a last frame and the backward flow of a first one are NaN everywhere.
+and normal and coordinates, float32 [H W 3] with NaN, where the dataset has them. Flow and
+visibility are left out where it has none. All samples have the same keys: the flow of a last frame
+and the backward flow of a first one are NaN everywhere.
 
 Only the video is an image. Many image decoders reduce PNGs to 8 bits without a warning, which
 would change depth and flow.
@@ -124,7 +125,7 @@ def fields_of(sequence: Sequence, t: int) -> dict[str, NDArray[Any]]:
         "flow_backward": np.full((*plane, 2), np.nan, np.float32),
         "visibility": np.full(plane, UNKNOWN, np.uint8),
     }
-    images = {kind: getattr(frame, kind) for kind in image_times(meta.frames, meta.layers)}
+    images = {kind: getattr(frame, kind) for kind in image_times(meta)}
     return {kind: unknown[kind] if image is None else image
             for kind, image in images.items() if kind != "rgb"}
 

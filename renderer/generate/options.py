@@ -19,7 +19,8 @@ _GROUPS = {
                "--layers --randomize --config --workers --quiet --json",
     "cluster": "--executor --address --gpus",
     "model": "--package --root --scale --allow-missing --animation --scored-joints",
-    "sequence": "--twin-of --vary --stream --keep-unobservable --samples --track-points",
+    "sequence": "--twin-of --vary --stream --keep-unobservable --samples --track-points "
+                "--flow --no-visibility",
 }
 """Options by group; those of the randomization have groups of their own."""
 

@@ -31,6 +31,8 @@ class RenderedSequence:
         height, width = frames[0].depth.shape
 
         def stack(name: str, dtype: type[Any], *channels: int) -> Any:
+            if name in meta.omitted:
+                return None
             images = [image for f in frames if (image := getattr(f, name)) is not None]
             return np.stack(images) if images else np.empty((0, height, width, *channels), dtype)
 

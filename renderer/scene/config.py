@@ -263,9 +263,20 @@ class RenderConfig:
     """Layers to add: normal, coordinates (on the object), keypoints, tracks (of surface points)."""
     track_points: Annotated[int, Bounds(1, 100_000)] = 256
     """Number of tracks in a sequence."""
+    flow: Literal["both", "forward", "none"] = "both"
+    """Flow images to store. They follow from depth, parts and poses."""
+    visibility: bool = True
+    """Store visibility images. They follow from depth, parts and poses."""
     samples: Literal[1, 4, 9] = 4
     """Colour samples in a pixel of the RGB image (antialiasing)."""
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
+
+    @property
+    def omitted(self) -> tuple[str, ...]:
+        """Images that are not stored: of "flow", "flow_backward" and "visibility"."""
+        stored = {"flow": self.flow != "none", "flow_backward": self.flow == "both",
+                  "visibility": self.visibility}
+        return tuple(name for name, is_stored in stored.items() if not is_stored)
 
 
 def resolve(config: RenderConfig) -> RenderConfig:

@@ -47,7 +47,7 @@ FLOW_UNIT = 1 / 64
 """px, as on disk"""
 PANES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility", "normal", "coordinates",
          "points")
-"""The last three exist only if the sequence has these layers."""
+"""The last six exist only if the sequence has these images."""
 
 
 def write_page(
@@ -83,7 +83,8 @@ def page_data(
     unit = far * 4 / 65535  # m; what is farther than that is shown as that far
     parts = len(meta.part_names)
     layers = layer_names(sequence)
-    panes = PANES[:6] if len(sequence) > 1 else PANES[:3]  # a single frame has no flow
+    panes = [name for name in PANES[: 6 if len(sequence) > 1 else 3]  # a frame alone has no flow
+             if name not in meta.omitted]
     images: dict[str, list[str | None]] = {name: [] for name in (*panes, *layers)}
     values: list[str] = []
     for t in frames:

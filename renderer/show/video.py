@@ -155,11 +155,12 @@ def _tiles(
     rgb = draw_axes(resize_rgb(frame.rgb, *size), meta, sequence.state, t, scored_only=True)
     blank = np.full_like(rgb, NO_VALUE)
     flow = blank if frame.flow is None else color_flow(resample(frame.flow, *size), largest)
+    why = "no flow stored" if "flow" in meta.omitted else "no next frame"
     return (
         (rgb, f"frame {t}, t = {sequence.state.times[t]:.2f} s"),
         (color_depth(resample(frame.depth, *size), near, far), f"depth {near:.2f} - {far:.2f} m"),
         (color_parts(resample(frame.part, *size), len(meta.part_names)), "parts"),
-        (flow, "no next frame" if frame.flow is None else f"flow, up to {largest:.1f} px"),
+        (flow, why if frame.flow is None else f"flow, up to {largest:.1f} px"),
     )
 
 

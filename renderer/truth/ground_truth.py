@@ -65,13 +65,16 @@ class SequenceTruth:
         self.part_pixels[t] = points.part_pixels
         deforming = self._deforming_points(points, t)
         forward = backward = seen = None
-        if t > 0:
+        omitted, last = self.config.omitted, self.config.frames - 1
+        if t > 0 and "flow_backward" not in omitted:
             backward = points.flow_image(self._motion(points, deforming, t, t - 1))
-        if t < self.config.frames - 1:
+        if t < last and not {"flow", "visibility"} <= {*omitted}:
             moved = self._motion(points, deforming, t, t + 1)
-            forward = points.flow_image(moved)
-            seen = visibility(
-                points, moved, draw.depth[t + 1], draw.part[t + 1], self.depth_unit)
+            if "flow" not in omitted:
+                forward = points.flow_image(moved)
+            if "visibility" not in omitted:
+                seen = visibility(
+                    points, moved, draw.depth[t + 1], draw.part[t + 1], self.depth_unit)
         coordinates = None
         if "coordinates" in self.config.layers:
             coordinates = coordinate_image(points, table[t], deforming, self._at_rest, part.shape)

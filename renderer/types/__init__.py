@@ -17,10 +17,11 @@ from .sequence import (
     Sequence,
     Stack,
     State,
+    describe_absence,
 )
 
 __all__ = [
     "BACKGROUND", "FORMAT", "MAX_PIXELS", "OCCLUDED", "OUT_OF_IMAGE", "VISIBLE", "Camera",
     "Estimate", "Frame", "Inputs", "Knowledge", "Meta", "Method", "Observation", "Sequence",
-    "Stack", "State", "html_card", "intrinsics_from_fov", "look_at",
+    "Stack", "State", "describe_absence", "html_card", "intrinsics_from_fov", "look_at",
 ]

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import DatasetError
 from ...robots.geometry import Array
 from .cards import html_card
 
@@ -29,6 +30,15 @@ _Index = Annotated[int, msgspec.Meta(ge=0)]
 _JointType = Annotated[str, msgspec.Meta(pattern="^(revolute|continuous|prismatic)$")]
 _Names = Annotated[tuple[str, ...], msgspec.Meta(max_length=65535)]  # masks have 16 bits
 _Layer = Annotated[str, msgspec.Meta(pattern="^(normal|coordinates|keypoints|tracks)$")]
+_Omissible = Annotated[str, msgspec.Meta(pattern="^(flow|flow_backward|visibility)$")]
+_OPTIONAL = {
+    "flow": "forward flow; render it with --flow forward",
+    "flow_backward": "backward flow; render it with --flow both",
+    "visibility": "visibility; render it without --no-visibility",
+    "normal": "normals; render it with --layers normal",
+    "coordinates": "coordinates; render it with --layers coordinates",
+}
+"""Images that a dataset may lack, and how to get them."""
 
 _Item = TypeVar("_Item", bound=np.generic, covariant=True)
 
@@ -56,7 +66,8 @@ class Frame:
     part: NDArray[np.uint16]
     """[H W] 1-based part number, 0 background."""
     flow: NDArray[np.float32] | None
-    """[H W 2] (du, dv) to the next frame, px; NaN where unknown; None in the last frame."""
+    """[H W 2] (du, dv) to the next frame, px; NaN where unknown; None in the last frame. This and
+    what follows is None in every frame if the dataset was rendered without."""
     flow_backward: NDArray[np.float32] | None
     """[H W 2] to the frame before; None in the first frame."""
     visibility: NDArray[np.uint8] | None
@@ -167,6 +178,8 @@ class Meta:
     """m behind the visible surface at which a keypoint still counts as visible."""
     tracks: _Count = 0
     """N"""
+    omitted: tuple[_Omissible, ...] = ()
+    """Images that are not stored: of "flow", "flow_backward" and "visibility"."""
     format: str = FORMAT
 
 
@@ -182,16 +195,16 @@ class Sequence:
     """T x [H W] m, 0 = no surface"""
     part: Stack[np.uint16]
     """T x [H W]"""
-    flow: Stack[np.float32]
-    """T-1 x [H W 2], entry t: t -> t+1"""
-    flow_backward: Stack[np.float32]
+    flow: Stack[np.float32] | None
+    """T-1 x [H W 2], entry t: t -> t+1. This and what follows is None if it is not stored."""
+    flow_backward: Stack[np.float32] | None
     """T-1 x [H W 2], entry t: t+1 -> t"""
-    visibility: Stack[np.uint8]
+    visibility: Stack[np.uint8] | None
     """T-1 x [H W]"""
     normal: Stack[np.float32] | None = None
-    """T x [H W 3] (Frame.normal); None without the layer"""
+    """T x [H W 3] (Frame.normal)"""
     coordinates: Stack[np.float32] | None = None
-    """T x [H W 3] m (Frame.coordinates); None without the layer"""
+    """T x [H W 3] m (Frame.coordinates)"""
 
     def __repr__(self) -> str:
         m = self.meta
@@ -228,20 +241,35 @@ class Sequence:
         """Return the number of frames."""
         return self.meta.frames
 
+    def stack(self, name: str) -> Stack[Any]:
+        """Return the images of a name. Raises DatasetError if the sequence has none."""
+        if (images := getattr(self, name)) is None:
+            raise DatasetError(f"{self.meta.name} has {describe_absence(name)}")
+        return images
+
     def frame(self, t: int) -> Frame:
         """Return frame t, in 0..T-1."""
-        last = self.meta.frames - 1
+        step, before = (t if t + 1 < self.meta.frames else None), (t - 1 if t > 0 else None)
         return Frame(
             rgb=self.rgb[t],
             depth=self.depth[t],
             part=self.part[t],
-            flow=self.flow[t] if t < last else None,
-            flow_backward=self.flow_backward[t - 1] if t > 0 else None,
-            visibility=self.visibility[t] if t < last else None,
-            normal=None if self.normal is None else self.normal[t],
-            coordinates=None if self.coordinates is None else self.coordinates[t],
+            flow=_image(self.flow, step),
+            flow_backward=_image(self.flow_backward, before),
+            visibility=_image(self.visibility, step),
+            normal=_image(self.normal, t),
+            coordinates=_image(self.coordinates, t),
         )
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames in order."""
         return (self.frame(t) for t in range(self.meta.frames))
+
+
+def describe_absence(name: str) -> str:
+    """Return what a dataset lacks and how to get it: "no normals; render it with ..."."""
+    return f"no {_OPTIONAL.get(name, name)}"
+
+
+def _image(images: Stack[_Item] | None, number: int | None) -> NDArray[_Item] | None:
+    return None if images is None or number is None else images[number]

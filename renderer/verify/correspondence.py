@@ -17,8 +17,12 @@ def verify_correspondence(step: FrameStep, targets: FlowTargets) -> list[CheckRe
     pixel, part = targets.pixel[first:], targets.part[first:]
     z, uv = targets.z[first:], targets.uv[:, first:]
     uv = np.where(z > 0, np.clip(uv, -1e6, 1e6), -1e6)  # behind the camera is out of the image
-    stored, four = step.visibility[pixel], step.there.around(uv, part)
-    checks = [_visibility(step, targets, uv, four)]
+    four = step.there.around(uv, part)
+    if step.visibility is None:
+        stored, checks = _expected(step.there, z, four), list[CheckResult]()
+    else:
+        stored = step.visibility[pixel]
+        checks = [_visibility(step, targets, uv, four, step.visibility)]
 
     inner = np.flatnonzero(
         (stored == VISIBLE) & four.same.all(0) & (four.far - four.near < FLAT * z))
@@ -35,6 +39,8 @@ def verify_correspondence(step: FrameStep, targets: FlowTargets) -> list[CheckRe
     checks.append(check_share("depth where the flow leads", elsewhere, 0.01,
                               lambda i: step.here.name(int(pixel[i]))))
 
+    if step.forward is None or step.backward is None:
+        return checks
     # Backward flow is all but linear in pixel and depth: interpolating it errs by as much as the
     # interpolated depth does, by that depth's rounding, and by the square of the spread. What
     # remains are the bounds of both flows, and as much again for the bend within a pixel.
@@ -50,15 +56,16 @@ def verify_correspondence(step: FrameStep, targets: FlowTargets) -> list[CheckRe
 
 
 def _visibility(
-    step: FrameStep, targets: FlowTargets, uv: Array, four: PixelBlock
+    step: FrameStep, targets: FlowTargets, uv: Array, four: PixelBlock,
+    visibility: NDArray[np.uint8],
 ) -> CheckResult:
-    """The stored visibility of parts at targets [2 M], and that the background has none.
+    """The stored visibility [N] of parts at targets [2 M], and that the background has none.
 
     A suspect is acquitted if half a unit of depth would explain it.
     """
     first = len(targets.pixel) - len(four.near)
     pixel, part, z = targets.pixel[first:], targets.part[first:], targets.z[first:]
-    slack, stored = targets.slack[:, first:], step.visibility[pixel]
+    slack, stored = targets.slack[:, first:], visibility[pixel]
     suspect = np.flatnonzero(~_plausible(step.there, stored, uv, z, four))
     wrong = np.ones(len(suspect), bool)
     for du in (-1, 1):
@@ -66,11 +73,20 @@ def _visibility(
             moved = uv[:, suspect] + [[du], [dv]] * (slack[:, suspect] + 1e-3)
             nearby = step.there.around(moved, part[suspect])
             wrong &= ~_plausible(step.there, stored[suspect], moved, z[suspect], nearby)
-    labelled = step.visibility != 0
+    labelled = visibility != 0
     labelled[pixel] = labelled[targets.deforms] = False
     bad: Index = np.concatenate([pixel[suspect[wrong]], np.flatnonzero(labelled)]).astype(np.intp)
     return check_share("visibility", np.ones(len(bad), bool), 1e-3,
                        lambda i: step.here.name(int(bad[i])), max(len(pixel), len(bad)))
+
+
+def _expected(there: VerifiedFrame, z: Array, four: PixelBlock) -> NDArray[np.uint8]:
+    """[M] the visibility where it is not stored: a point is hidden only behind what is seen.
+
+    One that is before it contradicts the images.
+    """
+    behind = z - four.far > np.maximum(2 * there.unit, 0.002 * z)
+    return np.where(behind, OCCLUDED, VISIBLE).astype(np.uint8)
 
 
 def _plausible(

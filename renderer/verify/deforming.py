@@ -7,7 +7,9 @@ can be known may be unknown. Where a sequence has tracks, they give exact flows 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...robots.geometry import Array
 from ..types import OCCLUDED, OUT_OF_IMAGE, VISIBLE
 from .checks import CheckResult, check_share
 from .frames import FLAT, FLOW, FrameStep, Index, deforming_numbers
@@ -22,24 +24,27 @@ def verify_deforming(step: FrameStep) -> list[CheckResult]:
     numbers = deforming_numbers(here.sequence)
     if not len(numbers):
         return []
-    pixel = np.flatnonzero(np.isin(here.part, numbers) & (here.depth > 0))
-    known = np.isfinite(step.forward[pixel]).all(axis=1)
-    outside = step.visibility[pixel] == OUT_OF_IMAGE
-    lost = np.isfinite(step.backward).sum(axis=-1) < 2
-    there_pixel = np.flatnonzero(np.isin(there.part, numbers) & (there.depth > 0))
-    return [
-        check_share("deforming: flow known", ~known & ~outside, 0,
-                    lambda i: here.name(int(pixel[i]))),
-        check_share("deforming: flow back known", lost[there_pixel], _FEW,
-                    lambda i: there.name(int(there_pixel[i]))),
-        *_targets(step, pixel[known]),
-    ]
+    checks: list[CheckResult] = []
+    if step.forward is not None and step.visibility is not None:
+        pixel = np.flatnonzero(np.isin(here.part, numbers) & (here.depth > 0))
+        flow, stored = step.forward[pixel].astype(np.float64), step.visibility[pixel]
+        known = np.isfinite(flow).all(axis=1)
+        checks += [check_share("deforming: flow known", ~known & (stored != OUT_OF_IMAGE), 0,
+                               lambda i: here.name(int(pixel[i]))),
+                   *_targets(step, pixel[known], flow[known].T, stored[known])]
+    if step.backward is not None:
+        lost = np.isfinite(step.backward).sum(axis=-1) < 2
+        there_pixel = np.flatnonzero(np.isin(there.part, numbers) & (there.depth > 0))
+        checks.append(check_share("deforming: flow back known", lost[there_pixel], _FEW,
+                                  lambda i: there.name(int(there_pixel[i]))))
+    return checks
 
 
-def _targets(step: FrameStep, pixel: Index) -> list[CheckResult]:
-    """Visibility of pixels with a known flow, and what is where it leads."""
+def _targets(
+    step: FrameStep, pixel: Index, flow: Array, stored: NDArray[np.uint8]
+) -> list[CheckResult]:
+    """Visibility [M] of pixels [M] with a known flow [2 M], and what is where it leads."""
     here, there = step.here, step.there
-    stored, flow = step.visibility[pixel], step.forward[pixel].T.astype(np.float64)
     uv = np.clip(here.positions(pixel) + flow, -1e6, 1e6)
     around = there.around(uv, here.part[pixel])
     out = here.beyond_border(uv)  # within a hundredth of a pixel of the border, both are right
@@ -48,6 +53,8 @@ def _targets(step: FrameStep, pixel: Index) -> list[CheckResult]:
     wrong |= (stored < VISIBLE) | (stored > OUT_OF_IMAGE)
     checks = [check_share("deforming: visibility", wrong, 1e-3,
                           lambda i: here.name(int(pixel[i])))]
+    if step.backward is None:
+        return checks
 
     smooth = around.far - around.near < FLAT * around.near
     inner = np.flatnonzero(around.same.all(axis=0) & smooth)

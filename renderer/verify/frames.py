@@ -135,11 +135,11 @@ class FrameStep:
     there: VerifiedFrame
     motions: Array
     """[P+1 4 4] how each part number moves in the camera frame"""
-    forward: NDArray[np.float32]
+    forward: NDArray[np.float32] | None
+    """[N 2] px; None, as those below, if it is not stored"""
+    backward: NDArray[np.float32] | None
     """[N 2] px"""
-    backward: NDArray[np.float32]
-    """[N 2] px"""
-    visibility: NDArray[np.uint8]
+    visibility: NDArray[np.uint8] | None
     """[N]"""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,15 +30,17 @@ def verify_images(sequence: Sequence) -> list[CheckResult]:
         if t + 1 == meta.frames:
             break
         there = _decode(sequence, t + 1, checks)
-        forward, backward = sequence.flow[t], sequence.flow_backward[t]
-        visibility = sequence.visibility[t]
-        shapes = [np.shape(x) for x in (forward, backward, visibility)]
         size = (meta.height, meta.width)
-        checks.append(check("image shapes", shapes != [(*size, 2), (*size, 2), size], 0, "frames",
-                            f"frame {t} flow or visibility"))
+        joining: list[tuple[NDArray[Any] | None, tuple[int, ...]]] = [
+            (None if stack is None else stack[t], shape) for stack, shape in (
+                (sequence.flow, (*size, 2)), (sequence.flow_backward, (*size, 2)),
+                (sequence.visibility, size))]
+        wrong = any(image is not None and np.shape(image) != shape for image, shape in joining)
+        checks.append(check("image shapes", wrong, 0, "frames", f"frame {t} flow or visibility"))
         if here is not None and there is not None and checks[-1].ok:
-            checks += _step(FrameStep(here, there, motions[t], forward.reshape(-1, 2),
-                                      backward.reshape(-1, 2), visibility.ravel()))
+            flat = [None if image is None else image.reshape(-1, *shape[2:])
+                    for image, shape in joining]
+            checks += _step(FrameStep(here, there, motions[t], *flat))
         here = there
     mixed = len(set(backdrops)) > 1
     checks.append(check("background all surface or none", mixed, 0, "frames",
@@ -46,10 +50,13 @@ def verify_images(sequence: Sequence) -> list[CheckResult]:
 
 def _step(step: FrameStep) -> list[CheckResult]:
     ahead = flow_targets(step.here, step.motions)
-    back = flow_targets(step.there, np.linalg.inv(step.motions).astype(np.float64))
-    return [*_flow(step.here, "flow forward", step.forward, ahead),
-            *_flow(step.there, "flow backward", step.backward, back),
-            *verify_correspondence(step, ahead), *verify_deforming(step)]
+    checks = [*verify_correspondence(step, ahead), *verify_deforming(step)]
+    if step.backward is not None:
+        back = flow_targets(step.there, np.linalg.inv(step.motions).astype(np.float64))
+        checks = [*_flow(step.there, "flow backward", step.backward, back), *checks]
+    if step.forward is not None:
+        checks = [*_flow(step.here, "flow forward", step.forward, ahead), *checks]
+    return checks
 
 
 def _motions(sequence: Sequence) -> Array:

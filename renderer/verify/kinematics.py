@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel
-from ..dataset import state_shapes
+from ..dataset import image_times, state_shapes
 from ..scene import animation_times
 from ..types import Sequence, State
 from .checks import CheckResult, check
@@ -66,12 +66,10 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
 def _shapes(sequence: Sequence) -> CheckResult:
     """Every array of the state, and the length of every stack, against the meta data."""
     meta, s = sequence.meta, sequence.state
-    t, j, p = meta.frames, len(meta.joint_names), len(meta.part_names)
+    j, p = len(meta.joint_names), len(meta.part_names)
     expected = state_shapes(meta)
     wrong = [k for k, shape in expected.items() if np.shape(getattr(s, k)) != shape]
-    lengths = {"rgb": t, "depth": t, "part": t,
-               "flow": t - 1, "flow_backward": t - 1, "visibility": t - 1}
-    lengths |= {k: t for k in ("normal", "coordinates") if k in meta.layers}
+    lengths = {name: len(times) for name, times in image_times(meta).items()}
     stacks = {k: getattr(sequence, k) for k in lengths}
     wrong += [k for k, n in lengths.items() if stacks[k] is None or len(stacks[k]) != n]
     if len(meta.joint_types) != j or len(meta.joint_limits) != j:

@@ -153,6 +153,8 @@ def _check_kept(frame: VerifiedFrame, local: Array, there: VerifiedFrame, local_
           ) -> list[CheckResult]:
     """A point keeps its coordinates [N 3] where the forward flow of its frame leads."""
     sequence, t = frame.sequence, frame.t
+    if sequence.flow is None or sequence.visibility is None:
+        return []
     flow = sequence.flow[t].reshape(-1, 2).astype(np.float64)
     seen = sequence.visibility[t].ravel() == VISIBLE
     pixel = np.flatnonzero(seen & np.isfinite(flow).all(axis=1) & (frame.part > 0))

@@ -116,6 +116,8 @@ def _steps(
     steps = [(t + 1, sequence.flow, t)] if t + 1 < sequence.meta.frames else []
     steps += [(t - 1, sequence.flow_backward, t - 1)] if t > 0 else []
     for other, stack, number in steps:
+        if stack is None:
+            continue
         flow = stack[number].reshape(-1, 2)[flat].astype(np.float64)
         step = image[other] - image[t]
         both = np.isfinite(flow).all(axis=1) & np.isfinite(step).all(axis=1)
