@@ -26,6 +26,7 @@ def render(args: Sequence[str]) -> tuple[object, int]:
     from .generate import options
 
     given = options.render_options(args, render.__doc__)
+    _choose_device(given.device)
     done = render_dataset(given.config, given.n, given.out, given.workers, not given.quiet)
     return done if given.json else done.describe(), 0
 
@@ -214,20 +215,31 @@ def export(
     return f"{done.folder}: {done.sequences} sequences, {done.frames} frames", 0
 
 
-def doctor(json: bool = False) -> tuple[object, int]:
+def doctor(device: str = "", json: bool = False) -> tuple[object, int]:
     """Check what renders on this machine, and how fast.
 
     The exit code is 2 if nothing renders.
 
     Examples:
       gcbench doctor
+      gcbench doctor --device gpu
       gcbench doctor --json
 
     Args:
+        device: What must draw, as for `gcbench render`. Default: what draws there.
         json: Print the result as one JSON document.
     """
     from .. import doctor as examine
 
+    _choose_device(device)
     report = examine()
     record = {"ok": report.ok, **report.sections}
     return record if json else report.text, 0 if report.ok else 2
+
+
+def _choose_device(device: str) -> None:
+    """Have this process and those that it starts draw on a device; "" leaves the choice."""
+    if device:
+        from .gl import DEVICE_VARIABLE
+
+        os.environ[DEVICE_VARIABLE] = device

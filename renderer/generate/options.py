@@ -20,7 +20,7 @@ _GROUPS = {
     "cluster": "--executor --address --gpus",
     "model": "--package --root --scale --allow-missing --animation --scored-joints",
     "sequence": "--twin-of --vary --stream --keep-unobservable --samples --track-points "
-                "--flow --no-visibility",
+                "--flow --no-visibility --device",
 }
 """Options by group; those of the randomization have groups of their own."""
 
@@ -33,6 +33,7 @@ class RenderOptions:
     n: int | Collection[int]
     out: Path
     workers: int | RayWorkers | None
+    device: str
     quiet: bool
     json: bool
 
@@ -62,13 +63,16 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         Default: data/ROBOT."""
         workers: Annotated[int | None, quiet] = None
         """Processes that render. Default: the number of cores, which is the fastest."""
+        device: Annotated[str, quiet] = ""
+        """What draws: a name that `gcbench doctor` shows (0, cuda:1, 65:00.0), gpu (any, but no
+        software) or software. Default: a GPU if one works."""
         randomize: Literal["full", "none"] = "full"
         """none: a plain studio, in which only the motion (and the object of a kind) is random."""
         config: Annotated[Path | None, quiet] = None
         """TOML or JSON file of options (any but --n, --sequences, --shard, --out, --workers,
-        --executor, --address, --gpus, --quiet, --json and --randomize, with _ for -), with tables
-        such as `[randomization.camera]`, or a dataset.json. Options on the command line override
-        the file."""
+        --executor, --address, --gpus, --device, --quiet, --json and --randomize, with _ for -),
+        with tables such as `[randomization.camera]`, or a dataset.json. Options on the command
+        line override the file."""
         randomization: Annotated[RandomizationConfig, tyro.conf.arg(name="")] = ranges
 
     is_plain = command_line.option_value(args, "--randomize") == "none"
@@ -82,13 +86,18 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
     n = parse_shard(options.shard, options.n) if options.shard else options.n
     if options.sequences:
-        if options.shard:
-            raise ConfigError("--shard and --sequences exclude each other; give one of them")
-        if command_line.option_value(args, "--n") is not None:
-            raise ConfigError("--n and --sequences exclude each other; give one of them")
-        ranges = command_line.parse_ranges(options.sequences)
-        if sum(map(len, ranges)) > _MOST:
-            raise ConfigError(f"--sequences {options.sequences[:60]}: more than {_MOST} at once")
-        n = sorted({*chain(*ranges)})
+        for option in ("--shard", "--n"):
+            if command_line.option_value(args, option) is not None:
+                raise ConfigError(f"{option} and --sequences exclude each other; give one of them")
+        n = _numbers(options.sequences)
     workers = options.choose_workers(options.workers)
-    return RenderOptions(config, n, out, workers, options.quiet, options.json)
+    if options.device and options.executor == "ray":
+        raise ConfigError("--device is of this machine; with --executor ray, give --gpus")
+    return RenderOptions(config, n, out, workers, options.device, options.quiet, options.json)
+
+
+def _numbers(sequences: str) -> list[int]:
+    ranges = command_line.parse_ranges(sequences)
+    if sum(map(len, ranges)) > _MOST:
+        raise ConfigError(f"--sequences {sequences[:60]}: more than {_MOST} at once")
+    return sorted({*chain(*ranges)})

@@ -120,7 +120,6 @@ def _choose_gpu() -> None:
     """Draw on the GPU that Ray has assigned: EGL takes the first one, whatever CUDA sees."""
     import ray
 
-    from ..gl import find_cuda_device
+    from ..gl import DEVICE_VARIABLE
 
-    device = find_cuda_device(int(ray.get_gpu_ids()[0]))
-    os.environ.setdefault("EGL_DEVICE_ID", str(device))
+    os.environ.setdefault(DEVICE_VARIABLE, f"cuda:{ray.get_gpu_ids()[0]}")

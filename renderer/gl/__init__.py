@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from .context import device_names, find_cuda_device
+from .context import device_names
+from .devices import DEVICE_VARIABLE
 from .framebuffers import NoRendererError
 from .rasterizer import Rasterizer
 
-__all__ = ["NoRendererError", "Rasterizer", "device_names", "find_cuda_device"]
+__all__ = ["DEVICE_VARIABLE", "NoRendererError", "Rasterizer", "device_names"]

@@ -6,7 +6,6 @@ pyrender provides the EGL platform and the functions of the physically based sha
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false
 from __future__ import annotations
 
-import ctypes
 import os
 import re
 from pathlib import Path
@@ -16,12 +15,18 @@ import numpy as np
 
 from ...robots.geometry import Array
 from ..scene import Scene
+from .devices import (
+    DEVICE_VARIABLE,
+    EglDevice,
+    choose_devices,
+    examine_device,
+    is_drawn_by_software,
+)
 from .framebuffers import NoRendererError
 from .programs import Features, shader_source, surface_shaders
 
 os.environ["PYOPENGL_PLATFORM"] = "egl"  # the only one that this package draws with
 os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender loads pyglet, which would load X11
-_EGL_CUDA_DEVICE_NV = 0x323A
 _INSTALL = ("for software rendering on Debian or Ubuntu: "
             "apt-get install libegl1 libgl1 libgl1-mesa-dri")
 
@@ -29,25 +34,31 @@ _INSTALL = ("for software rendering on Debian or Ubuntu: "
 class GLContext:
     """An EGL context on the first device that draws; GPUs are tried before software.
 
-    The environment variable `EGL_DEVICE_ID` selects a device by number. Raises NoRendererError
-    with the reason of each device.
+    The environment variable `EGL_DEVICE_ID` (`gcbench render --device`) chooses a device. Who
+    chooses a GPU never gets software in its place. Raises NoRendererError with the reason of each
+    device.
     """
 
     def __init__(self) -> None:
-        egl, devices = _load_egl()
+        (egl, devices), wanted = _load_egl(), os.environ.get(DEVICE_VARIABLE, "")
         tried: list[str] = []
-        for number, device in devices:
+        for device in choose_devices(devices, wanted):
             try:
-                self._platform: Any = egl.EGLPlatform(1, 1, device)
+                self._platform: Any = egl.EGLPlatform(1, 1, device.handle)
                 self._platform.init_context()
                 from OpenGL import GL
 
                 self.gl: Any = GL
                 self.renderer = str(self.gl.glGetString(GL.GL_RENDERER).decode())
                 self.version = str(self.gl.glGetString(GL.GL_VERSION).decode())
-                self.device = number
+                self.device = device.number
             except Exception as error:
-                tried.append(f"device {number}: {_reason(error)}")
+                tried.append(f"device {device.number}: {_reason(error)}")
+                continue
+            if wanted and not device.is_software and is_drawn_by_software(self.renderer):
+                tried.append(f"device {device.number}: its driver draws in software "
+                             f"({self.renderer})")
+                self.close()
                 continue
             return
         raise NoRendererError(
@@ -72,39 +83,16 @@ class GLContext:
 
 
 def device_names() -> list[str]:
-    """Return every EGL device with its device file, in the order in which they are tried."""
-    return [f"device {i}: {device.name or 'software (Mesa)'}" for i, device in _load_egl()[1]]
+    """Return every EGL device with the names by which it can be chosen, GPUs first."""
+    return [device.describe() for device in _load_egl()[1]]
 
 
-def find_cuda_device(cuda: int) -> int:
-    """Return the number of the EGL device that is a CUDA device, for `EGL_DEVICE_ID`.
-
-    EGL shows all devices to a process that sees only some of CUDA's; a driver may number these
-    from 0. Raises NoRendererError if there is no such device.
-    """
-    egl, devices = _load_egl()
-    query = egl._get_egl_func("eglQueryDeviceAttribEXT", ctypes.c_uint)
-    found: dict[int, int] = {}
-    for number, device in devices:
-        value = ctypes.c_ssize_t(-1)
-        if query and query(device._display, _EGL_CUDA_DEVICE_NV, ctypes.byref(value)):
-            found[value.value] = number
-    number = found.get(cuda, found.get(0))
-    if number is None:
-        raise NoRendererError(f"no EGL device draws on CUDA device {cuda}; install the driver's "
-                              "EGL (libnvidia-gl), or render without GPUs")
-    return number
-
-
-def _load_egl() -> tuple[Any, list[tuple[int, Any]]]:
-    """pyrender's EGL, and its devices with their numbers: those with a device file (GPUs) first.
-
-    Raises NoRendererError if there is none.
-    """
+def _load_egl() -> tuple[Any, list[EglDevice]]:
+    """pyrender's EGL, and its devices, GPUs first. Raises NoRendererError if there is none."""
     try:
         from pyrender.platforms import egl
 
-        devices = list(enumerate(egl.query_devices()))
+        devices = [examine_device(egl, i, device) for i, device in enumerate(egl.query_devices())]
     except ModuleNotFoundError as error:
         raise NoRendererError(
             f"the package {error.name} is missing; pip install scikit-robot-pyrender") from None
@@ -112,12 +100,7 @@ def _load_egl() -> tuple[Any, list[tuple[int, Any]]]:
         raise NoRendererError(f"EGL cannot be loaded ({_reason(error)}); {_INSTALL}") from None
     if not devices:
         raise NoRendererError(f"EGL reports no device; {_INSTALL}")
-    wanted = os.environ.get("EGL_DEVICE_ID")
-    chosen = [(i, d) for i, d in devices if not wanted or str(i) == wanted]
-    if not chosen:
-        raise NoRendererError(f"EGL_DEVICE_ID={wanted} is no device; unset it, or give "
-                              f"{' or '.join(str(i) for i, _ in devices)}")
-    return egl, sorted(chosen, key=lambda item: item[1].name is None)
+    return egl, sorted(devices, key=lambda device: device.is_software)
 
 
 def _reason(error: BaseException) -> str:

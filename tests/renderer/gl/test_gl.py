@@ -10,7 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gcbench.renderer.gl import NoRendererError
+from gcbench.renderer.gl.context import _load_egl
 from gcbench.renderer.gl.culling import outward_faces
+from gcbench.renderer.gl.devices import (
+    EglDevice,
+    choose_devices,
+    is_drawn_by_software,
+)
 from gcbench.renderer.gl.rasterizer import Rasterizer
 from gcbench.renderer.scene import pose_parts, rest
 from gcbench.renderer.scene.room import RoomSurface
@@ -452,7 +459,8 @@ def test_projection_agrees_with_the_camera(rasterizer: Rasterizer) -> None:
 @pytest.mark.parametrize(
     ("variable", "message"),
     [
-        ("EGL_DEVICE_ID=99", "EGL_DEVICE_ID=99 is no device; unset it, or give 0"),
+        ("EGL_DEVICE_ID=99", "no EGL device is '99'; there are: device 0: "),
+        ("EGL_DEVICE_ID=cuda:99", "(or EGL_DEVICE_ID) a number, cuda:N, a PCI address, gpu or "),
         ("LIBGL_DRIVERS_PATH=/nowhere", "no EGL device draws OpenGL 4.1 (device 0: eglInitialize "
          "fails with EGL_NOT_INITIALIZED); update its driver, or "),
         ("PYOPENGL_PLATFORM=osmesa", ""),
@@ -465,3 +473,41 @@ def test_the_cause_is_named_where_nothing_draws(variable: str, message: str) -> 
                           capture_output=True, text=True)
     said = done.stderr.strip().splitlines() or [""]
     assert message in said[-1] and (done.returncode == 0) == (not message)
+
+
+DEVICES = [
+    EglDevice(2, None, "/dev/dri/card1", False, 1, "0000:65:00.0"),
+    EglDevice(1, None, "/dev/dri/card0", False, None, "0001:0a:00.1"),
+    EglDevice(3, None, None, False, 0),
+    EglDevice(0, None, None, True),
+]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "numbers"),
+    [("", [2, 1, 3, 0]), ("0", [0]), ("3", [3]), ("gpu", [2, 1, 3]), ("software", [0]),
+     ("cuda:1", [2]), ("cuda:0", [3]), ("0000:65:00.0", [2]), ("65:00.0", [2]),
+     ("0001:0A:00.1", [1]), ("0a:00.1", []), ("5:00.0", []), ("cuda:2", []), ("cuda", []),
+     ("4", []), (".*", [])],
+)
+def test_a_device_is_chosen_by_any_of_its_names(wanted: str, numbers: list[int]) -> None:
+    if numbers:
+        assert [device.number for device in choose_devices(DEVICES, wanted)] == numbers
+    else:
+        with pytest.raises(NoRendererError, match="device 2: /dev/dri/card1, cuda:1, 0000:65:00"):
+            choose_devices(DEVICES, wanted)
+
+
+@pytest.mark.parametrize("wanted", ["gpu", "software", "0"])
+def test_what_draws_is_what_was_chosen(wanted: str) -> None:
+    devices = _load_egl()[1]
+    assert [d.is_software for d in devices] == sorted(d.is_software for d in devices)
+    code = "from gcbench.renderer.gl.context import GLContext; print(GLContext().renderer)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                          env={**os.environ, "EGL_DEVICE_ID": wanted})
+    meant = {d.is_software for d in devices if wanted in ("gpu", "software", str(d.number))
+             and (wanted == "0" or d.is_software == (wanted == "software"))}
+    if meant:
+        assert {is_drawn_by_software(done.stdout)} == meant, done.stderr
+    else:
+        assert f"no EGL device is {wanted!r}" in done.stderr
