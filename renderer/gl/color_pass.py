@@ -127,6 +127,8 @@ class ColorPass:
         if shadows:
             self._shade_room(self._uploaded, shot)
         self._shade(self._uploaded, shot, t, ranges)
+        if self._programs.copies_ahead:
+            self._target.copy_ahead(0, self._gl.GL_RGBA, self._gl.GL_UNSIGNED_BYTE, 4)
         self._gl.glFlush()
         return drawn
 

@@ -51,11 +51,12 @@ class GLContext:
                 self.gl: Any = GL
                 self.renderer = str(self.gl.glGetString(GL.GL_RENDERER).decode())
                 self.version = str(self.gl.glGetString(GL.GL_VERSION).decode())
+                self.is_software = is_drawn_by_software(self.renderer)
                 self.device = device.number
             except Exception as error:
                 tried.append(f"device {device.number}: {_reason(error)}")
                 continue
-            if wanted and not device.is_software and is_drawn_by_software(self.renderer):
+            if wanted and not device.is_software and self.is_software:
                 tried.append(f"device {device.number}: its driver draws in software "
                              f"({self.renderer})")
                 self.close()
@@ -138,13 +139,14 @@ class Program:
 
 
 class Programs:
-    """The programs, compiled on first use.
+    """The programs, compiled on first use, and how the passes use them.
 
-    With `faces`, that of the truth tells triangles too.
+    With `faces`, that of the truth tells triangles too. With `copies_ahead`, the passes have the
+    device copy what they draw at once, while the caller works.
     """
 
-    def __init__(self, gl: Any, faces: bool = False) -> None:
-        self.gl, self.faces = gl, faces
+    def __init__(self, gl: Any, faces: bool = False, copies_ahead: bool = False) -> None:
+        self.gl, self.faces, self.copies_ahead = gl, faces, copies_ahead
         self._surface: dict[tuple[Features, int, bool], Program] = {}
         self._solid: dict[tuple[str, bool], Program] = {}
         self.backdrop = Program(

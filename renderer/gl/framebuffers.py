@@ -6,6 +6,7 @@ Functions take the module of OpenGL's functions (`GLContext.gl`) as `gl`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from ctypes import c_void_p
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ class Framebuffer:
         self, gl: Any, width: int, height: int, formats: Sequence[Any], depth: Any
     ) -> None:
         self._gl, self.size, self._attachments = gl, (width, height), len(formats)
+        self._copies: dict[int, int] = {}  # pixel buffer of each attachment, once it is needed
+        self._copied: set[int] = set()  # attachments whose buffer holds what was drawn last
         self.id = int(gl.glGenFramebuffers(1))
         gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self.id)
         points = [gl.GL_COLOR_ATTACHMENT0 + k for k in range(len(formats))]
@@ -50,6 +53,7 @@ class Framebuffer:
 
     def bind(self) -> None:
         """Draw into this framebuffer from now on."""
+        self._copied.clear()
         self._gl.glBindFramebuffer(self._gl.GL_FRAMEBUFFER, self.id)
         self._gl.glViewport(0, 0, *self.size)
 
@@ -78,9 +82,33 @@ class Framebuffer:
     def read(self, attachment: int, layout: Any, kind: Any, out: NDArray[Any]) -> None:
         """Copy a colour attachment into `out`; waits until it is drawn."""
         gl = self._gl
+        if attachment in self._copied:
+            self._copied.remove(attachment)
+            gl.glBindBuffer(gl.GL_PIXEL_PACK_BUFFER, self._copies[attachment])
+            data = out.reshape(-1).view(np.uint8)  # PyOpenGL would convert another type
+            gl.glGetBufferSubData(gl.GL_PIXEL_PACK_BUFFER, 0, data.nbytes, data)
+            gl.glBindBuffer(gl.GL_PIXEL_PACK_BUFFER, 0)
+            return
         gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.id)
         gl.glReadBuffer(gl.GL_COLOR_ATTACHMENT0 + attachment)
         gl.glReadPixels(0, 0, *self.size, layout, kind, out)
+
+    def copy_ahead(self, attachment: int, layout: Any, kind: Any, pixel: int) -> None:
+        """Have the device copy a colour attachment, of `pixel` bytes a pixel, for a later `read`.
+
+        The caller does not wait. Software renderers would: for them it is of no use.
+        """
+        gl, (width, height) = self._gl, self.size
+        if attachment not in self._copies:
+            self._copies[attachment] = int(gl.glGenBuffers(1))
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.id)
+        gl.glReadBuffer(gl.GL_COLOR_ATTACHMENT0 + attachment)
+        gl.glBindBuffer(gl.GL_PIXEL_PACK_BUFFER, self._copies[attachment])
+        gl.glBufferData(
+            gl.GL_PIXEL_PACK_BUFFER, pixel * width * height, None, gl.GL_STREAM_READ)
+        gl.glReadPixels(0, 0, width, height, layout, kind, c_void_p(0))
+        gl.glBindBuffer(gl.GL_PIXEL_PACK_BUFFER, 0)
+        self._copied.add(attachment)
 
 
 def picture_texture(

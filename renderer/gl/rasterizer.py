@@ -27,9 +27,13 @@ class Rasterizer:
     its images, the caller can do other work. Frames may be drawn in any order.
     """
 
-    def __init__(self, width: int, height: int, finer: int = 2, faces: bool = False) -> None:
+    def __init__(
+        self, width: int, height: int, finer: int = 2, faces: bool = False,
+        copies_ahead: bool | None = None,
+    ) -> None:
         """Colour has `finer` samples along each side of a pixel; with `faces`, the truth includes
-        triangles. Raises NoRendererError if no EGL device can draw images of this size.
+        triangles. `copies_ahead`: as of `Programs`; by default, GPUs do. Raises NoRendererError if
+        no EGL device can draw images of this size.
         """
         self.context = GLContext()
         gl = self.context.gl
@@ -45,7 +49,8 @@ class Rasterizer:
         gl.glVertexAttrib4f(3, 1.0, 1.0, 1.0, 1.0)  # of meshes without vertex colours
         gl.glPixelStorei(gl.GL_PACK_ALIGNMENT, 1)
         gl.glPixelStorei(gl.GL_UNPACK_ALIGNMENT, 1)
-        programs = Programs(gl, faces)
+        ahead = not self.context.is_software if copies_ahead is None else copies_ahead
+        programs = Programs(gl, faces, ahead)
         self._uploaded: UploadedModel | None = None
         self._truth_shot: Shot | None = None
         self._color_shot: Shot | None = None

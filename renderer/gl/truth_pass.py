@@ -30,12 +30,12 @@ class DrawnTruth:
     @cached_property
     def depth(self) -> NDArray[np.float32]:
         """[H W] m; 0 where nothing is drawn"""
-        return self._read(0, self._gl.GL_RED, self._gl.GL_FLOAT, np.float32)
+        return self._read(0)
 
     @cached_property
     def part(self) -> NDArray[np.uint16]:
         """[H W] 1-based part number; 0 where no part is drawn"""
-        return self._read(1, self._gl.GL_RED_INTEGER, self._gl.GL_UNSIGNED_SHORT, np.uint16)
+        return self._read(1)
 
     @cached_property
     def face(self) -> NDArray[np.int32] | None:
@@ -44,18 +44,25 @@ class DrawnTruth:
         """
         if self._order is None:
             return None
-        drawn = self._read(2, self._gl.GL_RED_INTEGER, self._gl.GL_UNSIGNED_INT, np.uint32)
-        return np.concatenate([np.array([-1]), self._order]).astype(np.int32)[drawn]
+        return np.concatenate([np.array([-1]), self._order]).astype(np.int32)[self._read(2)]
 
     def read(self) -> None:
         """Copy all images from the device."""
         _ = self.depth, self.part, self.face
 
-    def _read(self, attachment: int, layout: Any, kind: Any, dtype: Any) -> NDArray[Any]:
+    def _read(self, attachment: int) -> NDArray[Any]:
+        layout, kind, dtype = _layouts(self._gl)[attachment]
         width, height = self._target.size
         out = np.empty((height, width), dtype)
         self._target.read(attachment, layout, kind, out)
         return out
+
+
+def _layouts(gl: Any) -> tuple[tuple[Any, Any, type[Any]], ...]:
+    """How depth, part numbers and triangles are read."""
+    return ((gl.GL_RED, gl.GL_FLOAT, np.float32),
+            (gl.GL_RED_INTEGER, gl.GL_UNSIGNED_SHORT, np.uint16),
+            (gl.GL_RED_INTEGER, gl.GL_UNSIGNED_INT, np.uint32))
 
 
 class TruthPass:
@@ -81,7 +88,7 @@ class TruthPass:
         self._still.copy_to(self._target)
         self._target.bind()
         self._draw(shot, shot.moving_ranges, t)
-        self._gl.glFlush()
+        self._send()
         return drawn
 
     def draw_room(self, room: VertexArray, clip_from_world: Array) -> DrawnTruth:
@@ -97,6 +104,7 @@ class TruthPass:
         for r in merge_ranges(room.ranges):
             gl.glUniform1ui(program["first_face"], r.first // 3)
             draw_range(gl, r)
+        self._send()
         return drawn
 
     def finish(self) -> None:
@@ -111,6 +119,13 @@ class TruthPass:
         drawn = DrawnTruth(self._gl, self._target, array.order if self._faces else None)
         self._last = ref(drawn)
         return drawn
+
+    def _send(self) -> None:
+        """Have the device draw, while the caller works."""
+        if self._programs.copies_ahead:
+            for k, (layout, kind, dtype) in enumerate(_layouts(self._gl)[: 2 + self._faces]):
+                self._target.copy_ahead(k, layout, kind, np.dtype(dtype).itemsize)
+        self._gl.glFlush()
 
     def _clear(self) -> None:
         gl = self._gl

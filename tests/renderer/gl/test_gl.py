@@ -397,6 +397,31 @@ def test_scenes_leave_nothing_behind(rasterizer: Rasterizer) -> None:
             np.testing.assert_array_equal(a, b)
 
 
+def test_images_that_are_copied_ahead_are_the_same(rasterizer: Rasterizer) -> None:
+    """GPUs copy what they have drawn while the caller works; images may stay unread."""
+    things, glass = model(quad(0, 0.0, 0.5)), model(quad(1, 0.2, 0.3), BOX)
+    room = scene(things, backdrop=None, room=(floor(np.full((8, 8, 3), 200, np.uint8)),))
+    found: list[list[np.ndarray]] = []
+    for ahead in (False, True):
+        drawing = Rasterizer(WIDTH, HEIGHT, faces=True, copies_ahead=ahead)
+        images = found.append([]) or found[-1]
+        for drawn, posed in ((room, rest(things)), (scene(glass), rest(glass))):
+            first = drawing.draw_truth(posed, camera())
+            later, shown = drawing.draw_truth(posed, camera()), drawing.draw_color(drawn, posed)
+            images += [first.part]  # the next draw has read it
+            before = drawing.draw_room(drawn, posed)
+            images += [later.part, later.depth, later.face, shown.rgb]
+            images += [before.depth, before.face] if before else []
+            for _ in range(2):  # what is never read does no harm
+                shown, later = drawing.draw_color(drawn, posed), drawing.draw_truth(posed, camera())
+            images += [shown.rgb, later.part]
+        drawing.close()
+    rasterizer.context.make_current()
+    for plain, copied in zip(*found, strict=True):
+        assert plain.any()
+        np.testing.assert_array_equal(plain, copied)
+
+
 def test_objects_of_opengl_do_not_pile_up(rasterizer: Rasterizer) -> None:
     gl = rasterizer.context.gl
     texture = np.zeros((8, 8, 3), np.uint8)
