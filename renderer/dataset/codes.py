@@ -56,11 +56,15 @@ def flow_codes(flow: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 def flow_of_codes(bgr: NDArray[Any]) -> NDArray[np.float32]:
     """Return flow [H W 2] px of `flow_codes`; NaN where invalid."""
-    flow = bgr[..., 2:0:-1].astype(np.float32)
-    flow -= _FLOW_ZERO
-    flow /= _FLOW_SCALE
-    flow[bgr[..., 0] == 0] = np.nan
-    return flow
+    valid, v, u = cv2.split(bgr)
+    unknown = np.where(np.equal(valid, 0), np.float32(np.nan), np.float32(0.0))
+    flow: list[NDArray[np.float32]] = []
+    for code in (u, v):  # faster than both at once
+        flow.append(np.asarray(code, np.float32))
+        flow[-1] -= _FLOW_ZERO
+        flow[-1] /= _FLOW_SCALE
+        flow[-1] += unknown
+    return np.asarray(cv2.merge(flow), np.float32)
 
 
 def normal_codes(normal: NDArray[np.float32]) -> NDArray[np.uint16]:

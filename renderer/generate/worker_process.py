@@ -71,7 +71,7 @@ def render_tasks(connection: Connection, task: RenderTask) -> None:
 def open_renderer(task: RenderTask) -> Renderer:
     """Load the model of a task, in a process that has drawn nothing."""
     os.environ["LP_NUM_THREADS"] = str(task.threads)  # Mesa reads it when it loads
-    _keep_freed_memory()
+    keep_freed_memory()
     import cv2
 
     cv2.setNumThreads(1)
@@ -103,7 +103,7 @@ def write_sequence(
     return size
 
 
-def _keep_freed_memory() -> None:
+def keep_freed_memory() -> None:
     """Let glibc keep what a frame frees for the next one.
 
     By default it returns arrays of an image's size to the system, and the page faults of new ones

@@ -206,7 +206,7 @@ def test_a_worker_on_a_gpu_never_draws_without_it(tmp_path: Path) -> None:
         run = start(cluster, tmp_path / "out", "--gpus", "0.5")
         said, errors = run.communicate(timeout=300)
     assert (run.returncode, said) == (2, "")
-    assert re.search(r"gcbench: node \S+: no EGL device draws on CUDA device 0; .*\n$", errors)
+    assert re.search(r"gcbench: node \S+: no EGL device is 'cuda:0'; .*\n$", errors)
     assert "Traceback" not in errors
     assert not (tmp_path / "out").exists()
 
