@@ -13,11 +13,7 @@ import pytest
 from gcbench.renderer.gl import NoRendererError
 from gcbench.renderer.gl.context import _load_egl
 from gcbench.renderer.gl.culling import outward_faces
-from gcbench.renderer.gl.devices import (
-    EglDevice,
-    choose_devices,
-    is_drawn_by_software,
-)
+from gcbench.renderer.gl.devices import EglDevice, choose_devices, is_drawn_by_software
 from gcbench.renderer.gl.rasterizer import Rasterizer
 from gcbench.renderer.scene import pose_parts, rest
 from gcbench.renderer.scene.room import RoomSurface
