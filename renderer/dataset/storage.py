@@ -177,7 +177,7 @@ def open_sequence(path: str | Path) -> Sequence:
     state = parse_state(archive.read("state.npz"), meta, archive.where("state.npz"))
     size, plane = (meta.width, meta.height), (meta.height, meta.width)
 
-    def stored(
+    def open_stored(
         name: str, decode: Callable[..., NDArray[Item]], dtype: type[Item], *channels: int,
     ) -> LazyStack[Item] | None:
         return lazy(name, decode, dtype, *channels) if name in times else None
@@ -201,10 +201,10 @@ def open_sequence(path: str | Path) -> Sequence:
         rgb=lazy("rgb", codec.decode_rgb, np.uint8, 3),
         depth=lazy("depth", codec.decode_depth, np.float32, unit=meta.depth_unit),
         part=part,
-        flow=stored("flow", codec.decode_flow, np.float32, 2),
-        flow_backward=stored("flow_backward", codec.decode_flow, np.float32, 2),
-        visibility=stored("visibility", codec.decode_visibility, np.uint8),
-        normal=stored("normal", codec.decode_normal, np.float32, 3),
+        flow=open_stored("flow", codec.decode_flow, np.float32, 2),
+        flow_backward=open_stored("flow_backward", codec.decode_flow, np.float32, 2),
+        visibility=open_stored("visibility", codec.decode_visibility, np.uint8),
+        normal=open_stored("normal", codec.decode_normal, np.float32, 3),
         coordinates=coordinates,
     )
 

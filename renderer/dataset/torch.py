@@ -73,9 +73,9 @@ class TensorItems:
         Raises:
             ConfigError: there is no image or array of a name.
         """
-        stored = [name for name in IMAGES if name not in config.omitted]
+        stored = [name for name in IMAGES if name not in config.omitted_images]
         images = tuple(stored) if images is None else images
-        if lacks := [name for name in images if name in config.omitted]:
+        if lacks := [name for name in images if name in config.omitted_images]:
             raise ConfigError(f"the dataset has {describe_absence(lacks[0])}")
         _check("image", images, [*stored, *(name for name in _LAYERS if name in config.layers)])
         _check("array", state, [f.name for f in dataclasses.fields(State)])

@@ -153,7 +153,7 @@ class SequenceRenderer:
             keypoint_names=model.keypoint_names if has_keypoints else (),
             keypoint_tolerance=truth.keypoint_tolerance,
             tracks=0 if state.track_query is None else len(state.track_query),
-            omitted=config.omitted,
+            omitted=config.omitted_images,
         )
 
 

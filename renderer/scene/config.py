@@ -272,7 +272,7 @@ class RenderConfig:
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
 
     @property
-    def omitted(self) -> tuple[str, ...]:
+    def omitted_images(self) -> tuple[str, ...]:
         """Images that are not stored: of "flow", "flow_backward" and "visibility"."""
         stored = {"flow": self.flow != "none", "flow_backward": self.flow == "both",
                   "visibility": self.visibility}

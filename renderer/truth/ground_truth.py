@@ -65,7 +65,7 @@ class SequenceTruth:
         self.part_pixels[t] = points.part_pixels
         deforming = self._deforming_points(points, t)
         forward = backward = seen = None
-        omitted, last = self.config.omitted, self.config.frames - 1
+        omitted, last = self.config.omitted_images, self.config.frames - 1
         if t > 0 and "flow_backward" not in omitted:
             backward = points.flow_image(self._motion(points, deforming, t, t - 1))
         if t < last and not {"flow", "visibility"} <= {*omitted}:

@@ -19,7 +19,7 @@ def verify_correspondence(step: FrameStep, targets: FlowTargets) -> list[CheckRe
     uv = np.where(z > 0, np.clip(uv, -1e6, 1e6), -1e6)  # behind the camera is out of the image
     four = step.there.around(uv, part)
     if step.visibility is None:
-        stored, checks = _expected(step.there, z, four), list[CheckResult]()
+        stored, checks = _expect_visibility(step.there, z, four), list[CheckResult]()
     else:
         stored = step.visibility[pixel]
         checks = [_visibility(step, targets, uv, four, step.visibility)]
@@ -80,7 +80,7 @@ def _visibility(
                        lambda i: step.here.name(int(bad[i])), max(len(pixel), len(bad)))
 
 
-def _expected(there: VerifiedFrame, z: Array, four: PixelBlock) -> NDArray[np.uint8]:
+def _expect_visibility(there: VerifiedFrame, z: Array, four: PixelBlock) -> NDArray[np.uint8]:
     """[M] the visibility where it is not stored: a point is hidden only behind what is seen.
 
     One that is before it contradicts the images.

@@ -36,7 +36,7 @@ def opencv(image: Image, strategy: int, filtered: str) -> bytes:
     return cv2.imencode(".png", image, settings)[1].tobytes()
 
 
-def decoded(png: bytes) -> Image:
+def decode_png(png: bytes) -> Image:
     """The pixels that OpenCV reads."""
     return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED))
 
@@ -47,23 +47,23 @@ def jobs(sequence: gb.Sequence, t: int) -> Iterator[tuple[str, tuple[Callable[..
     where = ((size, sequence.meta.height), "here")
     yield "RGB", (lambda: codec.encode_rgb(frame.rgb), lambda png: codec.decode_rgb(png, *where),
                   lambda: opencv(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR), RLE, "AVG"),
-                  lambda png: cv2.cvtColor(decoded(png), cv2.COLOR_BGR2RGB))
+                  lambda png: cv2.cvtColor(decode_png(png), cv2.COLOR_BGR2RGB))
     yield "depth", (lambda: codec.encode_depth(frame.depth, unit),
                     lambda png: codec.decode_depth(png, *where, unit),
                     lambda: opencv(codes.depth_codes(frame.depth, unit), DEFAULT, "UP"),
-                    lambda png: codes.depth_of_codes(decoded(png), unit))
+                    lambda png: codes.depth_of_codes(decode_png(png), unit))
     yield "part", (lambda: codec.encode_part(frame.part),
                    lambda png: codec.decode_part(png, *where, 255),
                    lambda: opencv(frame.part.astype(np.uint8), RLE, "NONE"),
-                   lambda png: decoded(png).astype(np.uint16))
+                   lambda png: decode_png(png).astype(np.uint16))
     for kind, flow in (("flow", frame.flow), ("flow_backward", frame.flow_backward)):
         yield kind, (lambda flow=flow: codec.encode_flow(flow),
                      lambda png: codec.decode_flow(png, *where),
                      lambda flow=flow: opencv(codes.flow_codes(flow), DEFAULT, "UP"),
-                     lambda png: codes.flow_of_codes(decoded(png)))
+                     lambda png: codes.flow_of_codes(decode_png(png)))
     yield "visibility", (lambda: codec.encode_labels(frame.visibility),
                          lambda png: codec.decode_visibility(png, *where),
-                         lambda: opencv(frame.visibility, RLE, "NONE"), decoded)
+                         lambda: opencv(frame.visibility, RLE, "NONE"), decode_png)
 
 
 def least(function: Callable[[], Any]) -> tuple[float, Any]:
@@ -97,7 +97,7 @@ def main() -> None:
         for t in (1, 2):
             for kind, (encode, decode, encode_theirs, decode_theirs) in jobs(sequence, t):
                 (ms, png), (ms_theirs, theirs) = least(encode), least(encode_theirs)
-                assert np.array_equal(decoded(png), decoded(theirs))
+                assert np.array_equal(decode_png(png), decode_png(theirs))
                 rows[kind].append([
                     ms_theirs, ms, len(theirs) / 1024, len(png) / 1024,
                     least(lambda f=decode_theirs, x=theirs: f(x))[0],
