@@ -59,6 +59,7 @@ def observe(
     if depth is not None and noise:
         depth[...] = add_noise(depth, noise, sequence.meta.seed, sequence.meta.index)
     asked = {"true-parts", "true-mask"} & set(oracles)
+    true_flow = "true-flow" in oracles
     part = true_parts(sequence, truth.label) if asked else None
     return Observation(
         rgb=None if inputs == "none" else _stack(sequence.rgb, np.uint8, allocate),
@@ -74,7 +75,8 @@ def observe(
         axis_line=truth.screw.copy() if lines else None,
         model=model if knowledge == "model" else None,
         part=part if "true-parts" in oracles else None,
-        flow=np.array(sequence.stack("flow")[:]) if "true-flow" in oracles else None,
+        flow=np.array(sequence.stack("flow")[:]) if true_flow else None,
+        flow_backward=np.array(sequence.stack("flow_backward")[:]) if true_flow else None,
         mask=part > 0 if part is not None and "true-mask" in oracles else None,
     )
 

@@ -21,7 +21,7 @@ from ...renderer.runtime import Archive, dump_json, dump_npy
 from ...renderer.types import Inputs, Knowledge, Observation, Sequence
 from ..protocol import observe
 
-_IMAGES = ("rgb", "depth", "part", "flow", "mask")
+_IMAGES = ("rgb", "depth", "part", "flow", "flow_backward", "mask")
 _TRACKS: dict[str, Inputs] = {"rgb": "rgb", "rgbd": "rgbd", "rgbd-noise": "rgbd-noise"}
 _LEVELS: dict[str, Knowledge] = {"free": "free", "axes": "axes", "kinematics": "kinematics"}
 

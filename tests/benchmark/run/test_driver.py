@@ -254,6 +254,8 @@ def test_knowledge_is_exactly_what_is_handed_over(data: Path) -> None:
     assert set(np.unique(oracle.part)) == {0, 1, 2}
     assert oracle.flow is not None
     assert oracle.flow.shape == (3, 36, 48, 2)
+    assert oracle.flow_backward is not None
+    assert np.array_equal(oracle.flow_backward, sequence.flow_backward[:3], equal_nan=True)
     assert oracle.mask is None
     masked = observe(sequence, "rgb", "free", ("true-mask",))
     assert masked.mask is not None and masked.part is None
