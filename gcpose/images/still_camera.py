@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -32,6 +33,8 @@ class VideoEvidence:
     """[T h w 2] brightness, and outline of the foreground"""
     flow: Image
     """[T-1 h w 2] px, to the next frame"""
+    flow_backward: Image | None
+    """[T-1 h w 2] px, from the next frame to this one; None where nothing asks for it"""
     texture_confidence: Image
     """[T h w 3] uu, uv, vv: 1 in the direction of a strong gradient, 0 of none"""
     settings: ImageSettings
@@ -39,6 +42,8 @@ class VideoEvidence:
     """[T h w] a network's or measured, about 1"""
     part: NDArray[np.uint8] | None = None
     """[T h w] true parts, for an oracle"""
+    true_flow: bool = False
+    """Whether the flow is the true one, for an oracle"""
 
     @property
     def frames(self) -> int:
@@ -54,6 +59,8 @@ class FrontEnd:
     foreground: Foreground
     depth: Depth | None = None
     """None: without depth."""
+    both_ways: bool = True
+    """Whether flow is also estimated from each frame to the one before."""
 
 
 def video_evidence(
@@ -77,11 +84,13 @@ def video_evidence(
     k = observation.intrinsics.astype(np.float64).copy()
     k[0, 2] -= box[1].start
     k[1, 2] -= box[0].start
-    if observation.flow is not None:
-        flows = np.nan_to_num(observation.flow[:, box[0], box[1]])
-    else:
-        sized = for_cuts_of(front_end.flow, *rgb.shape[1:3])
-        flows = np.stack([sized(crop[t], crop[t + 1]) for t in range(len(crop) - 1)])
+    sized = for_cuts_of(front_end.flow, *rgb.shape[1:3])
+    flow, back = observation.flow, observation.flow_backward
+    flow = _estimate_flow(sized, crop) if flow is None else _cut_flow(flow, box)
+    if back is not None:
+        back = _cut_flow(back, box)
+    elif front_end.both_ways:
+        back = np.ascontiguousarray(_estimate_flow(sized, crop[::-1])[::-1])
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in crop])
     inverse_depth = None
     depth = observation.depth
@@ -92,10 +101,20 @@ def video_evidence(
     return VideoEvidence(
         (box[1].start, box[0].start), k, inside,
         np.stack([appearance(g, m, settings) for g, m in zip(gray, inside, strict=True)]),
-        np.ascontiguousarray(flows, np.float32),
-        np.stack([texture_confidence(g, settings) for g in gray]), settings, inverse_depth,
-        None if part is None else part[:, box[0], box[1]],
+        flow, back, np.stack([texture_confidence(g, settings) for g in gray]), settings,
+        inverse_depth, None if part is None else part[:, box[0], box[1]],
+        observation.flow is not None,
     )
+
+
+def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
+    """Flow [T-1 h w 2] from each image to the next."""
+    return np.stack([flow(a, b) for a, b in itertools.pairwise(images)]).astype(np.float32)
+
+
+def _cut_flow(flow: NDArray[np.float32], box: tuple[slice, slice]) -> Image:
+    """The same of whole images, in a box; 0 where it is unknown."""
+    return np.ascontiguousarray(np.nan_to_num(flow[:, box[0], box[1]]), np.float32)
 
 
 def _relative_inverse_depth(

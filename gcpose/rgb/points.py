@@ -16,6 +16,7 @@ from ..chain import Articulation
 from ..images import PredictedPatches, VideoEvidence, find_patches
 from ..numerics import geman_mcclure_cost
 from .settings import RgbSettings
+from .tracks import chain_flow
 
 
 @dataclass(frozen=True)
@@ -164,6 +165,22 @@ def measure_patches(
     return replace(
         points, flow=np.zeros((n, frames - 1, 2)), place=place, place_information=information,
         flow_information=np.zeros((n, frames - 1, 2, 2)))
+
+
+def add_tracks(
+    evidence: VideoEvidence, points: InverseDepthPoints, settings: RgbSettings
+) -> InverseDepthPoints:
+    """Return points with their places by chained flow, in the frames where these are more certain
+    than those of their patches."""
+    k, frames = evidence.intrinsics, points.place.shape[1]
+    pixel = points.ray[:, :2] * k[[0, 1], [0, 1]] + k[:2, 2]
+    place, information = chain_flow(evidence, pixel, points.frame, frames, settings)
+    by_flow, by_patch = (np.trace(i, axis1=2, axis2=3)[..., None]
+                         for i in (information, points.place_information))
+    surer = by_flow > by_patch
+    return replace(
+        points, place=np.where(surer, place, points.place),
+        place_information=np.where(surer[..., None], information, points.place_information))
 
 
 def patch_misfit(

@@ -48,7 +48,7 @@ def search_video(
     found += thread_map(
         lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach_first), others)
     final = [tracker.relabel(h, dense) for h in best(found, s.final_kept, labels=1.0)]
-    final = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), final)
+    final = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach, True), final)
     chosen = min(final, key=lambda h: score_hypothesis(h, s))
     return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
                     if other.state is not chosen.state]

@@ -38,6 +38,16 @@ class RgbSettings:
     patch_span: Count = 3  # Frames before and after a patch's own frame in which it is searched.
     patch_span_first: Count = 2  # The same in the first round of a refinement.
 
+    # tracks: flow chained from a pixel of a key frame
+    track_span: Count = 5  # Frames before and after the pixel's own frame that tracks reach.
+    track_sigma: Positive = 0.15  # Standard deviation of a step where the texture is sharp, px.
+    track_texture: Positive = 0.01  # Confidence by texture that a plain surface has.
+    track_return: NonNegative = 1.0  # Deviation of a step, by the length of flow there and back.
+    track_limit: Positive = 2.0  # Length of flow there and back at which a track ends, px.
+    track_share: Share = 0.05
+    """Share of the tracks whose errors are independent: those of a part err together. Without any
+    (0), patches alone measure places."""
+
     # inverse depths, about 1
     depth_sigma: Positive = 0.3  # Standard deviation about 1 in label costs and sweeps.
     depth_sigma_patch: Positive = 0.1  # The same about the depth by flow, for patches.

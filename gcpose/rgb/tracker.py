@@ -20,6 +20,7 @@ from .labels import (
 )
 from .points import (
     InverseDepthPoints,
+    add_tracks,
     measure_flow,
     measure_patches,
     motions_from_frames,
@@ -173,9 +174,11 @@ class VideoTracker:
         return hypothesis
 
     def refine_by_patches(
-        self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float
+        self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float,
+        tracked: bool = False,
     ) -> VideoHypothesis:
-        """EM with patches, which do not drift.
+        """EM with patches, which do not drift, and with tracks where these are more certain, if
+        `tracked`.
 
         The cost becomes the misfit of the patches, with a penalty for jerky motion.
         """
@@ -184,7 +187,7 @@ class VideoTracker:
             near, span = (s.patch_reach, s.patch_span) if i else (reach, s.patch_span_first)
             scales = s.final_scales if i else s.refine_scales
             hypothesis = self._adjust_to_patches(
-                hypothesis, near, span, BundleWeights(scales, s.depth_sigma_bundle))
+                hypothesis, near, span, BundleWeights(scales, s.depth_sigma_bundle), tracked)
             hypothesis = self.relabel(hypothesis, points)
         jerk = np.diff(hypothesis.state.angle, 2, axis=0)
         jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
@@ -192,10 +195,13 @@ class VideoTracker:
         return replace(hypothesis, cost=fit + s.score_jerk * jerky)
 
     def _adjust_to_patches(
-        self, hypothesis: VideoHypothesis, reach: float, span: int, weights: BundleWeights
+        self, hypothesis: VideoHypothesis, reach: float, span: int, weights: BundleWeights,
+        tracked: bool = False,
     ) -> VideoHypothesis:
         points = measure_patches(self.evidence, hypothesis.state, hypothesis.points, reach, span,
                                  self.settings)
+        if tracked:
+            points = add_tracks(self.evidence, points, self.settings)
         return self.adjust(hypothesis, points, weights)
 
     def extend(self, hypothesis: VideoHypothesis, until: int) -> VideoHypothesis:

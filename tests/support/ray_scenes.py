@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import cv2
@@ -54,7 +55,7 @@ def texture(rng: np.random.Generator, height: int, width: int, sigma: float = 1.
     return (127 + 60 * noise / noise.std()).clip(0, 255).astype(np.uint8)
 
 
-def door(total: float) -> Observation:
+def door(total: float, true_flow: bool = False) -> Observation:
     """A textured panel that turns about an upright axis before a textured wall."""
     rng = np.random.default_rng(5)
     wall, panel = texture(rng, 180, 240, 3.0), texture(rng, 100, 100)
@@ -67,6 +68,7 @@ def door(total: float) -> Observation:
     corner = np.array([[-0.15, -0.16, 1.2], [0.2, -0.16, 1.1],
                        [0.2, 0.16, 1.1], [-0.15, 0.16, 1.2]])
     frames: list[np.ndarray] = []
+    views: list[np.ndarray] = []  # of the panel
     for m in motion:
         at = (corner @ m[:3, :3].T + m[:3, 3]) @ k.T
         source = np.array([[0, 0], [99, 0], [99, 99], [0, 99]], np.float32)
@@ -74,5 +76,21 @@ def door(total: float) -> Observation:
         mask = cv2.warpPerspective(np.full((100, 100), 255, np.uint8), h, (240, 180)) > 127
         moved = cv2.warpPerspective(panel, h, (240, 180))
         frames.append(np.where(mask[..., None], moved, wall))
-    return Observation(np.stack(frames), None, k, time, 1, ("revolute",),
-                       cam_from_world=np.eye(4), axis_direction=axis[None])
+        views.append(h)
+    given = Observation(np.stack(frames), None, k, time, 1, ("revolute",),
+                        cam_from_world=np.eye(4), axis_direction=axis[None])
+    pairs = list(itertools.pairwise(views))
+    return given if not true_flow else replace(
+        given, flow=np.stack([plane_flow(a, b) for a, b in pairs]),
+        flow_backward=np.stack([plane_flow(b, a) for a, b in pairs]))
+
+
+def plane_flow(here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Flow [180 240 2] of the panel between two of its views, 0 on the wall."""
+    pixel = np.stack([*np.meshgrid(np.arange(240.0), np.arange(180.0)), np.ones((180, 240))], 2)
+    on = pixel @ np.linalg.inv(here).T
+    on /= on[..., 2:]
+    at = on @ there.T
+    inside = ((on[..., :2] > -0.5) & (on[..., :2] < 99.5)).all(axis=2)
+    moved = at[..., :2] / at[..., 2:] - pixel[..., :2]
+    return np.where(inside[..., None], moved, 0.0).astype(np.float32)
