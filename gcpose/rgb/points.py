@@ -172,15 +172,45 @@ def add_tracks(
 ) -> InverseDepthPoints:
     """Return points with their places by chained flow, in the frames where these are more certain
     than those of their patches."""
-    k, frames = evidence.intrinsics, points.place.shape[1]
-    pixel = points.ray[:, :2] * k[[0, 1], [0, 1]] + k[:2, 2]
-    place, information = chain_flow(evidence, pixel, points.frame, frames, settings)
+    place, information = _track(evidence, points, points.place.shape[1], settings)
     by_flow, by_patch = (np.trace(i, axis1=2, axis2=3)[..., None]
                          for i in (information, points.place_information))
     surer = by_flow > by_patch
     return replace(
         points, place=np.where(surer, place, points.place),
         place_information=np.where(surer[..., None], information, points.place_information))
+
+
+def _track(
+    evidence: VideoEvidence, points: InverseDepthPoints, frames: int, settings: RgbSettings
+) -> tuple[Array, Array]:
+    """Places [N T 2] of points by chained flow, and their information (see `chain_flow`)."""
+    k = evidence.intrinsics
+    pixel = points.ray[:, :2] * k[[0, 1], [0, 1]] + k[:2, 2]
+    return chain_flow(evidence, pixel, points.frame, frames, settings)
+
+
+def track_misfit(
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints,
+    settings: RgbSettings,
+) -> float:
+    """Return the mean cost of the tracks; 0 without any."""
+    at = predict_places(state, points, evidence.intrinsics)
+    place, information = _track(evidence, points, at.shape[1], settings)
+    found = _is_found(information)
+    cost = _place_costs(place - at, information, settings)[found]
+    return float(cost.mean()) if found.any() else 0.0
+
+
+def _is_found(information: Array) -> NDArray[np.bool_]:
+    return information[..., 0, 0] + information[..., 1, 1] > 0
+
+
+def _place_costs(away: Array, information: Array, settings: RgbSettings) -> Array:
+    """Robust costs [N T] of places that are [N T 2] px away from the predicted ones."""
+    limit = settings.patch_outlier_cost
+    square = np.einsum("nti,ntij,ntj->nt", away, information, away)
+    return limit * geman_mcclure_cost(square / limit)
 
 
 def patch_misfit(
@@ -191,11 +221,9 @@ def patch_misfit(
     span = settings.patch_span
     points = measure_patches(evidence, state, points, settings.patch_reach, span, settings)
     away = points.place - predict_places(state, points, evidence.intrinsics)
-    square = np.einsum("nti,ntij,ntj->nt", away, points.place_information, away)
-    found = points.place_information[..., 0, 0] + points.place_information[..., 1, 1] > 0
-    limit = settings.patch_outlier_cost
-    robust = limit * geman_mcclure_cost(square / limit)
-    cost = np.where(found, robust, settings.patch_missing_cost)
+    robust = _place_costs(away, points.place_information, settings)
+    cost = np.where(
+        _is_found(points.place_information), robust, settings.patch_missing_cost)
     return float(cost[frames_nearby(points, cost.shape[1], span)].mean())
 
 

@@ -143,6 +143,7 @@ class RgbSettings:
     final_kept: Count = 3  # Distinct hypotheses in the last refinement.
     patch_outlier_cost: NonNegative = 9.0  # Score of a patch that is found elsewhere.
     patch_missing_cost: NonNegative = 4.0  # Score of a patch that is not found.
+    score_tracks: NonNegative = 1.0  # Weight of the cost of tracks against the patches'.
     score_flow: NonNegative = 0.2  # Weight of the flow cost against the patches'.
     score_jerk: NonNegative = 30.0  # Weight of the RMS second difference, 1/rad.
     score_inversions: NonNegative = 1.5  # Weight of the share of labels out of order.

@@ -26,6 +26,7 @@ from .points import (
     motions_from_frames,
     patch_misfit,
     project_rays,
+    track_misfit,
 )
 from .settings import RgbSettings
 
@@ -180,7 +181,8 @@ class VideoTracker:
         """EM with patches, which do not drift, and with tracks where these are more certain, if
         `tracked`.
 
-        The cost becomes the misfit of the patches, with a penalty for jerky motion.
+        The cost becomes the misfit of the patches and of these tracks, with a penalty for jerky
+        motion.
         """
         s = self.settings
         for i in range(rounds):
@@ -192,6 +194,9 @@ class VideoTracker:
         jerk = np.diff(hypothesis.state.angle, 2, axis=0)
         jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
         fit = patch_misfit(self.evidence, hypothesis.state, hypothesis.points, s)
+        if tracked:
+            fit += s.score_tracks * track_misfit(
+                self.evidence, hypothesis.state, hypothesis.points, s)
         return replace(hypothesis, cost=fit + s.score_jerk * jerky)
 
     def _adjust_to_patches(

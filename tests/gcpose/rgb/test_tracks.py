@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence
 from gcbench.gcpose.method import GCPose
-from gcbench.gcpose.rgb.points import InverseDepthPoints, add_tracks
+from gcbench.gcpose.rgb.points import InverseDepthPoints, add_tracks, track_misfit
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.gcpose.rgb.tracks import chain_flow
 
@@ -105,6 +106,24 @@ def test_the_surer_of_patch_and_track_is_the_measurement() -> None:
     assert np.array_equal(both.place_information[1], track[1][1])
     alone = add_tracks(seen, points, RgbSettings(track_share=0.0))
     assert np.array_equal(alone.place_information, information)
+
+
+def test_motions_that_contradict_the_tracks_cost_more() -> None:
+    """Which patches cannot tell: the image has none."""
+    ray = np.column_stack([(PIXEL - CENTER) / 100.0, np.ones(2)])
+    points = InverseDepthPoints.unmeasured(KEY, ray, np.ones(2, np.int64), np.ones(2))
+    axis = np.array([[0.0, 0, 1, 0, 0, 0]])
+
+    def misfit(step: float, seen: VideoEvidence) -> float:
+        angle = step * np.arange(FRAMES)[:, None]
+        state = Articulation(axis, angle, np.zeros(1, bool), np.array([-1]))
+        return track_misfit(seen, state, points, SETTINGS)
+
+    exact = replace(turning(), true_flow=True)
+    assert misfit(0.1, exact) < 1e-3 < 0.1 < misfit(0.15, exact) < misfit(0.2, exact)
+    assert misfit(0.2, turning()) < misfit(0.2, exact)
+    exact.moving[:] = False
+    assert misfit(0.2, exact) == 0.0
 
 
 def test_true_flow_gives_the_turn_of_a_door() -> None:
