@@ -35,7 +35,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "16"
+    version = "15"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -62,7 +62,8 @@ class GCPose:
         self.front_end = FrontEnd(
             named or find_flow("dis-fine", of),
             find_foreground(foreground or "network", settings.images),
-            find_depth(depth) if depth else None)
+            find_depth(depth) if depth else None,
+            both_ways=settings.rgb.track_share > 0)
         """On plain video."""
         self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
                                 foreground=foreground)

@@ -37,6 +37,8 @@ class VideoEvidence:
     """[T-1 h w 2] px, from the next frame to this one; None where nothing asks for it"""
     texture_confidence: Image
     """[T h w 3] uu, uv, vv: 1 in the direction of a strong gradient, 0 of none"""
+    flow_confidence: Image
+    """[T h w 3] the same; 1 in all directions where the flow is the true one"""
     settings: ImageSettings
     inverse_depth: Image | None = None
     """[T h w] a network's or measured, about 1"""
@@ -59,7 +61,7 @@ class FrontEnd:
     foreground: Foreground
     depth: Depth | None = None
     """None: without depth."""
-    both_ways: bool = True
+    both_ways: bool = False
     """Whether flow is also estimated from each frame to the one before."""
 
 
@@ -98,11 +100,14 @@ def video_evidence(
         depth = np.stack([front_end.depth(i) for i in rgb])
     if depth is not None:
         inverse_depth = _relative_inverse_depth(depth[:, box[0], box[1]], inside, settings)
+    texture = np.stack([texture_confidence(g, settings) for g in gray])
+    sure = np.array([1, 0, 1], np.float32)
     return VideoEvidence(
         (box[1].start, box[0].start), k, inside,
         np.stack([appearance(g, m, settings) for g, m in zip(gray, inside, strict=True)]),
-        flow, back, np.stack([texture_confidence(g, settings) for g in gray]), settings,
-        inverse_depth, None if part is None else part[:, box[0], box[1]],
+        flow, back, texture,
+        texture if observation.flow is None else np.full_like(texture, sure),
+        settings, inverse_depth, None if part is None else part[:, box[0], box[1]],
         observation.flow is not None,
     )
 

@@ -220,7 +220,7 @@ def _observe(
         raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
     assert observation.rgb is not None
     by_color = partial(subtract_background, settings=settings.images)
-    evidence = video_evidence(observation, FrontEnd(flow, by_color, depth, False), settings.images)
+    evidence = video_evidence(observation, FrontEnd(flow, by_color, depth), settings.images)
     if evidence is None or known.direction is None:
         return None
     tracker = VideoTracker(evidence, known, settings.rgb)

@@ -46,7 +46,7 @@ def flow_costs(
     s = settings
     return _flow_costs(
         rays.ray, rays.key, start, rays.motion, rays.camera, evidence.flow,
-        evidence.texture_confidence, evidence.moving, iterations,
+        evidence.flow_confidence, evidence.moving, iterations,
         (s.outlier_width * s.outlier_width, s.background_cost, s.flow_sigma, s.flow_rate),
         _depth_prior(s.depth_sigma, s),
     )

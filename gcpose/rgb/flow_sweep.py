@@ -49,7 +49,7 @@ def accumulate_flow(
         u, v = np.where(found, u, 0), np.where(found, v, 0)
         found &= evidence.moving[t, v, u]
         flow = evidence.flow[t, v, u].astype(np.float64)
-        confidence = evidence.texture_confidence[t, v, u][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+        confidence = evidence.flow_confidence[t, v, u][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
         confidence = confidence + settings.min_texture * np.eye(2)
         variance = settings.flow_sigma**2 + settings.flow_rate**2 * (flow**2).sum(axis=1)
         covariance += variance[:, None, None] * np.linalg.inv(confidence)

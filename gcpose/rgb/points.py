@@ -137,7 +137,7 @@ def measure_flow(
     t = np.arange(last)[None]
     u, v, good = moving_pixels(evidence, at, t)
     flow = evidence.flow[t, v, u].astype(np.float64)
-    confidence = evidence.texture_confidence[t, v, u].astype(np.float64)
+    confidence = evidence.flow_confidence[t, v, u].astype(np.float64)
     variance = settings.flow_sigma**2 + settings.flow_rate**2 * (flow**2).sum(axis=2)
     weight = settings.flow_share * good / variance
     information = confidence[..., [0, 1, 1, 2]].reshape(n, last, 2, 2)
@@ -171,7 +171,9 @@ def add_tracks(
     evidence: VideoEvidence, points: InverseDepthPoints, settings: RgbSettings
 ) -> InverseDepthPoints:
     """Return points with their places by chained flow, in the frames where these are more certain
-    than those of their patches."""
+    than those of their patches; the same without flow both ways."""
+    if evidence.flow_backward is None:
+        return points
     place, information = _track(evidence, points, points.place.shape[1], settings)
     by_flow, by_patch = (np.trace(i, axis1=2, axis2=3)[..., None]
                          for i in (information, points.place_information))
@@ -195,6 +197,8 @@ def track_misfit(
     settings: RgbSettings,
 ) -> float:
     """Return the mean cost of the tracks; 0 without any."""
+    if evidence.flow_backward is None:
+        return 0.0
     at = predict_places(state, points, evidence.intrinsics)
     place, information = _track(evidence, points, at.shape[1], settings)
     found = _is_found(information)

@@ -1,4 +1,4 @@
-"""Search without depth: many initial hypotheses, refined in stages; patches decide in the end."""
+"""Search without depth: many initial hypotheses, refined in stages; patches and tracks decide."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def search_video(
     found += thread_map(
         lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach_first), others)
     final = [tracker.relabel(h, dense) for h in best(found, s.final_kept, labels=1.0)]
-    final = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach, True), final)
+    final = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), final)
     chosen = min(final, key=lambda h: score_hypothesis(h, s))
     return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
                     if other.state is not chosen.state]

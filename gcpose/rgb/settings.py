@@ -44,9 +44,9 @@ class RgbSettings:
     track_texture: Positive = 0.01  # Confidence by texture that a plain surface has.
     track_return: NonNegative = 1.0  # Deviation of a step, by the length of flow there and back.
     track_limit: Positive = 2.0  # Length of flow there and back at which a track ends, px.
-    track_share: Share = 0.05
-    """Share of the tracks whose errors are independent: those of a part err together. Without any
-    (0), patches alone measure places."""
+    track_share: Share = 0.0
+    """Share of the tracks whose errors are independent: those of a part err together. 0: no tracks,
+    unless the flow is the true one. About 0.05 for DIS."""
 
     # inverse depths, about 1
     depth_sigma: Positive = 0.3  # Standard deviation about 1 in label costs and sweeps.
@@ -154,8 +154,8 @@ class RgbSettings:
 
     # estimate
     sigma_factor: Positive = 14.0  # Reported by formal standard deviations at `sigma_cost`.
-    sigma_cost: NonNegative = 3.0  # Cost of the patches for which that factor holds.
-    sigma_misfit: NonNegative = 0.8  # Growth of the factor's logarithm by the cost of the patches.
+    sigma_cost: NonNegative = 3.0  # Cost of patches and tracks for which that factor holds.
+    sigma_misfit: NonNegative = 0.8  # Growth of the factor's logarithm by that cost.
     sigma_excess: Positive = 0.1  # Score above the best at which another motion weighs 1/e.
     sigma_spread: NonNegative = 0.5  # Reported by the standard deviation of other motions.
     sigma_floor: NonNegative = 0.3 * DEGREE  # Least standard deviation that is reported, rad.

@@ -175,38 +175,31 @@ class VideoTracker:
         return hypothesis
 
     def refine_by_patches(
-        self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float,
-        tracked: bool = False,
+        self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float
     ) -> VideoHypothesis:
-        """EM with patches, which do not drift, and with tracks where these are more certain, if
-        `tracked`.
+        """EM with patches, which do not drift, and with tracks where these are more certain.
 
-        The cost becomes the misfit of the patches and of these tracks, with a penalty for jerky
-        motion.
+        The cost becomes the misfit of patches and tracks, with a penalty for jerky motion.
         """
         s = self.settings
         for i in range(rounds):
             near, span = (s.patch_reach, s.patch_span) if i else (reach, s.patch_span_first)
             scales = s.final_scales if i else s.refine_scales
             hypothesis = self._adjust_to_patches(
-                hypothesis, near, span, BundleWeights(scales, s.depth_sigma_bundle), tracked)
+                hypothesis, near, span, BundleWeights(scales, s.depth_sigma_bundle))
             hypothesis = self.relabel(hypothesis, points)
         jerk = np.diff(hypothesis.state.angle, 2, axis=0)
         jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
         fit = patch_misfit(self.evidence, hypothesis.state, hypothesis.points, s)
-        if tracked:
-            fit += s.score_tracks * track_misfit(
-                self.evidence, hypothesis.state, hypothesis.points, s)
+        fit += s.score_tracks * track_misfit(self.evidence, hypothesis.state, hypothesis.points, s)
         return replace(hypothesis, cost=fit + s.score_jerk * jerky)
 
     def _adjust_to_patches(
-        self, hypothesis: VideoHypothesis, reach: float, span: int, weights: BundleWeights,
-        tracked: bool = False,
+        self, hypothesis: VideoHypothesis, reach: float, span: int, weights: BundleWeights
     ) -> VideoHypothesis:
         points = measure_patches(self.evidence, hypothesis.state, hypothesis.points, reach, span,
                                  self.settings)
-        if tracked:
-            points = add_tracks(self.evidence, points, self.settings)
+        points = add_tracks(self.evidence, points, self.settings)
         return self.adjust(hypothesis, points, weights)
 
     def extend(self, hypothesis: VideoHypothesis, until: int) -> VideoHypothesis:

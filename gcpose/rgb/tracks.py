@@ -15,8 +15,8 @@ from ..images import VideoEvidence
 from ..numerics import Image, compiled
 from .settings import RgbSettings
 
-_TRUE_STEP = (0.02, 1.0)
-"""Standard deviation of a step of true flow, px, and the confidence that texture adds to."""
+_TRUE_FLOW = (0.02, 1.0, 0.05)
+"""`track_sigma`, `track_texture` and `track_share` of the true flow."""
 
 
 def chain_flow(
@@ -31,10 +31,11 @@ def chain_flow(
     """
     s, back = settings, evidence.flow_backward
     assert back is not None
-    sigma, least = _TRUE_STEP if evidence.true_flow else (s.track_sigma, s.track_texture)
+    sigma, least, share = (_TRUE_FLOW if evidence.true_flow
+                           else (s.track_sigma, s.track_texture, s.track_share))
     return _chain(
-        evidence.flow, back, evidence.texture_confidence, evidence.moving, pixel, frame, frames,
-        s.track_span, (sigma, least, s.track_return, s.track_limit, s.track_share))
+        evidence.flow, back, evidence.flow_confidence, evidence.moving, pixel, frame, frames,
+        s.track_span, (sigma, least, s.track_return, s.track_limit, share))
 
 
 @compiled

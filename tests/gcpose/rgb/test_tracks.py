@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.images.settings import ImageSettings
-from gcbench.gcpose.images.still_camera import VideoEvidence
+from gcbench.gcpose.images.still_camera import VideoEvidence, video_evidence
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.rgb.points import InverseDepthPoints, add_tracks, track_misfit
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.gcpose.rgb.tracks import chain_flow
+from gcbench.gcpose.settings import Settings
 
 from ...support.ray_scenes import door
 
-SETTINGS = RgbSettings()
+SETTINGS = RgbSettings(track_share=0.05)
 FRAMES, HEIGHT, WIDTH = 9, 60, 80
 CENTER = np.array([40.0, 30.0])
 PIXEL = np.array([[46.0, 33.0], [30.0, 25.0]])
@@ -35,11 +36,12 @@ def turning(angle: float = 0.1, back: float = 1.0) -> VideoEvidence:
                          for a in (angle, -angle))
     texture = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.float32)
     texture[..., [0, 2]] = 0.8
+    flow_back = np.float32(back) * backward
     k = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
     return VideoEvidence(
         (0, 0), k, np.ones((FRAMES, HEIGHT, WIDTH), bool),
         np.zeros((FRAMES, HEIGHT, WIDTH, 2), np.float32), forward.copy(),
-        np.float32(back) * backward, texture, ImageSettings())
+        flow_back, texture, texture, ImageSettings())
 
 
 def tracks(
@@ -66,14 +68,13 @@ def test_a_track_goes_where_flow_goes_both_ways() -> None:
         assert np.trace(wide) > 0.99 * (t - 4) ** 2 * np.trace(step)  # errors go together
 
 
-def test_a_rim_counts_across_only_and_true_flow_everywhere() -> None:
+def test_a_rim_counts_across_only_and_true_flow_more() -> None:
     seen = turning()
-    rim = seen.texture_confidence.copy()
+    rim = seen.flow_confidence.copy()
     rim[..., 2] = 0.0
-    across, along = np.linalg.inv(tracks(replace(seen, texture_confidence=rim))[1][0, 5]).diagonal()
+    across, along = np.linalg.inv(tracks(replace(seen, flow_confidence=rim))[1][0, 5]).diagonal()
     assert along > 20 * across
-    exact = replace(seen, texture_confidence=0 * rim, true_flow=True)
-    plain = replace(seen, texture_confidence=0 * rim)
+    exact, plain = replace(seen, true_flow=True), replace(seen, flow_confidence=0 * rim)
     assert np.trace(tracks(exact)[1][0, 5]) > 100 * np.trace(tracks(plain)[1][0, 5])
 
 
@@ -87,7 +88,7 @@ def test_a_track_ends_where_the_foreground_ends() -> None:
     seen.moving[6:] = False
     found = reached(tracks(seen)[1])
     assert found[0, [2, 3, 5]].all() and not found[0, 6:].any()
-    shorter = reached(tracks(turning(), RgbSettings(track_span=2))[1])
+    shorter = reached(tracks(turning(), replace(SETTINGS, track_span=2))[1])
     assert shorter[0].tolist() == [False, False, True, True, False, True, True, False, False]
 
 
@@ -104,8 +105,7 @@ def test_the_surer_of_patch_and_track_is_the_measurement() -> None:
     assert not both.place[0, 5].any()
     assert np.array_equal(both.place[0, 6], track[0][0, 6])
     assert np.array_equal(both.place_information[1], track[1][1])
-    alone = add_tracks(seen, points, RgbSettings(track_share=0.0))
-    assert np.array_equal(alone.place_information, information)
+    assert add_tracks(replace(seen, flow_backward=None), points, SETTINGS) is points
 
 
 def test_motions_that_contradict_the_tracks_cost_more() -> None:
@@ -123,7 +123,28 @@ def test_motions_that_contradict_the_tracks_cost_more() -> None:
     assert misfit(0.1, exact) < 1e-3 < 0.1 < misfit(0.15, exact) < misfit(0.2, exact)
     assert misfit(0.2, turning()) < misfit(0.2, exact)
     exact.moving[:] = False
-    assert misfit(0.2, exact) == 0.0
+    assert misfit(0.2, exact) == misfit(0.2, replace(exact, flow_backward=None)) == 0.0
+
+
+def test_flow_back_is_estimated_where_tracks_count() -> None:
+    assert not GCPose("dis").front_end.both_ways
+    method = GCPose("dis", settings=Settings().override({"rgb.track_share": "0.05"}))
+    observation = door(0.5)
+    seen = video_evidence(observation, method.front_end, method.settings.images)
+    assert seen is not None and seen.flow_backward is not None and not seen.true_flow
+    still = ~(seen.moving[0] | seen.moving[1])
+    there_and_back = np.abs(seen.flow[0] + seen.flow_backward[0])
+    assert np.median(there_and_back[seen.moving[0]]) < 0.3 < np.abs(seen.flow[0]).max()
+    assert there_and_back[still].mean() < 0.3
+    true = door(0.5, true_flow=True)
+    exact = video_evidence(true, GCPose("dis").front_end, method.settings.images)
+    assert exact is not None and exact.true_flow and exact.flow_backward is not None
+    assert (exact.flow_confidence == [1, 0, 1]).all()  # also where the image is plain
+    assert np.array_equal(seen.flow_confidence, exact.texture_confidence)
+    assert true.flow_backward is not None
+    (left, top), (height, width) = exact.corner, exact.moving.shape[1:]
+    assert np.array_equal(
+        exact.flow_backward, true.flow_backward[:, top : top + height, left : left + width])
 
 
 def test_true_flow_gives_the_turn_of_a_door() -> None:
