@@ -63,7 +63,7 @@ class GCPose:
             named or find_flow("dis-fine", of),
             find_foreground(foreground or "network", settings.images),
             find_depth(depth) if depth else None,
-            both_ways=settings.rgb.track_share > 0)
+            bidirectional=settings.rgb.track_share > 0)
         """On plain video."""
         self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
                                 foreground=foreground)

@@ -61,7 +61,7 @@ class FrontEnd:
     foreground: Foreground
     depth: Depth | None = None
     """None: without depth."""
-    both_ways: bool = False
+    bidirectional: bool = False
     """Whether flow is also estimated from each frame to the one before."""
 
 
@@ -91,7 +91,7 @@ def video_evidence(
     flow = _estimate_flow(sized, crop) if flow is None else _cut_flow(flow, box)
     if back is not None:
         back = _cut_flow(back, box)
-    elif front_end.both_ways:
+    elif front_end.bidirectional:
         back = np.ascontiguousarray(_estimate_flow(sized, crop[::-1])[::-1])
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in crop])
     inverse_depth = None

@@ -95,7 +95,7 @@ def test_a_track_ends_where_the_foreground_ends() -> None:
 def test_the_surer_of_patch_and_track_is_the_measurement() -> None:
     seen = turning()
     ray = np.column_stack([(PIXEL - CENTER) / 100.0, np.ones(2)])
-    bare = InverseDepthPoints.unmeasured(KEY, ray, np.ones(2, np.int64), np.ones(2))
+    bare = InverseDepthPoints.without_measurements(KEY, ray, np.ones(2, np.int64), np.ones(2))
     place, information = np.zeros((2, FRAMES, 2)), np.zeros((2, FRAMES, 2, 2))
     information[0, 5] = 1e6 * np.eye(2)
     points = replace(bare, place=place, place_information=information)
@@ -111,7 +111,7 @@ def test_the_surer_of_patch_and_track_is_the_measurement() -> None:
 def test_motions_that_contradict_the_tracks_cost_more() -> None:
     """Which patches cannot tell: the image has none."""
     ray = np.column_stack([(PIXEL - CENTER) / 100.0, np.ones(2)])
-    points = InverseDepthPoints.unmeasured(KEY, ray, np.ones(2, np.int64), np.ones(2))
+    points = InverseDepthPoints.without_measurements(KEY, ray, np.ones(2, np.int64), np.ones(2))
     axis = np.array([[0.0, 0, 1, 0, 0, 0]])
 
     def misfit(step: float, seen: VideoEvidence) -> float:
@@ -127,7 +127,7 @@ def test_motions_that_contradict_the_tracks_cost_more() -> None:
 
 
 def test_flow_back_is_estimated_where_tracks_count() -> None:
-    assert not GCPose("dis").front_end.both_ways
+    assert not GCPose("dis").front_end.bidirectional
     method = GCPose("dis", settings=Settings().override({"rgb.track_share": "0.05"}))
     observation = door(0.5)
     seen = video_evidence(observation, method.front_end, method.settings.images)
