@@ -16,11 +16,14 @@ from gcbench.__main__ import main
 from gcbench.renderer.cluster.shard_job import ShardJob
 from gcbench.renderer.cluster.submission import SubmitConfig, submit_shards
 
+from ...support import bench_data
+from ...support.fake_results import read_results
 from ...support.slurm import find_daemons, start_slurm
 from ..generate.test_generate import content, is_alone, until
 
 RENDER = ["render", "--robot", "owi535", "--frames", "2", "--width", "64", "--height", "48"]
-N = 16
+N = 96
+"""More than two shards render in the 3 s that Slurm gives a job to end."""
 KILLED = """
 import sys
 from gcbench.renderer.cluster.shard_job import ShardJob
@@ -137,10 +140,15 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Generator[dict[str, str]]
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("expected") / "out"
     assert main([*RENDER, "--n", str(N), "--out", str(out), "--workers", "1", "--quiet"]) == 0
-    return content(out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def expected(data: Path) -> dict[str, str]:
+    return content(data)
 
 
 def interrupt(slurm: dict[str, str], folder: Path, shards: int, *command: str) -> list[str]:
@@ -177,6 +185,28 @@ def test_a_job_near_its_time_limit_is_queued_again(
     output, = interrupt(slurm, tmp_path, 1, "scancel", "--signal=USR2", "{}")
     assert "Caught signal SIGUSR2" in output and output.count("Loading pickle") == 2
     assert content(tmp_path / "out") == expected
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+def test_shards_of_eval_and_verify_are_jobs(
+    slurm: dict[str, str], tmp_path: Path, data: Path
+) -> None:
+    """Together they do what one run does."""
+    arm, logs = bench_data.make_dataset(tmp_path / "arm", 4), tmp_path / "logs"
+    estimate = ["eval", "--method", "hold-still", "--data", str(arm), "--results"]
+    verify = ["verify", str(data), "--reports", str(tmp_path / "reports")]
+    for command in ([*estimate, str(tmp_path / "results")], verify):
+        job = submit("--shards", "2", "--cpus", "1", "--wait", "--logs", str(logs), "--", *command,
+                     environment=slurm)
+        said, errors = job.communicate(timeout=400)
+        assert (job.returncode, said.strip()) == (0, "2 shards have ended"), errors
+    assert main([*estimate, str(tmp_path / "alone"), "--quiet"]) == 0
+    shards, alone = (
+        [r for path in (tmp_path / name).rglob("scores.csv") for r in read_results(path) if r.joint]
+        for name in ("results", "alone"))
+    assert shards == alone and shards
+    assert main([*verify, "--merge", "--quiet"]) == 0
 
 
 @pytest.mark.slow
