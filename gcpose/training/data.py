@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
 from ...renderer.generate import render_dataset
+from ...renderer.runtime import address, exists, list_folder
 from ...renderer.scene import (
     CameraConfig,
     ImageConfig,
@@ -129,10 +130,11 @@ def find_datasets(paths: tuple[Path, ...]) -> list[Path]:
     """
     out: list[Path] = []
     for path in paths:
-        found = [path] if (path / "dataset.json").exists() else sorted(
-            p.parent for p in path.glob("*/dataset.json"))
+        found = [p for p in [path] if exists(p / "dataset.json")] or [
+            p for p in list_folder(path) if exists(p / "dataset.json")]
         if not found:
-            raise DatasetError(f"{path}: there is no dataset; render one with `gcbench render`")
+            raise DatasetError(f"{address(path)}: there is no dataset; render one with "
+                               "`gcbench render`")
         out += found
     return out
 
@@ -146,8 +148,8 @@ def refuse_test_streams(paths: list[Path]) -> None:
     for path in paths:
         if open_dataset(path).config.stream != "train":
             raise DatasetError(
-                f"{path} is of the stream `test`, which suites score on; render training data "
-                "with --stream train"
+                f"{address(path)} is of the stream `test`, which suites score on; render training "
+                "data with --stream train"
             )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
+from ...renderer.runtime import address
 from ...renderer.types import Sequence
 from ..images import ImageSettings, Square, changing_square, color_and_change, cut_square
 from .config import ForegroundTraining
@@ -51,8 +52,9 @@ class ForegroundVideos:
         self._place = [(d, i) for d in map(open_dataset, folders) for i in range(len(d))]
         for dataset, _ in self._place:
             if dataset.config.frames < config.frames:
-                raise DatasetError(f"{dataset.path} has sequences of {dataset.config.frames} "
-                                   f"frames; lower --frames {config.frames}")
+                raise DatasetError(f"{address(dataset.path)} has sequences of "
+                                   f"{dataset.config.frames} frames; "
+                                   f"lower --frames {config.frames}")
 
     def __len__(self) -> int:
         return len(self._place)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
+from ...renderer.runtime import address
 from ...renderer.types import Sequence
 from ...robots.geometry import Array
 from ..networks.depth_images import fit_depth
@@ -67,8 +68,8 @@ class DepthVideos:
         self.frames, self.seed, self.dropped = frames, seed, dropped
         for folder, dataset in zip(folders, self.datasets, strict=True):
             if dataset.config.frames < frames:
-                raise DatasetError(f"{folder} has {dataset.config.frames} frames in a sequence; "
-                                   f"give --frames {dataset.config.frames} or fewer")
+                raise DatasetError(f"{address(folder)} has {dataset.config.frames} frames in a "
+                                   f"sequence; give --frames {dataset.config.frames} or fewer")
         self._place = [(dataset, i) for dataset in self.datasets for i in range(len(dataset))]
 
     def __len__(self) -> int:

@@ -6,7 +6,7 @@ import re
 import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +64,10 @@ class Dataset:
     def _first_image(self, name: str) -> NDArray[np.uint8]:
         return self[name].rgb[0]
 
+    @cached_property
+    def _names(self) -> frozenset[str]:
+        return frozenset(self.names)
+
     def __len__(self) -> int:
         return len(self.names)
 
@@ -78,7 +82,7 @@ class Dataset:
             DatasetError: if there is no such name, or the file is damaged.
         """
         name = self.names[key] if isinstance(key, int) else key
-        if name not in self.names:
+        if name not in self._names:
             there = f"{self.names[0]} to {self.names[-1]}" if self.names else "none"
             raise DatasetError(f"{address(self.path)} has no sequence {name!r}; there are: {there}")
         path = self.path / SEQUENCES_FOLDER / f"{name}.zip"

@@ -30,7 +30,7 @@ from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel
 from ..dataset import Dataset, codec
 from ..gl import Rasterizer
-from ..runtime import Archive, dump_json
+from ..runtime import Archive, address, dump_json
 from ..scene import PosedModel, model_of, pose_parts, robot_of
 from ..types import Camera, Meta, Sequence
 from .bop_models import size_of, write_ply
@@ -73,7 +73,8 @@ class Bop(Writer):
         meta, s = sequence.meta, sequence.state
         now = self._now = self._model_of(meta)
         if meta.part_names != now.model.part_names:
-            raise DatasetError(f"{archive.path}: its parts are not those of the loaded model")
+            raise DatasetError(f"{address(archive.path)}: its parts are not those of the "
+                               "loaded model")
         folder = self.folder / self._split / archive.path.stem
         for kind in ("rgb", "depth", "mask", "mask_visib"):
             (folder / kind).mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError, GcbenchError
 from ..dataset import Dataset, codec
-from ..runtime import Archive
+from ..runtime import Archive, address
 from ..types import BACKGROUND, VISIBLE, Sequence
 from .writer import SequenceRecord, Writer
 
@@ -41,7 +41,8 @@ class Kitti(Writer):
         for name in (*self._images, "calib_cam_to_cam"):
             (self._folder / name).mkdir(parents=True, exist_ok=True)
         if dataset.config.frames < 2:
-            raise DatasetError(f"{dataset.path}: sequences of one frame have no optical flow")
+            raise DatasetError(
+                f"{address(dataset.path)}: sequences of one frame have no optical flow")
 
     def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta = sequence.meta
@@ -113,4 +114,4 @@ def _depth(depth: NDArray[np.float32], archive: Archive) -> bytes:
     try:
         return codec.encode_depth(depth, _DEPTH_UNIT)
     except GcbenchError as error:
-        raise DatasetError(f"{archive.path}: KITTI cannot hold it: {error}") from error
+        raise DatasetError(f"{address(archive.path)}: KITTI cannot hold it: {error}") from error

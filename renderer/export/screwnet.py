@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from ...errors import DatasetError
 from ...robots.geometry import Array, quaternion_from_rotation
 from ..dataset import Dataset
-from ..runtime import Archive
+from ..runtime import Archive, address
 from ..types import Sequence
 from .writer import SequenceRecord, Writer
 
@@ -55,9 +55,9 @@ class ScrewNetData(Writer):
         joints = [meta.joint_names.index(name) for name in meta.scored_joints]
         carrier = int(s.joint_parent_part[joints[0]]) - 1 if len(joints) == 1 else -1
         if carrier < 0 or len(sequence) < _FRAMES:
-            raise DatasetError(f"{archive.path}: ScrewNet reads {_FRAMES} frames of one joint "
-                               f"between two parts; here are {len(sequence)} frames, {len(joints)} "
-                               "scored joints; render an appliance with --frames 16")
+            raise DatasetError(f"{address(archive.path)}: ScrewNet reads {_FRAMES} frames of one "
+                               f"joint between two parts; here are {len(sequence)} frames, "
+                               f"{len(joints)} scored joints; render an appliance with --frames 16")
         world_from_part = s.cam_from_world[0] @ s.world_from_part[:_FRAMES]
         moving = world_from_part[:, int(s.joint_child_part[joints[0]]) - 1]
         fields: dict[str, NDArray[Any]] = {

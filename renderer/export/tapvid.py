@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...robots.geometry import Array
-from ..runtime import Archive
+from ..runtime import Archive, address
 from ..truth import TruthImages, track_paths
 from ..types import Camera, Sequence
 from .writer import Writer
@@ -37,7 +37,8 @@ class TapVid(Writer):
         if s.track_image is not None and s.track_visible is not None:
             image, visible = s.track_image, s.track_visible
         elif meta.deforming_parts:
-            raise DatasetError(f"{archive.path}: parts deform; render with `--layers tracks`")
+            raise DatasetError(f"{address(archive.path)}: parts deform; render with "
+                               "`--layers tracks`")
         else:
             image, visible = _follow_parts(sequence)
         points = (np.nan_to_num(image) + 0.5) / [meta.width, meta.height]

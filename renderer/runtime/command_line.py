@@ -11,12 +11,14 @@ import re
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Annotated, Any, Union, cast
 
 import numpy as np
 
 from ...errors import ConfigError
 from .help import format_help
+from .object_store import address
 
 _SHOW_TARGET = ["--show-target"]
 """The list with which `parse_options` raises `_TargetShown`; compared by identity."""
@@ -140,6 +142,8 @@ def to_json(record: object) -> str:
             return {f.name: getattr(value, f.name) for f in fields(value)}
         if isinstance(value, Mapping):
             return dict(cast("Mapping[str, Any]", value))
+        if isinstance(value, Path):
+            return address(value)
         return value.item() if isinstance(value, np.generic) else str(value)
 
     tree = json.loads(json.dumps(record, default=plain), parse_constant=lambda _: None)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import ConfigError
 from ..dataset import DATASET_FILE, Dataset, open_dataset, open_sequence, select_sequences
-from ..runtime import exists
+from ..runtime import address, exists
 from . import video as film
 from .dataset_pages import Models, write_dataset_pages
 from .page import write_page
@@ -56,7 +56,7 @@ def show(
     dataset = path if isinstance(path, Dataset) else _dataset_at(Path(path))
     if dataset is None:
         if isinstance(index, str):
-            raise ConfigError(f"--sequences {index}: {path} is no dataset")
+            raise ConfigError(f"--sequences {index}: {address(Path(str(path)))} is no dataset")
         chosen, model, sequence = [], None, open_sequence(Path(str(path)))
     else:
         chosen = select_sequences(dataset, "" if index is None else str(index))

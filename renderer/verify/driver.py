@@ -112,7 +112,7 @@ def verify_dataset(
     dataset = open_dataset(path)
     files, warnings = sequence_files(path)
     if sequences:
-        chosen = select_sequences(dataset, sequences)
+        chosen = {*select_sequences(dataset, sequences)}
         files, warnings, checks = [f for f in files if f.stem in chosen], [], list[CheckResult]()
     else:
         checks = dataset_checks(files, dataset.info.counts)
@@ -171,11 +171,14 @@ def reference_of(
 def sequence_files(path: Path) -> tuple[list[Path], list[str]]:
     """The sequences in order, and a warning for each other file beside them."""
     entries = list_folder(path / SEQUENCES_FOLDER)
-    named = {e: e.name.removesuffix(".zip") for e in entries}
-    files = [e for e, name in named.items()
-             if name.isdecimal() and (e.is_dir() or e.suffix == ".zip")]
-    strays = [e.name for e in entries if e not in files]
-    warnings = [f"not a sequence, perhaps left by an interrupted run: {x}" for x in strays]
+    files: list[Path] = []
+    warnings: list[str] = []
+    for entry in entries:
+        name = entry.name.removesuffix(".zip")
+        if name.isdecimal() and (name != entry.name or entry.is_dir()):
+            files.append(entry)
+        else:
+            warnings.append(f"not a sequence, perhaps left by an interrupted run: {entry.name}")
     return files, warnings
 
 

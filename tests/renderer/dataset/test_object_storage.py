@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import socket
 import subprocess
 import sys
@@ -16,8 +17,10 @@ import numpy as np
 import pytest
 from gcbench.__main__ import main
 from gcbench.benchmark.report import gallery
+from gcbench.gcpose.training.data import find_datasets, refuse_test_streams
 from gcbench.renderer.generate.driver import Summary, render_dataset
 from gcbench.renderer.runtime import object_store, range_cache
+from gcbench.renderer.runtime.command_line import to_json
 from gcbench.renderer.runtime.object_store import (
     address,
     exists,
@@ -239,6 +242,18 @@ def test_a_damaged_object_is_one_line(local: Path, place: str, damage: object) -
     assert "\n" not in str(caught.value)
 
 
+def test_training_finds_stored_datasets(local: Path, place: str) -> None:
+    """At an address, and in a folder at an address."""
+    upload(local, f"{place}/one")
+    upload(local, f"{place}/two")
+    one, two = Path(f"{place}/one"), Path(f"{place}/two")
+    assert find_datasets((Path(place), two)) == [one, two, two]
+    with pytest.raises(gb.DatasetError, match=f"^{place}/three: there is no dataset"):
+        find_datasets((Path(f"{place}/three"),))
+    with pytest.raises(gb.DatasetError, match=f"^{place}/one is of the stream `test`"):
+        refuse_test_streams([one])
+
+
 @pytest.mark.slow
 def test_the_commands_read_a_stored_dataset(
     tmp_path: Path, place: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -378,6 +393,7 @@ def test_addresses_are_paths() -> None:
     path = Path("s3://videos/a/b")
     assert address(path / "dataset.json") == "s3://videos/a/b/dataset.json"
     assert address(Path("data/ur5")) == "data/ur5"
+    assert json.loads(to_json({"dataset": path})) == {"dataset": "s3://videos/a/b"}
     assert not object_store.is_remote(Path("/s3:/videos")) and not exists(Path("/s3:/videos"))
 
 
