@@ -134,7 +134,8 @@ def store_file(path: Path, data: bytes, create: bool = False) -> bool:
     try:
         _write(path, lambda files, key: files.pipe_file(key, data, mode=mode))
     except FileExistsError:  # perhaps by an attempt whose answer was lost
-        return read_file(path, len(data) + 1) == data
+        found = find_object(path)
+        return found is not None and found.size == len(data) and found.read(0, len(data)) == data
     return True
 
 

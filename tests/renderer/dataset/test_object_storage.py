@@ -162,6 +162,27 @@ def test_a_render_outlasts_a_restart_of_the_server(
     assert content(Path(place)) == content(local)
 
 
+@pytest.mark.parametrize("scheme", ["gs", "az"])
+def test_other_storage_is_reached_the_same_way(
+    local: Path, scheme: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """fsspec's files in memory take the place of a Google or Azure server, in one process."""
+    pytest.importorskip("fsspec", reason="fsspec is in the extra cloud")
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    monkeypatch.setenv("GCBENCH_CACHE", str(tmp_path))
+    monkeypatch.setitem(sys.modules["fsspec.registry"]._registry, scheme, MemoryFileSystem)
+    monkeypatch.setattr(MemoryFileSystem, "store", {})
+    object_store._file_system.cache_clear()
+    place = f"{scheme}://videos/data"
+    stored = upload(local, place)
+    assert content(Path(place)) == content(local)
+    assert repr(stored) == repr(gb.open_dataset(local)).replace(str(local), place)
+    assert np.array_equal(stored[1].rgb[2], gb.open_dataset(local)[1].rgb[2])
+    assert not store_file(Path(place) / "dataset.json", b"other", create=True)
+    object_store._file_system.cache_clear()
+
+
 # -- reading ----------------------------------------------------------------------------------
 
 
