@@ -86,17 +86,18 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
     out = options.out or Path("data") / Path(config.robot).stem.replace(":", "-")
     n = parse_shard(options.shard, options.n) if options.shard else options.n
     if options.sequences:
-        for option in ("--shard", "--n"):
-            if command_line.option_value(args, option) is not None:
-                raise ConfigError(f"{option} and --sequences exclude each other; give one of them")
-        n = _numbers(options.sequences)
+        n = _numbers(options.sequences, args)
     workers = options.choose_workers(options.workers)
     if options.device and options.executor == "ray":
         raise ConfigError("--device is of this machine; with --executor ray, give --gpus")
     return RenderOptions(config, n, out, workers, options.device, options.quiet, options.json)
 
 
-def _numbers(sequences: str) -> list[int]:
+def _numbers(sequences: str, args: Sequence[str]) -> list[int]:
+    """The numbers that --sequences lists. Raises ConfigError if another option counts them, too."""
+    for option in ("--shard", "--n"):
+        if command_line.option_value(args, option) is not None:
+            raise ConfigError(f"{option} and --sequences exclude each other; give one of them")
     ranges = command_line.parse_ranges(sequences)
     if sum(map(len, ranges)) > _MOST:
         raise ConfigError(f"--sequences {sequences[:60]}: more than {_MOST} at once")
