@@ -52,10 +52,10 @@ class Observation:
     an oracle row."""
     flow: NDArray[np.float32] | None = None
     """[T-1 H W 2] true flow, px; only for an oracle row."""
-    flow_backward: NDArray[np.float32] | None = None
-    """[T-1 H W 2] true flow, px, of frame t+1 to t; only for an oracle row."""
     mask: NDArray[np.bool_] | None = None
     """[T H W] whether a scored joint moves what the pixel shows; only for an oracle row."""
+    flow_backward: NDArray[np.float32] | None = None
+    """[T-1 H W 2] true flow, px, of frame t+1 to t; only for an oracle row."""
 
     @property
     def parents(self) -> NDArray[np.int64]:
