@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 from xml.etree import ElementTree
 
@@ -137,9 +138,9 @@ def change_xml(rng: CaseRng, root: Element, name: str, extra: Callable[[], Eleme
     elif how == "attribute" and element.attrib:
         del element.attrib[key]
     elif how == "copy" and element in parents:
-        parents[element].append(_copied_element(element))
+        parents[element].append(deepcopy(element))
     elif how == "move" and element in parents:
-        rng.choice(elements).append(_copied_element(element))
+        rng.choice(elements).append(deepcopy(element))
         parents[element].remove(element)
     elif how == "rename":
         element.tag = rng.choice(
@@ -162,10 +163,6 @@ def change_xml(rng: CaseRng, root: Element, name: str, extra: Callable[[], Eleme
 def _xml_text(text: str) -> str:
     """Without characters that no XML holds."""
     return re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]", "?", text)
-
-
-def _copied_element(element: Element) -> Element:
-    return ElementTree.fromstring(ElementTree.tostring(element))
 
 
 def dump_xml(rng: CaseRng, root: Element, name: str) -> bytes:
