@@ -19,7 +19,7 @@ from ..errors import GcbenchError
 from ..robots.catalog import CATALOG, is_local
 from ..robots.files import cache_folder
 
-PACKAGES = ("numpy", "opencv-python-headless", "isal", "scikit-robot-pyrender", "PyOpenGL",
+PACKAGES = ("numpy", "opencv-python-headless", "zlib-ng", "scikit-robot-pyrender", "PyOpenGL",
             "trimesh", "yourdfpy", "python-fcl", "pygltflib")
 EXTRAS = {"torch": "learn", "sapien": "sapien", "pycocotools": "export",
           "rerun-sdk": "export", "h5py": "export", "submitit": "cluster", "playwright": "test"}

@@ -14,8 +14,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from isal import isal_zlib
 from numpy.typing import NDArray
+from zlib_ng import zlib_ng
 
 from ...errors import DatasetError
 from ..types import MAX_PIXELS
@@ -60,13 +60,13 @@ def _unpack(packed: bytes, shape: tuple[int, int, int], item: int) -> NDArray[An
     """
     height, width, channels = shape
     length = height * (1 + width * channels * item)
-    inflater = isal_zlib.decompressobj()
+    inflater = zlib_ng.decompressobj()
     try:
         first = inflater.decompress(packed, 1)
         if first not in _SIMPLE:
             return None
         data = first + inflater.decompress(inflater.unconsumed_tail, length)
-    except isal_zlib.error:  # pyright: ignore[reportGeneralTypeIssues] # it is a class
+    except zlib_ng.error:  # pyright: ignore[reportGeneralTypeIssues] # it is a class
         return None
     if not inflater.eof or len(data) != length:
         return None

@@ -20,7 +20,7 @@ from ..types import FORMAT, Meta
 
 DATASET_FILE = "dataset.json"
 _PACKAGES = (
-    "numpy", "scipy", "opencv-python-headless", "opencv-python", "isal",
+    "numpy", "scipy", "opencv-python-headless", "opencv-python", "zlib-ng",
     "scikit-robot-pyrender", "PyOpenGL", "trimesh", "pycollada", "python-fcl", "yourdfpy",
 )
 """Distributions that influence the images."""

@@ -40,7 +40,7 @@ def test_part_numbers_are_kept(part: NDArray, wide: bool) -> None:
     if not wide:
         wider = codec.decode_part(codec.widen_part(png), size_of(part), "", 256)
         assert np.array_equal(wider, part)
-    if part.any():
+    if (part % 256).any():
         with pytest.raises(DatasetError, match="part number"):
             codec.decode_part(codec.encode_part(part % 256), size_of(part), "", 0)
 
