@@ -14,11 +14,20 @@ from ..runtime import MAX_JSON, dump_json, parse_json, parse_toml, to_record
 from .config import RenderConfig, find_invalid_values
 
 Config = TypeVar("Config")
+_ADDED = "flow", "visibility"
 
 
 def config_tree(config: RenderConfig) -> dict[str, Any]:
-    """Return the config as JSON gives it back: dicts, lists, numbers and strings."""
-    return json.loads(dump_json(dataclasses.asdict(config)))
+    """Return the config as JSON gives it back: dicts, lists, numbers and strings.
+
+    Fields that earlier versions did not store are left out where they have their defaults, so that
+    trees of the same data are equal.
+    """
+    tree = json.loads(dump_json(dataclasses.asdict(config)))
+    for name in _ADDED:
+        if getattr(config, name) == getattr(RenderConfig, name):
+            del tree[name]
+    return tree
 
 
 def parse_config(

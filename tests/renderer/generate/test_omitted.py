@@ -146,4 +146,4 @@ def test_another_choice_does_not_continue_a_dataset(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["render", *SIZE, "--flow", "forward", "--out", str(folder / "all")]) == 2
-    assert 'flow: "both" -> "forward"' in capsys.readouterr().err
+    assert 'flow: nothing -> "forward"' in capsys.readouterr().err
