@@ -57,16 +57,17 @@ def check(
 
 def check_share(
     name: str, wrong: ArrayLike, bound: float, where: Callable[[int], str],
-    samples: int | None = None,
+    samples: int | None = None, spare_chance: bool = False,
 ) -> CheckResult:
-    """Check that at most a share `bound` of the flags `wrong` is set, or as few as chance may set.
+    """Check that at most a share `bound` of the flags `wrong` is set.
 
-    `samples` is the number that the flags were drawn from, if only suspects are given.
+    `samples` is the number that the flags were drawn from, if only suspects are given. With
+    `spare_chance`, as few as chance may set pass too.
     """
     w = np.asarray(wrong, bool).ravel()
     n, count = w.size if samples is None else samples, int(w.sum())
     part = count / n if n else 0.0
-    if 0 < bound < part and bound * n < 10:
+    if spare_chance and bound < part and bound * n < 10:
         bound = max(bound, _count_by_chance(bound * n) / n)
     return CheckResult(name, part, part, bound, "share", n, where(int(w.argmax())) if part else "")
 

@@ -6,6 +6,8 @@ can be known may be unknown. Where a sequence has tracks, they give exact flows 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ from .frames import FLAT, FLOW, FrameStep, Index, deforming_numbers
 
 _FEW = 0.01
 """Share of pixels at which folds and edges may break a law of smooth surfaces."""
+_check_share = partial(check_share, spare_chance=True)  # a small surface has few pixels
 
 
 def verify_deforming(step: FrameStep) -> list[CheckResult]:
@@ -35,7 +38,7 @@ def verify_deforming(step: FrameStep) -> list[CheckResult]:
     if step.backward is not None:
         lost = np.isfinite(step.backward).sum(axis=-1) < 2
         there_pixel = np.flatnonzero(np.isin(there.part, numbers) & (there.depth > 0))
-        checks.append(check_share("deforming: flow back known", lost[there_pixel], _FEW,
+        checks.append(_check_share("deforming: flow back known", lost[there_pixel], _FEW,
                                   lambda i: there.name(int(there_pixel[i]))))
     return checks
 
@@ -51,7 +54,7 @@ def _targets(
     wrong = np.where(stored == OUT_OF_IMAGE, out < -FLOW, out > FLOW)
     wrong |= (stored == VISIBLE) & ~around.same.any(axis=0) & (np.abs(out) > FLOW)
     wrong |= (stored < VISIBLE) | (stored > OUT_OF_IMAGE)
-    checks = [check_share("deforming: visibility", wrong, 1e-3,
+    checks = [_check_share("deforming: visibility", wrong, 1e-3,
                           lambda i: here.name(int(pixel[i])))]
     if step.backward is None:
         return checks
@@ -64,9 +67,9 @@ def _targets(
     error = np.hypot(*(flow[:, inner] + mean.T))
     code, usable, place = stored[inner], np.isfinite(error), pixel[inner]
     astray = usable & (code == VISIBLE) & (error > 3 * FLOW + spread)
-    checks.append(check_share("deforming: there and back", astray, _FEW,
+    checks.append(_check_share("deforming: there and back", astray, _FEW,
                               lambda i: here.name(int(place[i])), int((code == VISIBLE).sum())))
     hidden = usable & (code == OCCLUDED) & (error < FLOW) & (spread < FLOW)
-    checks.append(check_share("deforming: hidden where it is seen", hidden, _FEW,
+    checks.append(_check_share("deforming: hidden where it is seen", hidden, _FEW,
                               lambda i: here.name(int(place[i])), len(inner)))
     return checks
