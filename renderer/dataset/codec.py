@@ -4,12 +4,12 @@ CPU time with the conversion to integers, and size, of a 640x480 frame (means of
 and microwave before images and in rooms; tests/speed/codec_speed.py):
 
     image          gcbench            OpenCV's encoder
-    RGB            1.9 ms, 290 KiB    6.9 ms, 289 KiB
-    depth          0.6 ms,  72 KiB    2.5 ms,  74 KiB
-    each flow      1.3 ms,  37 KiB    4.2 ms,  40 KiB
-    part           0.1 ms,   3 KiB    1.0 ms,   2 KiB
-    visibility     0.1 ms,   3 KiB    0.9 ms,   2 KiB
-    all six        5.4 ms, 442 KiB   19.7 ms, 446 KiB
+    RGB            4.7 ms, 283 KiB    6.6 ms, 289 KiB
+    depth          1.2 ms,  67 KiB    2.4 ms,  74 KiB
+    each flow      1.6 ms,  32 KiB    3.9 ms,  40 KiB
+    part           0.1 ms,   3 KiB    0.3 ms,   2 KiB
+    visibility     0.1 ms,   3 KiB    0.3 ms,   2 KiB
+    all six        9.3 ms, 419 KiB   17.5 ms, 446 KiB
 """
 
 from __future__ import annotations
