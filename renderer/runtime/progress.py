@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from tqdm import tqdm
 
@@ -18,6 +18,12 @@ class Bar(_Tqdm):
     """A bar for one thread. tqdm's own lock is a semaphore of the system, which outlives a kill."""
 
     monitor_interval = 0
+
+    def refresh(self, *args: Any, **options: Any) -> Any:
+        """Draw the bar. `close` then ends its line; tqdm's own forgets it before the first frame."""
+        if hasattr(self, "start_t"):
+            self.last_print_t = max(self.last_print_t, self.start_t + self.delay)
+        return super().refresh(*args, **options)
 
 
 Bar.set_lock(threading.RLock())
