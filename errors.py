@@ -48,6 +48,10 @@ class DatasetError(GcbenchError):
     """A dataset, a results folder or another file of data is missing, damaged or inconsistent."""
 
 
+class StorageError(DatasetError):
+    """Object storage does not answer, or refuses. It says nothing about the data."""
+
+
 class MethodError(GcbenchError):
     """A method cannot be loaded or run, or what it returns is invalid."""
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...errors import DatasetError, GcbenchError
+from ...errors import DatasetError, GcbenchError, StorageError
 from ...renderer.dataset import environment
 from ...renderer.runtime import address, cpu_count, dump_json, parse_shard
 from ...renderer.scene import differences
@@ -70,6 +70,8 @@ class Job:
             write_atomically(path, estimate)
         try:
             return self.read(sequence)
+        except StorageError:
+            raise
         except DatasetError as error:
             stored = Stored("invalid", f"the method's process sent no estimate: {error}")
             with name_unwritable(path.parent):
@@ -266,5 +268,7 @@ def _is_done(job: Job, sequence: str, retry: Sequence[Status]) -> bool:
         return False
     try:
         return job.read(sequence).status not in retry
+    except StorageError:
+        raise
     except GcbenchError:
         return False  # damaged

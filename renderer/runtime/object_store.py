@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ...errors import DatasetError, GcbenchError
+from ...errors import DatasetError, GcbenchError, StorageError
 from ...robots.files import create_atomically, read_bounded, write_atomically
 from .range_cache import cached_range
 
@@ -77,7 +77,7 @@ class StoredObject:
 def find_object(path: Path) -> StoredObject | None:
     """Return the object at an address; None if there is none.
 
-    Raises DatasetError if the storage does not answer, or refuses.
+    Raises StorageError if the storage does not answer, or refuses.
     """
     try:
         found = _call(path, lambda files, key: files.info(key))
@@ -90,7 +90,7 @@ def find_object(path: Path) -> StoredObject | None:
 
 
 def exists(path: Path) -> bool:
-    """Whether a file or an object is there. Raises DatasetError as `find_object`."""
+    """Whether a file or an object is there. Raises StorageError as `find_object`."""
     return find_object(path) is not None if is_remote(path) else path.exists()
 
 
@@ -155,7 +155,7 @@ def _write(path: Path, action: Callable[[Any, str], Any]) -> None:
 def _call(path: Path, action: Callable[[Any, str], _Answer]) -> _Answer:
     """Return `action(file system, key)`; where the storage does not answer, try again.
 
-    Raises FileNotFoundError, FileExistsError and NotADirectoryError of the action, and DatasetError
+    Raises FileNotFoundError, FileExistsError and NotADirectoryError of the action, and StorageError
     for everything else.
     """
     scheme, *names = path.parts
@@ -174,7 +174,7 @@ def _call(path: Path, action: Callable[[Any, str], _Answer]) -> _Answer:
             if fault or wait is None or time.monotonic() > end:
                 fault = fault or "does not answer; when it does, run the same command again"
                 said = " ".join(str(error).split())[:200]
-                raise DatasetError(f"{address(path)}: the storage {fault} ({said})") from error
+                raise StorageError(f"{address(path)}: the storage {fault} ({said})") from error
         time.sleep(wait)
     raise AssertionError("the last attempt returns or raises")
 

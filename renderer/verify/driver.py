@@ -6,6 +6,7 @@ import multiprocessing
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Stack
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ...errors import ConfigError, GcbenchError
+from ...errors import ConfigError, GcbenchError, StorageError
 from ...robots.model import ArticulatedModel
 from ..dataset import DATASET_FILE, SEQUENCES_FOLDER, open_dataset, open_sequence, select_sequences
 from ..runtime import address, exists, hide_main, is_remote, list_folder
@@ -93,8 +94,9 @@ def verify_dataset(
         failed check.
 
     Raises:
-        DatasetError: there is no readable dataset at `path`.
+        DatasetError: there is no readable dataset at `path`, or its storage does not answer.
         ConfigError: there are no such sequences, or no workers.
+        GcbenchError: a process died, for example for lack of memory.
 
     Example:
         >>> report = gb.verify_dataset("data/ur5", progress=False)
@@ -217,14 +219,33 @@ def verify_files(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[li
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
             with hide_main():
-                answers = pool.map(_verify_file, jobs)
-            for found in answers:
-                yield found
-                bar.update()
+                answers = pool.map(_verify_in_process, jobs)
+            try:
+                for found in answers:
+                    yield found
+                    bar.update()
+            except BrokenProcessPool as error:
+                raise GcbenchError("a process that verifies died (out of memory?); run the same "
+                                   "command again, with fewer --workers") from error
+
+
+_failure: StorageError | None = None
+
+
+def _verify_in_process(job: _Job) -> list[CheckResult]:
+    """The checks of one file in a process of a pool: storage that fails once is not tried again."""
+    global _failure
+    if _failure:
+        raise _failure
+    try:
+        return _verify_file(job)
+    except StorageError as error:
+        _failure = error
+        raise
 
 
 def _verify_file(job: _Job) -> list[CheckResult]:
-    """The checks of one file; places start with its name."""
+    """The checks of one file; places start with its name. StorageError says nothing of them."""
     file, reference, seed = job
     try:
         sequence = open_sequence(file)
@@ -238,6 +259,8 @@ def _verify_file(job: _Job) -> list[CheckResult]:
         found += verify_sequence(
             sequence, reference.model, reference.file, reference.names,
             reference.scale).checks
+    except StorageError:
+        raise
     except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]
     return [replace(c, where=f"{file.stem} {c.where}".rstrip()) if c.worst > 0 else c

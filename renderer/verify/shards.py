@@ -18,7 +18,7 @@ from typing import TypeVar
 import msgspec
 
 from ... import __version__
-from ...errors import ConfigError, DatasetError, GcbenchError
+from ...errors import ConfigError, DatasetError, GcbenchError, StorageError
 from ...robots.files import remove_leftovers, write_atomically
 from ..dataset import Dataset, open_dataset
 from ..runtime import address, dump_json, open_archive, parse_shard
@@ -242,6 +242,8 @@ def _digest(file: Path) -> str:
     """Hash of a sequence by the checksums of its members; empty if it cannot be read."""
     try:
         return open_archive(file).digest()
+    except StorageError:
+        raise
     except (GcbenchError, OSError):
         return ""
 

@@ -17,6 +17,9 @@ import numpy as np
 import pytest
 from gcbench.__main__ import main
 from gcbench.benchmark.report import gallery
+from gcbench.benchmark.results import Row
+from gcbench.benchmark.run.datasets import Data
+from gcbench.benchmark.run.jobs import describe_run, prepare_job
 from gcbench.gcpose.training.data import find_datasets, refuse_test_streams
 from gcbench.renderer.generate.driver import Summary, render_dataset
 from gcbench.renderer.runtime import object_store, range_cache
@@ -30,6 +33,7 @@ from gcbench.renderer.runtime.object_store import (
     store_file,
     upload_file,
 )
+from gcbench.renderer.verify.driver import Reference, verify_files
 from gcbench.robots.files import lock_folder
 
 from ...support import bench_data
@@ -354,6 +358,26 @@ def test_a_server_that_is_gone_is_one_line(
     finally:
         server.start()
     assert len(gb.open_dataset(place)) == N
+
+
+def test_an_outage_is_no_fault_of_a_sequence_or_a_method(
+    local: Path, server: Server, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(object_store, "_WAITS", (0.05,))
+    monkeypatch.setenv("GCBENCH_OBJECT_CACHE", "0")
+    data = Data("stored", upload(local, place), ("000000",), 0)
+    row = Row("still", "1", "rgb", "free", "none")
+    job = prepare_job(describe_run(row, "still", data, {}), data, tmp_path)
+    sequence = Path(place) / "sequences/000000.zip"
+    server.stop()
+    try:
+        for attempt in (lambda: job.write("000000", b"what a method has sent"),
+                        lambda: list(verify_files([(sequence, Reference(), 3)], 1, False))):
+            with pytest.raises(gb.DatasetError, match="does not answer"):
+                attempt()
+    finally:
+        server.start()
+    assert job.write("000000", b"what a method has sent").status == "invalid"
 
 
 def test_no_bucket_and_no_dataset_are_one_line(server: Server) -> None:

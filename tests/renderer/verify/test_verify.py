@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +26,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ...support import analytic
+from ...support.processes import children_of, command_of
 
 MODEL = analytic.arm()
 
@@ -401,6 +405,20 @@ def test_several_processes_find_the_same(dataset, right):
     for index in range(2, 6):
         write(dataset, right, index)
     assert verify_dataset(dataset, 2, progress=False) == verify_dataset(dataset, 1, progress=False)
+
+
+def test_a_killed_process_is_one_line(dataset, right):
+    for index in range(2, 6):
+        write(dataset, right, index)
+    with ThreadPoolExecutor(1) as pool:
+        report = pool.submit(verify_dataset, dataset, 2, False)
+        while not (workers := [p for p in children_of(os.getpid())
+                               if b"spawn_main" in command_of(p)]):
+            assert not report.done()
+        os.kill(workers[0], signal.SIGKILL)
+        with pytest.raises(GcbenchError, match="a process that verifies died") as caught:
+            report.result()
+    assert "\n" not in str(caught.value)
 
 
 def test_no_dataset_is_an_error_of_the_user(tmp_path):
