@@ -63,6 +63,8 @@ def render_in_workers(
             if isinstance(message, Problem):
                 message.throw()
             yield message
+            if isinstance(message, ModelLoaded):
+                del deaths[None]  # processes do start
             if isinstance(message, FrameDone):
                 frames[index] += 1
             elif isinstance(message, ModelLoaded | SequenceDone):

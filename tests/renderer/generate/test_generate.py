@@ -21,7 +21,7 @@ import pytest
 from gcbench import ConfigError, GcbenchError, open_dataset
 from gcbench.renderer.dataset.storage import open_sequence
 from gcbench.renderer.generate.driver import Summary, plan_workers, render_dataset
-from gcbench.renderer.generate.worker_pool import render_in_workers
+from gcbench.renderer.generate.worker_pool import WorkerDied, render_in_workers
 from gcbench.renderer.generate.worker_process import ModelLoaded, RenderTask, SequenceDone
 from gcbench.renderer.scene.config import RenderConfig
 
@@ -171,6 +171,29 @@ def test_workers_are_replaced(tmp_path: Path, expected: dict[str, str]) -> None:
     assert sum(isinstance(m, SequenceDone) for m in messages) == N
     found = content(tmp_path)
     assert found == {name: data for name, data in expected.items() if name != "dataset.json"}
+
+
+def test_workers_may_die_at_their_start_now_and_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every second one does."""
+    (tmp_path / "mortal.py").write_text("""
+import os, signal, tempfile
+from pathlib import Path
+from fake_source import FakeRenderer
+
+def start(config):
+    folder = Path(__file__).parent
+    tempfile.mkstemp(suffix=".start", dir=folder)
+    if len(list(folder.glob("*.start"))) % 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return FakeRenderer(config)
+""")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    task = RenderTask("mortal:start", CONFIG, tmp_path / "out", 1)
+    messages = list(render_in_workers(task, [0, 1, 2], workers=1, lifetime=1))
+    assert sum(isinstance(m, WorkerDied) for m in messages) == 3
+    assert len(content(tmp_path / "out")) == 3
 
 
 @pytest.mark.parametrize("only_parent", [False, True])
