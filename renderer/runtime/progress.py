@@ -20,7 +20,7 @@ class Bar(_Tqdm):
     monitor_interval = 0
 
     def refresh(self, *args: Any, **options: Any) -> Any:
-        """Draw the bar. `close` then ends its line; tqdm's own forgets it before the first frame."""
+        """Draw the bar; `close` then ends its line, which tqdm forgets before the first frame."""
         if hasattr(self, "start_t"):
             self.last_print_t = max(self.last_print_t, self.start_t + self.delay)
         return super().refresh(*args, **options)
