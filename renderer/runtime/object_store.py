@@ -29,6 +29,8 @@ _WAITS = (0.5, 1.0, 2.0, 4.0, 8.0, 8.0)
 """s before another attempt: a server that starts again in time goes unnoticed."""
 _PATIENCE = 30.0
 """s after which there is no other attempt."""
+_UPLOAD_SECONDS, _UPLOAD_RATE = 20.0, 2**16
+"""An attempt to upload ends after so many s, and 1 s more for each so many bytes."""
 _CREDENTIALS = ("NoCredentialsError", "PartialCredentialsError", "CredentialRetrievalError",
                 "ProfileNotFound", "TokenRetrievalError", "NoAuthTokenError", "RefreshError",
                 "DefaultCredentialsError", "ClientAuthenticationError", "PermissionError")
@@ -132,7 +134,8 @@ def store_file(path: Path, data: bytes, create: bool = False) -> bool:
         return True
     mode = "create" if create else "overwrite"
     try:
-        _write(path, lambda files, key: files.pipe_file(key, data, mode=mode))
+        _write(path, len(data), lambda files, key, **limit: files.pipe_file(
+            key, data, mode=mode, **limit))
     except FileExistsError:  # perhaps by an attempt whose answer was lost
         found = find_object(path)
         return found is not None and found.size == len(data) and found.read(0, len(data)) == data
@@ -141,12 +144,19 @@ def store_file(path: Path, data: bytes, create: bool = False) -> bool:
 
 def upload_file(source: Path, target: Path) -> None:
     """Write a local file to an address, whole."""
-    _write(target, lambda files, key: files.put_file(str(source), key))
+    _write(target, source.stat().st_size, lambda files, key, **limit: files.put_file(
+        str(source), key, **limit))
 
 
-def _write(path: Path, action: Callable[[Any, str], Any]) -> None:
+def _write(path: Path, size: int, action: Callable[..., Any]) -> None:
+    """Call `action(file system, key)`, with a time limit for so many bytes.
+
+    The limits of `_OPTIONS` do not hold while a request is sent.
+    """
+    limit = _UPLOAD_SECONDS + size / _UPLOAD_RATE
     try:
-        _call(path, action)
+        _call(path, lambda files, key: action(
+            files, key, **({"timeout": limit} if files.async_impl else {})))
     except FileNotFoundError as error:
         raise DatasetError(f"{address(path)}: there is no bucket {path.parts[1]!r}; create it, or "
                            "name another") from error
@@ -173,7 +183,7 @@ def _call(path: Path, action: Callable[[Any, str], _Answer]) -> _Answer:
             fault = _fault(error)
             if fault or wait is None or time.monotonic() > end:
                 fault = fault or "does not answer; when it does, run the same command again"
-                said = " ".join(str(error).split())[:200]
+                said = " ".join(str(error).split())[:200] or type(error).__name__
                 raise StorageError(f"{address(path)}: the storage {fault} ({said})") from error
         time.sleep(wait)
     raise AssertionError("the last attempt returns or raises")
@@ -196,11 +206,22 @@ def _file_system(scheme: str, process: int) -> Any:
 
         files = fsspec.filesystem(scheme[:-1], use_listings_cache=False, skip_instance_cache=True,
                                   **_OPTIONS.get(scheme, {}))
+        if scheme == "s3:":
+            _send_at_once(files)
     except ImportError as error:
         raise GcbenchError(f"{scheme}// needs {error.name or 'a package'}: pip install "
                            f"{_PACKAGES[scheme]}") from error
     files.retries = 1  # of s3fs
     return files
+
+
+def _send_at_once(files: Any) -> None:
+    """Let an S3 file system send data without leave: it waits for leave without a time limit."""
+    from aiobotocore.session import AioSession
+    from botocore.handlers import add_expect_header
+
+    files.session = AioSession(**files.kwargs)  # as s3fs makes it later
+    files.session.unregister("before-call.s3", add_expect_header)
 
 
 class RangeFile(io.RawIOBase):
