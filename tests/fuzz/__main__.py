@@ -4,7 +4,8 @@ python -m tests.fuzz urdf --seed 17 --index 4211     one case again, with what i
 python -m tests.fuzz urdf mesh --count 1000          the first thousand cases of two kinds
 python -m tests.fuzz --minutes 60                    all kinds in turn, until the time is over
 python -m tests.fuzz --corpus a_pipe_as_run          named cases (all without a name), as JSON
-    python -m tests.fuzz --faults render --fault kill    kill a command at every change of a file
+python -m tests.fuzz --faults render --fault kill    kill a command at every change of a file
+python -m tests.fuzz --kills node --count 20         kill nodes of Ray at random moments
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pathlib import Path
 
 from .actions import ACTIONS, FAULTS
 from .campaign import KINDS, campaign, check_corpus, check_faults, keep, show
+from .kills import KILLS, check_kills
 
 
 def main() -> int:
@@ -35,7 +37,16 @@ def main() -> int:
     parser.add_argument("--faults", choices=ACTIONS, help="kill a command, or fail its disk")
     parser.add_argument("--fault", choices=(*FAULTS, "disk"), help="default: all; disk: a real one")
     parser.add_argument("--at", type=int, default=0, help="number of the change; default: all")
+    parser.add_argument(
+        "--kills",
+        choices=[*KILLS, "all"],
+        help="kill what renders, or stop its server, at --count random moments (default 20)",
+    )
+    parser.add_argument("--sequences", type=int, default=24, help="with --kills: of a dataset")
     options = parser.parse_args()
+    if options.kills:
+        kinds = [*KILLS] if options.kills == "all" else [options.kills]
+        return kill(kinds, options.count or 20, options.seed, options.sequences)
     if options.faults:
         faults = tuple(fault for fault in FAULTS if options.fault in (None, fault))
         return 1 if check_faults(options.faults, faults, options.at) else 0
@@ -63,6 +74,22 @@ def main() -> int:
             f"{len([f for f in done.findings if f.kind == kind])} findings, seed {options.seed}"
         )
     return 1 if done.findings else 0
+
+
+def kill(kinds: list[str], count: int, seed: int, sequences: int) -> int:
+    """Print what kills did, and what is wrong; return the exit code."""
+    wrong = 0
+    for record in check_kills(kinds, count, seed, sequences):
+        print(
+            f"{record.kind}: {record.kills} kills of {record.commands} commands, {record.results} "
+            f"results compared, at most {record.longest:.1f} s without progress, "
+            f"{len(record.problems)} problems, seed {seed}",
+            *record.problems,
+            sep="\n    ",
+            flush=True,
+        )
+        wrong += len(record.problems)
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":

@@ -6,8 +6,9 @@ import os
 import signal
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
+
+from .processes import children_of, command_of
 
 STORE = 80 * 2**20  # bytes
 
@@ -37,11 +38,14 @@ class Nodes:
         self._others.append(self._cluster.add_node(
             num_cpus=1, object_store_memory=STORE))
 
-    def kill(self) -> None:
-        """Kill the last node and all of its processes, as a machine that loses its power."""
-        node = self._others.pop()
+    def kill(self, number: int = -1, whole: bool = True) -> None:
+        """Kill a node but the head, as a machine that loses its power.
+
+        Unless `whole`, only its main process: its workers have to notice it.
+        """
+        node = self._others.pop(number)
         raylet = _raylet(node)
-        for process in (raylet, *_children(raylet)):
+        for process in (raylet, *(children_of(raylet) if whole else ())):
             with suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
         self._cluster.remove_node(node, allow_graceful=False)
@@ -49,8 +53,8 @@ class Nodes:
     def actors(self) -> list[int]:
         """The processes of actors on the nodes."""
         nodes = [self._cluster.head_node, *self._others]
-        return [child for node in nodes for child in _children(_raylet(node))
-                if _command(child).startswith(b"ray::ActorHost")]
+        return [child for node in nodes for child in children_of(_raylet(node))
+                if command_of(child).startswith(b"ray::ActorHost")]
 
     def close(self) -> None:
         """End all nodes."""
@@ -60,22 +64,6 @@ class Nodes:
 def _raylet(node: Any) -> int:
     """The main process of a node, which starts its workers."""
     return node.all_processes["raylet"][0].process.pid
-
-
-def _children(parent: int) -> list[int]:
-    found: list[int] = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            if int(path.read_text(errors="replace").rpartition(")")[2].split()[1]) == parent:
-                found.append(int(path.parent.name))
-    return found
-
-
-def _command(process: int) -> bytes:
-    try:
-        return Path(f"/proc/{process}/cmdline").read_bytes()
-    except OSError:
-        return b""
 
 
 @contextmanager
