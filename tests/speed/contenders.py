@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from gcbench.renderer.dataset import SequenceWriter
+from gcbench.renderer.generate import stream
 from gcbench.renderer.generate.sequence_renderer import SequenceRenderer
 from gcbench.renderer.gl import Rasterizer
 from gcbench.renderer.scene import RenderConfig, Scene, Streams, draw_scene, model_source, resolve
@@ -88,6 +89,24 @@ class Encoded(Shipped):
                 writer.add(frame)
                 yield frame
             writer.finish(*rendered.finish())
+
+
+class Streamed:
+    """`gb.stream`: tensors of all images, rounded as those that are stored."""
+
+    def __init__(self, config: RenderConfig, shots: list[Shot]) -> None:
+        import torch  # missing, it is the reason to leave this out
+
+        self.version, self.length = torch.__version__, config.frames
+        self.items = iter(stream(config, pairs=False))
+
+    def frames(self, index: int) -> Iterator[int]:
+        item = next(self.items)
+        assert item["sequence"] == index, "sequences are streamed in order"
+        yield from range(self.length)
+
+    def versions(self) -> str:
+        return f"torch {self.version}"
 
 
 class Pure:
@@ -279,4 +298,5 @@ def urdf(robot: str) -> Path:
     return path
 
 
-CONTENDERS = {c.__name__: c for c in (Shipped, Encoded, Pure, Images, Pyrender, Bullet, Mujoco)}
+CONTENDERS = {c.__name__: c for c in (
+    Shipped, Streamed, Encoded, Pure, Images, Pyrender, Bullet, Mujoco)}

@@ -16,6 +16,7 @@ import multiprocessing
 import os
 import platform
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -28,22 +29,29 @@ from typing import Any
 
 import numpy as np
 from gcbench.renderer.cluster import RayWorkers
+from gcbench.renderer.generate import stream
 from gcbench.renderer.generate.driver import plan_workers, render_dataset
 from gcbench.renderer.scene.config import RenderConfig
 
 TITLES = {
-    "Shipped": "gcbench: all arrays, sampling included",
-    "Encoded": "gcbench: the same, and written to disk",
-    "Pure": "gcbench: all arrays of given scenes",
-    "Images": "gcbench: RGB, depth, parts of given scenes",
-    "Pyrender": "pyrender script: all arrays of given scenes",
-    "Bullet": "PyBullet TinyRenderer: RGB, depth, parts",
-    "Mujoco": "MuJoCo: RGB, depth, parts",
+    "Pure": "in memory: all arrays of given scenes",
+    "Shipped": "in memory: the same, with the sampling of motion and camera",
+    "Streamed": "streamed by `gb.stream`",
+    "Encoded": "written",
+    "one": "written: 1 worker on one core",
+    "local": "written: {} workers",
+    "ray": "written: {} workers of Ray",
+    "shards": "written: {} shards of 1 worker each",
+    "stream": "streamed: {} workers of a `DataLoader`",
+    "Pyrender": "pyrender script: all arrays of given scenes, not written",
+    "Images": "RGB, depth and parts alone of given scenes",
+    "Bullet": "PyBullet's TinyRenderer: RGB, depth, parts of the robot alone",
+    "Mujoco": "MuJoCo: RGB, depth, parts of the robot alone",
 }
-RATIOS = (
-    ("Shipped", "Pyrender"), ("Encoded", "Pyrender"), ("Pure", "Pyrender"),
-    ("Images", "Bullet"), ("Images", "Mujoco"),
-)
+"""Rows of the table: contenders, which take turns, and runs of several processes."""
+RUNS = ("one", "local", "ray", "shards", "stream")
+RATIOS = (("Images", "Bullet"), ("Images", "Mujoco"), ("local", "one"), ("ray", "local"),
+          ("shards", "local"))
 
 
 @dataclass
@@ -142,11 +150,11 @@ def compare(config: RenderConfig, n: int, seconds: float) -> tuple[list[Turn], d
     shots = ours.recv()
     drawing.join()
     running: dict[str, Child] = {}
-    for name, title in TITLES.items():
+    for name in [name for name in TITLES if name not in RUNS]:
         try:
             running[name] = Child(name, config, shots)
         except ContenderError as error:
-            print(f"left out: {title.split(':')[0]}: {error}")
+            print(f"left out: {name}: {error}")
     versions = {name: child.versions for name, child in running.items()}
     if "Pure" in running:
         print(_agreement(running))
@@ -159,7 +167,7 @@ def compare(config: RenderConfig, n: int, seconds: float) -> tuple[list[Turn], d
             try:
                 turns.append(running[name].turn(sequence))
             except ContenderError as error:
-                print(f"left out: {TITLES[name].split(':')[0]}: {error}")
+                print(f"left out: {name}: {error}")
                 del running[name]
     for child in running.values():
         child.close()
@@ -176,7 +184,7 @@ def _agreement(running: dict[str, Child]) -> str:
         try:
             theirs = running[name].arrays(0)
         except ContenderError as error:
-            print(f"left out: {TITLES[name].split(':')[0]}: {error}")
+            print(f"left out: {name}: {error}")
             del running[name]
             continue
         robot = (ours[2] > 0) & (theirs[2] == ours[2])
@@ -186,7 +194,7 @@ def _agreement(running: dict[str, Child]) -> str:
             error = np.linalg.norm(theirs[3] - ours[3], axis=-1)[robot]
             found += [f"flow {_quantiles(error)} px",
                       f"visibility equal {np.mean(theirs[5] == ours[5]):.4f}"]
-        lines.append(f"  {TITLES[name].split(':')[0]:22} {', '.join(found)}")
+        lines.append(f"  {name:22} {', '.join(found)}")
     return "\n".join(lines)
 
 
@@ -194,72 +202,118 @@ def _quantiles(values: np.ndarray) -> str:
     return " ".join(f"{q:.1e}" for q in np.nanquantile(values, [0.5, 0.99]))
 
 
-def workers(config: RenderConfig, n: int, rounds: int) -> dict[str, tuple[float, float]]:
-    """Median frames/s of `render_dataset`, and s until its first sequence, by kind of workers.
+def run_all(config: RenderConfig, n: int, rounds: int, count: int) -> dict[str, list[float]]:
+    """Frames/s of `count` processes of each kind, and of one that is bound to a core, by round.
 
-    The first is bound to one core.
+    Starts do not count: the rate is that of the time in which all processes work.
     """
-    cores = sorted(os.sched_getaffinity(0))
-    setups: list[tuple[str, int | RayWorkers, list[int]]] = [("1 on one core", 1, cores[:1])]
-    setups += [(str(count), count, cores) for count in range(1, len(cores) + 2)]
-    default = plan_workers(len(cores), None)[0]
-    if find_spec("ray"):
-        setups.append((f"{default} of Ray", RayWorkers("local", default), cores))
-    else:
-        print("left out: Ray: not installed")
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name, _, _ in setups}
+    missing = {"ray": "ray", "stream": "torch"}
+    rates: dict[str, list[float]] = {}
+    for kind in RUNS:
+        if kind in missing and not find_spec(missing[kind]):
+            print(f"left out: {kind}: not installed ({missing[kind]})")
+        else:
+            rates[kind] = []
     for turn in range(rounds):
-        for name, count, held in setups[:: -1 if turn % 2 else 1]:
-            with tempfile.TemporaryDirectory() as folder:
-                ours, theirs = multiprocessing.Pipe()
-                run = multiprocessing.get_context("spawn").Process(
-                    target=_generate, args=(theirs, config, n, folder, count, held))
-                run.start()
-                theirs.close()
-                found[name].append(ours.recv())
-                run.join()
-    return {name: (statistics.median(rates), statistics.median(starts))
-            for name, (rates, starts) in ((k, zip(*v, strict=True)) for k, v in found.items())}
+        for kind in list(rates)[:: -1 if turn % 2 else 1]:
+            ours, theirs = multiprocessing.Pipe()
+            run = multiprocessing.get_context("spawn").Process(
+                target=_time_run, args=(theirs, config, n, kind, count))
+            run.start()
+            theirs.close()
+            rates[kind].append(ours.recv())
+            run.join()
+    return rates
 
 
-def _generate(
-    pipe: Connection, config: RenderConfig, n: int, folder: str, workers: int | RayWorkers,
-    cores: list[int],
-) -> None:
-    """Frames/s while all workers run: from the times at which the files were finished."""
-    count = (workers if isinstance(workers, int) else workers.count) or 1
+def _time_run(pipe: Connection, config: RenderConfig, n: int, kind: str, count: int) -> None:
+    """Send the rate of one run of n sequences; of half as many on one core."""
+    cores = sorted(os.sched_getaffinity(0))
+    if kind == "one":
+        count, n = 1, n // 2
+        os.sched_setaffinity(0, cores[:1])
     n = max(n, 2 * count + 2)
-    os.sched_setaffinity(0, cores)
-    began = time.time()
-    render_dataset(config, n, Path(folder), workers=workers, progress=False)
-    times = sorted(p.stat().st_mtime for p in (Path(folder) / "sequences").glob("*.zip"))
-    rate = config.frames * (n - 2 * count) / (times[-1 - count] - times[count - 1])
-    pipe.send((rate, times[0] - began))
+    with tempfile.TemporaryDirectory() as folder:
+        if kind == "stream":
+            times = _stream(config, n, count)
+        else:
+            if kind == "shards":
+                _run_shards(config, n, folder, [cores[k::count] for k in range(count)])
+            else:
+                render_dataset(config, n, folder, progress=False,
+                               workers=RayWorkers("local", count) if kind == "ray" else count)
+            files = (Path(folder) / "sequences").glob("*.zip")
+            times = sorted(path.stat().st_mtime for path in files)
+    pipe.send(config.frames * (n - 2 * count) / (times[-1 - count] - times[count - 1]))
 
 
-def report(turns: list[Turn], versions: dict[str, str]) -> dict[str, dict[str, float]]:
-    """Print both tables; returns the ratios."""
-    wall = {(t.contender, t.sequence): t.wall / t.frames for t in turns}
-    cpu = {(t.contender, t.sequence): t.cpu / t.frames for t in turns}
-    print(f"\n{'':46} frames/s  CPU ms/frame  (medians of "
-          f"{len({t.sequence for t in turns})} sequences)")
+def _stream(config: RenderConfig, n: int, count: int) -> list[float]:
+    """The times at which sequences come from the workers of a DataLoader."""
+    from torch.utils.data import DataLoader
+
+    sequences = stream(config, count=n, pairs=False)
+    loader = DataLoader(
+        sequences, batch_size=None, num_workers=count, multiprocessing_context="spawn")
+    return [time.time() for _ in loader]
+
+
+def _run_shards(config: RenderConfig, n: int, folder: str, cores: list[list[int]]) -> None:
+    """Render with a command for each shard, which has its share of the cores."""
+    command = [sys.executable, "-m", "gcbench", "render", "--robot", config.robot, "--frames",
+               str(config.frames), "--n", str(n), "--workers", "1", "--out", folder, "--quiet"]
+    shards: list[subprocess.Popen[bytes]] = []
+    for k, own in enumerate(cores):
+        shard = [*command, "--shard", f"{k}/{len(cores)}"]
+        shards.append(subprocess.Popen(shard, stdout=subprocess.DEVNULL))
+        os.sched_setaffinity(shards[-1].pid, own or cores[0])
+    assert not any(shard.wait() for shard in shards)
+
+
+def compare_times(
+    turns: list[Turn], rates: dict[str, list[float]], of: str, to: str
+) -> list[float] | None:
+    """How many times faster `of` is than `to`, sorted: in each turn, or each round.
+
+    A run is compared with the median of a contender. None if one of both was left out.
+    """
+    times: dict[str, dict[int, float]] = {of: {}, to: {}}
+    for turn in turns:
+        if turn.contender in times:
+            times[turn.contender][turn.sequence] = turn.wall / turn.frames
+    for name in times:
+        times[name] |= {k: 1 / rate for k, rate in enumerate(rates.get(name, []))}
+    if of in rates and to not in rates and times[to]:
+        times[to] = dict.fromkeys(times[of], statistics.median(times[to].values()))
+    both = times[of].keys() & times[to].keys()
+    return sorted(times[to][k] / times[of][k] for k in both) or None
+
+
+def report(
+    turns: list[Turn], rates: dict[str, list[float]], count: int
+) -> dict[str, list[float]]:
+    """Print the table of `docs/benchmark/performance.md`, and ratios; return these."""
+    ratios: dict[str, list[float]] = {}
+
+    def ratio(of: str, to: str) -> str:
+        if (found := compare_times(turns, rates, of, to)) is None:
+            return ""
+        ratios[f"{of}/{to}"] = found
+        return f"{statistics.median(found):.2f} ({found[0]:.2f} to {found[-1]:.2f})"
+
+    print(f"\nmedians of {len({t.sequence for t in turns})} sequences, and of "
+          f"{max(map(len, rates.values()), default=0)} runs\n")
+    print("| | frames/s | times the script (range) | CPU time a frame |\n|---|---|---|---|")
     for name, title in TITLES.items():
-        own = [key for key in wall if key[0] == name]
-        if own:
-            print(f"{title:46} {1 / statistics.median(wall[k] for k in own):8.1f}  "
-                  f"{1e3 * statistics.median(cpu[k] for k in own):12.1f}  {versions[name]}")
-    print(f"\n{'ratio':66} frames/s   (range)       CPU time")
-    ratios: dict[str, dict[str, float]] = {}
-    for a, b in RATIOS:
-        both = [s for n, s in wall if n == a and (b, s) in wall]
-        if not both:
-            continue
-        by_wall = sorted(wall[b, s] / wall[a, s] for s in both)
-        by_cpu = statistics.median(cpu[b, s] / cpu[a, s] for s in both)
-        ratios[f"{a}/{b}"] = {"wall": statistics.median(by_wall), "cpu": by_cpu}
-        pair = f"{TITLES[a]} / {TITLES[b].split(':')[0]}"
-        print(f"{pair:66} {statistics.median(by_wall):6.2f}  "
-              f"({by_wall[0]:.2f}-{by_wall[-1]:.2f})  {by_cpu:6.2f}")
+        own = [t for t in turns if t.contender == name]
+        found = rates.get(name) or [t.frames / t.wall for t in own]
+        cpu = f"{1e3 * statistics.median(t.cpu / t.frames for t in own):.0f} ms" if own else ""
+        if found:
+            print(f"| {title.format(count)} | {statistics.median(found):.1f} | "
+                  f"{ratio(name, 'Pyrender')} | {cpu} |")
+    print("\nfrom turns and runs beside each other (range):\n")
+    for of, to in RATIOS:
+        if said := ratio(of, to):
+            print(f"* {TITLES[of].format(count)}: {said} times {TITLES[to].format(count)}")
     return ratios
 
 
@@ -269,7 +323,7 @@ def main() -> None:
     parser.add_argument("--robot", default="ur5")
     parser.add_argument("--sequences", type=int, default=25, help="at most; one more warms up")
     parser.add_argument("--frames", type=int, default=15, help="of a sequence")
-    parser.add_argument("--seconds", type=float, default=110.0, help="at most, for the contenders")
+    parser.add_argument("--seconds", type=float, default=100.0, help="at most, for the contenders")
     parser.add_argument("--worker-sequences", type=int, default=12, help="of a run; 0: no runs")
     parser.add_argument("--rounds", type=int, default=3, help="of the runs with workers")
     parser.add_argument("--json", type=Path, help="write all numbers to this file")
@@ -288,18 +342,13 @@ def main() -> None:
     print(f"{options.robot}, {config.width} x {config.height}, {config.frames} frames a sequence")
     for name, value in facts.items():
         print(f"{name}: {value}")
+    count = plan_workers(cores, None)[0]
     turns, versions = compare(config, options.sequences, options.seconds)
-    ratios = report(turns, versions)
-    print("PyBullet and MuJoCo draw the robot alone; gcbench draws its backgrounds too.")
-    rates: dict[str, tuple[float, float]] = {}
-    if options.worker_sequences:
-        rates = workers(config, options.worker_sequences, options.rounds)
-        one, default = rates["1 on one core"][0], str(plan_workers(cores, None)[0])
-        print("\nworkers, frames/s on disk, start not counted (ratio to one on one core), "
-              "s until the first sequence")
-        for name, (rate, start) in rates.items():
-            print(f"  {name:14} {rate:6.1f}  ({rate / one:.2f})  {start:5.1f}"
-                  f"{'  default' if name == default else ''}")
+    for name, said in versions.items():
+        print(f"{name}: {said}")
+    rates = run_all(config, options.worker_sequences, options.rounds, count) \
+        if options.worker_sequences else {}
+    ratios = report(turns, rates, count)
     if options.json:
         options.json.write_text(json.dumps({
             **facts, "contenders": versions, "ratios": ratios, "workers": rates,
