@@ -134,7 +134,7 @@ def store_file(path: Path, data: bytes, create: bool = False) -> bool:
         return True
     mode = "create" if create else "overwrite"
     try:
-        _write(path, len(data), lambda files, key, **limit: files.pipe_file(
+        _write(path, len(data), lambda files, key, limit: files.pipe_file(
             key, data, mode=mode, **limit))
     except FileExistsError:  # perhaps by an attempt whose answer was lost
         found = find_object(path)
@@ -144,19 +144,18 @@ def store_file(path: Path, data: bytes, create: bool = False) -> bool:
 
 def upload_file(source: Path, target: Path) -> None:
     """Write a local file to an address, whole."""
-    _write(target, source.stat().st_size, lambda files, key, **limit: files.put_file(
+    _write(target, source.stat().st_size, lambda files, key, limit: files.put_file(
         str(source), key, **limit))
 
 
-def _write(path: Path, size: int, action: Callable[..., Any]) -> None:
-    """Call `action(file system, key)`, with a time limit for so many bytes.
+def _write(path: Path, size: int, action: Callable[[Any, str, dict[str, float]], Any]) -> None:
+    """Call `action(file system, key, time limit for so many bytes)`.
 
     The limits of `_OPTIONS` do not hold while a request is sent.
     """
-    limit = _UPLOAD_SECONDS + size / _UPLOAD_RATE
+    limit = {"timeout": _UPLOAD_SECONDS + size / _UPLOAD_RATE}
     try:
-        _call(path, lambda files, key: action(
-            files, key, **({"timeout": limit} if files.async_impl else {})))
+        _call(path, lambda files, key: action(files, key, limit if files.async_impl else {}))
     except FileNotFoundError as error:
         raise DatasetError(f"{address(path)}: there is no bucket {path.parts[1]!r}; create it, or "
                            "name another") from error

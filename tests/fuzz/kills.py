@@ -138,11 +138,15 @@ def _disturb(target: Target, record: Record, count: int, span: float, log: Path)
             seen, last = there, now
         record.longest = max(record.longest, now - last)
         if now - last > SILENCE:
-            record.problems.append(f"no progress for {SILENCE:g} s ({_told(struck)})")
-            os.killpg(run.pid, signal.SIGKILL)
+            os.killpg(run.pid, signal.SIGABRT)  # each process prints where it is
+            run.wait()
+            said = log.with_suffix(".err").read_text(errors="replace")
+            record.problems.append(f"no progress for {SILENCE:g} s ({_told(struck)}): {said}")
         time.sleep(0.05)
     target.mend(True)
     code = run.wait()
+    if record.problems:
+        return code
     record.problems += [f"{problem} ({_told(struck)})" for problem in (
         *target.look()[1], *_complaints(code, log, struck), target.leftovers(run)) if problem]
     return code
@@ -168,7 +172,8 @@ def _launch(argv: tuple[str, ...], log: Path, **variables: str) -> subprocess.Po
     with log.with_suffix(".out").open("wb") as out, log.with_suffix(".err").open("wb") as err:
         return subprocess.Popen(
             [sys.executable, *argv], stdout=out, stderr=err, stdin=subprocess.DEVNULL,
-            start_new_session=True, env={**os.environ, **variables})
+            start_new_session=True,
+            env={**os.environ, "PYTHONFAULTHANDLER": "1", **variables})
 
 
 # -- commands that write ----------------------------------------------------------------------

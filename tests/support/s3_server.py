@@ -66,7 +66,7 @@ class RemoteServer:
     def disconnect(self) -> None:
         """Kill the relay: connections break, and new ones are refused."""
         self._relay.kill()
-        self._relay.communicate()
+        self._relay.wait()
 
     def freeze(self) -> None:
         """Stop the server's process: it accepts connections and does not answer."""
@@ -80,7 +80,7 @@ class RemoteServer:
         """End both processes."""
         for process in (self._relay, self._server):
             process.kill()
-            process.communicate()
+            process.wait()
 
 
 def _read_port(process: subprocess.Popen[str]) -> int:
