@@ -27,8 +27,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {"s3:": {"config_kwargs": {
 """Arguments of the file systems. Attempts are made here, not there."""
 _WAITS = (0.5, 1.0, 2.0, 4.0, 8.0, 8.0)
 """s before another attempt: a server that starts again in time goes unnoticed."""
-_PATIENCE = 30.0
+_PATIENCE = 25.0
 """s after which there is no other attempt."""
+_outages: dict[str, float] = {}
+"""When a call to a kind of storage gave up last."""
 _UPLOAD_SECONDS, _UPLOAD_RATE = 20.0, 2**16
 """An attempt to upload ends after so many s, and 1 s more for each so many bytes."""
 _CREDENTIALS = ("NoCredentialsError", "PartialCredentialsError", "CredentialRetrievalError",
@@ -164,6 +166,9 @@ def _write(path: Path, size: int, action: Callable[[Any, str, dict[str, float]],
 def _call(path: Path, action: Callable[[Any, str], _Answer]) -> _Answer:
     """Return `action(file system, key)`; where the storage does not answer, try again.
 
+    If another call gives up meanwhile, or gave up shortly before, there is only one attempt: a
+    command whose calls wait one after the other would take minutes to end.
+
     Raises FileNotFoundError, FileExistsError and NotADirectoryError of the action, and StorageError
     for everything else.
     """
@@ -172,15 +177,18 @@ def _call(path: Path, action: Callable[[Any, str], _Answer]) -> _Answer:
         raise DatasetError(f"{address(path)}: give a bucket and a path, such as "
                            f"{scheme}//bucket/data")
     files, key = _file_system(scheme, os.getpid()), "/".join(names)
-    end = time.monotonic() + _PATIENCE
+    began = time.monotonic()
     for wait in (*_WAITS, None):
         try:
             return action(files, key)
         except (FileNotFoundError, FileExistsError, NotADirectoryError, GcbenchError):
             raise
         except Exception as error:
-            fault = _fault(error)
-            if fault or wait is None or time.monotonic() > end:
+            fault, now = _fault(error), time.monotonic()
+            is_over = now - began > _PATIENCE or began - _outages.get(scheme, -1e9) < _PATIENCE
+            if fault or wait is None or is_over:
+                if not fault:
+                    _outages[scheme] = now
                 fault = fault or "does not answer; when it does, run the same command again"
                 said = " ".join(str(error).split())[:200] or type(error).__name__
                 raise StorageError(f"{address(path)}: the storage {fault} ({said})") from error

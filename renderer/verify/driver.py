@@ -219,7 +219,7 @@ def verify_files(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[li
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
             with hide_main():
-                answers = pool.map(_verify_in_process, jobs)
+                answers = pool.map(_verify_file, jobs)
             try:
                 for found in answers:
                     yield found
@@ -227,21 +227,6 @@ def verify_files(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[li
             except BrokenProcessPool as error:
                 raise GcbenchError("a process that verifies died (out of memory?); run the same "
                                    "command again, with fewer --workers") from error
-
-
-_failure: StorageError | None = None
-
-
-def _verify_in_process(job: _Job) -> list[CheckResult]:
-    """The checks of one file in a process of a pool: storage that fails once is not tried again."""
-    global _failure
-    if _failure:
-        raise _failure
-    try:
-        return _verify_file(job)
-    except StorageError as error:
-        _failure = error
-        raise
 
 
 def _verify_file(job: _Job) -> list[CheckResult]:

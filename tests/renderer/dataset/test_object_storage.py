@@ -393,18 +393,21 @@ def test_no_bucket_and_no_dataset_are_one_line(server: Server) -> None:
 def test_what_hangs_ends_within_a_minute(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A server that accepts connections and says nothing."""
+    """A server that accepts connections and says nothing: one call, and two in turn."""
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         port = silent.getsockname()[1]
         monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}")
         object_store._file_system.cache_clear()
-        for attempt in (lambda: gb.open_dataset("s3://videos/data"),
-                        lambda: store_file(Path("s3://videos/data/dataset.json"), b"{}")):
+        path = Path("s3://videos/data/dataset.json")
+        for attempts in ([lambda: gb.open_dataset("s3://videos/data")],
+                         [lambda: store_file(path, b"{}"), lambda: read_file(path, 9)]):
+            object_store._outages.clear()
             started = time.monotonic()
-            with pytest.raises(gb.DatasetError, match="run the same command again"):
-                attempt()
+            for attempt in attempts:
+                with pytest.raises(gb.DatasetError, match="run the same command again"):
+                    attempt()
             assert time.monotonic() - started < 60
     object_store._file_system.cache_clear()
 
