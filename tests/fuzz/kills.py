@@ -71,7 +71,7 @@ class Target:
     """A command and its result, and something that can be killed."""
 
     share = 0.3
-    """The mean time between kills, of twice the time that the undisturbed command takes."""
+    """Mean time between kills, as a share of the time that an undisturbed command takes."""
 
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
