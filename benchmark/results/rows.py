@@ -29,6 +29,9 @@ LABEL = "one line of 1 to 200 printable characters without @"
 """What the name, the version and the training of a method must be."""
 _MAX_SCORES = 2**30  # bytes of a score table
 
+SequenceName = Annotated[str, msgspec.Meta(pattern=r"^[0-9]{6,18}\Z")]
+"""Name of a sequence in its dataset, such as 000007."""
+
 
 @dataclass(frozen=True)
 class Result:
@@ -47,8 +50,7 @@ class Result:
     dataset: str
     """Name of a folder, or SUITE/NAME."""
     robot: str
-    sequence: str
-    """Name in its dataset, such as 000007."""
+    sequence: SequenceName
     cluster: str
     """Unit of the bootstrap: the sequence, or the object's instance if there are several."""
     joint: str

@@ -24,7 +24,7 @@ from ...errors import DatasetError
 from ...renderer.runtime import dump_json, read_record
 from ...renderer.types import html_card
 from ...robots.files import create_atomically, write_atomically
-from .rows import COLUMNS, Attribution, Result, Row, read_scores
+from .rows import COLUMNS, Attribution, Result, Row, SequenceName, read_scores
 
 if TYPE_CHECKING:
     import pandas
@@ -33,7 +33,6 @@ RUN, ESTIMATES, SCORES = "run.json", "estimates", "scores.csv"
 _FORMAT = "gcbench-results/1"
 _SHOWN = 5
 """Failures on the card of a notebook."""
-_SequenceName = Annotated[str, msgspec.Meta(pattern=r"^[0-9]{6,}\Z")]
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class Run:
     """The dataset's RenderConfig."""
     assets: tuple[Mapping[str, Any], ...]
     """Models of the dataset with their sources and licences."""
-    sequences: tuple[_SequenceName, ...]
+    sequences: tuple[SequenceName, ...]
     """The sequences that are scored, in order."""
     left_out: Annotated[int, msgspec.Meta(ge=0)]
     """Number of sequences that are not observable or have no scored joint."""

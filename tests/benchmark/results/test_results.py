@@ -81,6 +81,7 @@ def test_the_frame_holds_every_score(tmp_path: Path) -> None:
     (",deg,", ",s,", r"line 3: \$.unit: final_error is in deg or m, got 's'"),
     ("method,", "methods,", "line 1: the first line is not method,"),
     (",ok", "", "line 3: 18 cells instead of 19"),
+    ("000002", "&amp;", r"line 3: Expected `str` matching regex .* - at `\$.sequence`"),
 ])  # fmt: skip
 def test_a_damaged_table_names_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "scores.csv"
