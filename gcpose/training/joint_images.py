@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
-from ...renderer.types import Sequence
+from ...renderer.types import Sequence, Stack
 from ...robots.geometry import Array, inverse, move_screw, quaternion_from_rotation
 from ..networks.depth_images import fit_depth
 from .data import draw_place
@@ -93,9 +93,12 @@ class JointImages:
             DatasetError: If a sequence cannot be learned from (see `joint_numbers`).
         """
         self.seed, self.dropped = seed, dropped
-        self._place = [(d, i) for d in map(open_dataset, folders) for i in range(len(d))]
-        self.numbers = [joint_numbers(d[i]).astype(np.float32) for d, i in self._place]
+        self._depth: list[Stack[np.float32]] = []  # decoded when indexed
+        self.numbers: list[NDArray[np.float32]] = []
         """[T 22] of each sequence"""
+        for sequence in (s for folder in folders for s in open_dataset(folder)):
+            self._depth.append(sequence.depth)
+            self.numbers.append(joint_numbers(sequence).astype(np.float32))
         starts = np.cumsum([0, *(len(n) for n in self.numbers)])
         self._starts, self._count = starts[:-1], int(starts[-1])
 
@@ -112,7 +115,6 @@ class JointImages:
         rng, image = draw_place(self.seed, number, len(self))
         k = int(np.searchsorted(self._starts, image, side="right")) - 1
         frame = image - int(self._starts[k])
-        dataset, index = self._place[k]
-        depth = fit_depth(dataset[index].depth[frame : frame + 1])[0]
+        depth = fit_depth(self._depth[k][frame : frame + 1])[0]
         kept = rng.random(depth.shape) >= self.dropped
         return JointSample(depth * kept, self.numbers[k][frame])
