@@ -42,10 +42,6 @@ class AbbatematteoTask(ObjectTask):
         bounds.copy_(torch.from_numpy(samples.bounds()))
         return samples
 
-    def rate(self, progress: float) -> float:
-        """Return the learning rate, which is constant."""
-        return self.config.rate
-
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         with reduce_precision(self.config, batch[0].device):
             return cast("MixtureDensityNetwork", network).loss(*batch)

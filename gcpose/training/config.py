@@ -166,6 +166,9 @@ class ObjectTraining(TrainConfig):
     held_out_sequences: int = 100  # Further ones, for the checks.
     frames: int = 16  # Of a sequence.
     dropped: float = 0.1  # Share of the pixels that are set to zero in training.
+    rate_decay: float = 0.0
+    """Share of the steps, at the end, in which the learning rate falls to 0 (cosine); 0: the rates
+    of the network's authors."""
 
 
 @dataclass(frozen=True)

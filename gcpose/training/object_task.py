@@ -3,6 +3,7 @@
 # pyright: basic
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +41,8 @@ class ObjectTask(TrainingTask):
             raise ConfigError("--epochs must be 1 or more, --frames 2 or more")
         if not 0 <= c.dropped < 1:
             raise ConfigError(f"--dropped {c.dropped}: give a share from 0 to 1")
+        if not 0 <= c.rate_decay <= 1:
+            raise ConfigError(f"--rate-decay {c.rate_decay}: give a share from 0 to 1")
 
     def notes(self) -> Mapping[str, str]:
         """Return what the network has learned from, also before this run."""
@@ -53,6 +56,12 @@ class ObjectTask(TrainingTask):
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
         return torch.optim.Adam(network.parameters(), self.config.rate,
                                 weight_decay=self.config.weight_decay)
+
+    def rate(self, progress: float) -> float:
+        """Return the learning rate: constant, and as a cosine to 0 in the last share of steps."""
+        share = self.config.rate_decay
+        fallen = max(0.0, 1 - (1 - progress) / share) if share else 0.0
+        return self.config.rate * (1 + math.cos(math.pi * fallen)) / 2
 
     def plan_data(self) -> Iterator[PlannedDataset]:
         """Yield a dataset of each class, and one to measure errors on."""

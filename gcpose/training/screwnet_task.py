@@ -31,7 +31,9 @@ class ScrewNetTask(ObjectTask):
         return DepthVideos(folders, self.config.frames, self.config.seed, self.config.dropped)
 
     def rate(self, progress: float) -> float:
-        """Return the learning rate: a tenth after each 30 % of the steps."""
+        """Return the learning rate: by default a tenth after each 30 % of the steps."""
+        if self.config.rate_decay:
+            return super().rate(progress)
         return self.config.rate * 0.1 ** int(progress / 0.3)
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:

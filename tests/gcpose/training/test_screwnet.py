@@ -341,11 +341,15 @@ def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
     assert {p.config.stream for p in plan} == {"train"}
     rates = [task.rate(x) for x in (0.0, 0.29, 0.31, 0.61, 0.95)]
     assert np.allclose(rates, [1e-3, 1e-3, 1e-4, 1e-5, 1e-6])
+    falling = ScrewNetTask(ScrewNetTraining(rate_decay=0.5))
+    rates = [falling.rate(x) for x in (0.0, 0.5, 0.75, 1.0)]
+    assert np.allclose(rates, [1e-3, 1e-3, 5e-4, 0.0])
     assert task.count_steps(range(4000)) == 10_000  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("args", "said"), [
     ("--width 20", "multiple of 8"), ("--classes fridge", "there are"), ("--dropped 1", "share"),
+    ("--rate-decay 1.5", "share"),
     ("--frames 1", "--frames 2 or more"), ("--epochs 0", "--epochs must be"),
 ])
 def test_wrong_options_are_refused(
