@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import resource
 import signal
+import socket
 import sys
 import threading
 import time
@@ -162,17 +163,18 @@ class _Thread:
     arguments: Any
     exitcode: int | None = None
     _thread: threading.Thread = field(init=False)
+    _connection: Connection = field(init=False)
 
     def start(self) -> None:
         its, target, arguments = self.arguments[:3]
-        mine = Connection(os.dup(its.fileno()))
-        self._thread = threading.Thread(target=self._run, args=(mine, target, arguments))
+        self._connection = Connection(os.dup(its.fileno()))
+        self._thread = threading.Thread(target=self._run, args=(target, arguments))
         self._thread.daemon = True
         self._thread.start()
 
-    def _run(self, connection: Connection, target: str, arguments: Any) -> None:
+    def _run(self, target: str, arguments: Any) -> None:
         module, _, function = target.partition(":")
-        with connection, suppress(EOFError, BrokenPipeError):
+        with self._connection as connection, suppress(EOFError, BrokenPipeError):
             getattr(import_module(module), function)(connection, *arguments)
         self.exitcode = 0
 
@@ -180,6 +182,8 @@ class _Thread:
         self._thread.join(timeout)
 
     def kill(self) -> None:
-        """The end of its connection ends it."""
+        """End its connection, which ends it; a task that it works on is finished first."""
+        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as end:
+            end.shutdown(socket.SHUT_RDWR)
 
     terminate = kill
