@@ -33,6 +33,8 @@ class ScrewNetMethod:
         """
         self.trained = load_trained("screwnet", weights, device, screwnet_width, ScrewNet)
         self.training = f"supervised: depth video of {self.trained.objects}"
+        if self.trained.features:
+            self.training += f", begun with features of {self.trained.features}"
         self.name += f" {self.trained.label}"
 
     def estimate(self, observation: Observation) -> Estimate:

@@ -29,6 +29,8 @@ class Trained:
     """What it has learned from, such as "dishwasher, oven"."""
     label: str
     """The same with the width, for the name of a row."""
+    features: str = ""
+    """Name of the network whose features it began with; empty if it began at random."""
 
     def tensor(self, array: NDArray[np.float32]) -> Tensor:
         """Return an array as a tensor on the device."""
@@ -56,9 +58,10 @@ def load_trained(
     network = make(width).eval()
     network.load_state_dict(read_weights(path, network.state_dict(), name))
     network.to(find_device(device))
-    objects = read_notes(path).get("objects", "unknown objects")[:100]
+    notes = read_notes(path)
+    objects = notes.get("objects", "unknown objects")[:100]
     label = objects.replace(", ", "+") + (f" width={width}" if width < published else "")
-    return Trained(network, find_device(device), objects, label)
+    return Trained(network, find_device(device), objects, label, notes.get("features", "")[:100])
 
 
 def find_weights(method: str, weights: str, recipe: str) -> Path:

@@ -25,7 +25,6 @@ from ..networks.torch_runtime import find_device, nn, torch
 from ..networks.weights import (
     Checkpoint,
     read_checkpoint,
-    read_weights,
     write_checkpoint,
     write_weights,
 )
@@ -93,7 +92,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     torch.manual_seed(config.seed)
     network = task.make_network()
     if config.start_from is not None:
-        network.load_state_dict(read_weights(config.start_from, network.state_dict(), task.name))
+        task.load_start(network, config.start_from)
     run = _Run(task, network.to(device), task.make_optimizer(network),
                find_datasets(config.held_out))
     given = find_datasets(config.data)

@@ -3,14 +3,17 @@
 # pyright: basic
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ...renderer.dataset import open_dataset
+from ..networks.abbatematteo import mixture_width
 from ..networks.screwnet import ScrewNet
 from ..networks.torch_runtime import Tensor, nn, torch
+from ..networks.weights import read_notes, read_tensors, read_weights
 from .config import ScrewNetTraining
 from .object_task import ObjectTask
 from .screws import DepthVideos, line_distance, screw_loss
@@ -26,6 +29,24 @@ class ScrewNetTask(ObjectTask):
 
     def make_network(self) -> nn.Module:
         return ScrewNet(self.config.width)
+
+    def notes(self) -> Mapping[str, str]:
+        """Return what the network has learned from, and whose features it began with."""
+        start = self.config.start_from
+        if start is None or start.suffix != ".safetensors":
+            return super().notes()
+        features = "abbatematteo" if mixture_width(read_tensors(start)) else \
+            read_notes(start).get("features", "")
+        return {**super().notes(), **({"features": features} if features else {})}
+
+    def load_start(self, network: nn.Module, path: Path) -> None:
+        """Load weights of ScrewNet, or the features of an image of an `abbatematteo` network."""
+        if not mixture_width(read_tensors(path)):
+            super().load_start(network, path)
+            return
+        features = {name: tensor for name, tensor in network.state_dict().items()
+                    if name.startswith(("encoder.", "features."))}
+        network.load_state_dict(read_weights(path, features, self.name), strict=False)
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         return DepthVideos(folders, self.config.frames, self.config.seed, self.config.dropped)

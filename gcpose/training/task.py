@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..networks.torch_runtime import Tensor, nn, torch
+from ..networks.weights import read_weights
 from .config import CravesTraining, ObjectTraining, TrainConfig
 from .data import PlannedDataset
 
@@ -55,6 +56,14 @@ class TrainingTask(ABC):
     @abstractmethod
     def make_network(self) -> nn.Module:
         """Return the untrained network."""
+
+    def load_start(self, network: nn.Module, path: Path) -> None:
+        """Load the weights with which a new run begins.
+
+        Raises:
+            ConfigError: If the file has none of this network.
+        """
+        network.load_state_dict(read_weights(path, network.state_dict(), self.name))
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
         """Return AdamW, or what the authors of a network used."""

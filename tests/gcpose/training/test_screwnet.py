@@ -25,6 +25,7 @@ torch = pytest.importorskip("torch", reason="training needs PyTorch")
 
 from gcbench.gcpose.learned.screwnet import motion_of_screws  # noqa: E402
 from gcbench.gcpose.networks.depth_images import fit_depth  # noqa: E402
+from gcbench.gcpose.networks.abbatematteo import MixtureDensityNetwork  # noqa: E402
 from gcbench.gcpose.networks.screwnet import ScrewNet  # noqa: E402
 from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
 from gcbench.gcpose.training import loop  # noqa: E402
@@ -298,6 +299,27 @@ def test_the_command_trains_and_eval_takes_the_weights(
                      results=tmp_path / "results")
     (scored,) = evaluate(run, progress=False).runs
     assert {r.status for r in scored.results()} == {"ok"}
+
+
+def test_a_training_begins_with_the_features_of_an_abbatematteo_network(tmp_path: Path) -> None:
+    other = MixtureDensityNetwork(8)
+    start, out = tmp_path / "abbatematteo.safetensors", tmp_path / "out"
+    write_weights(start, other, {"objects": "oven"})
+    for first in (start, out / "screwnet.safetensors"):
+        config = ScrewNetTraining(out=out, start_from=first, width=8, steps=1, batch=2, frames=5,
+                                  rate=0.0, device="cpu", threads=1)
+        loop.train(DoorTask(config))
+        tensors = read_tensors(out / "screwnet.safetensors")
+        for name, tensor in other.state_dict().items():
+            if name.endswith("weight") and name.startswith(("encoder.", "features.")):
+                assert torch.equal(tensors[name], tensor)
+        method = load_method(with_options("screwnet", {
+            "weights": str(out / "screwnet.safetensors")}))
+        assert method.training == ("supervised: depth video of microwave, oven, begun with "
+                                   "features of abbatematteo")
+    wide = ScrewNetTraining(out=tmp_path / "wide", start_from=start, width=16, steps=1)
+    with pytest.raises(GcbenchError, match=r"no weights of screwnet: .* expected \[16, 3, 7, 7\]"):
+        loop.train(DoorTask(wide))
 
 
 def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
