@@ -22,12 +22,7 @@ from ...errors import ConfigError, DatasetError, MethodError
 from ...renderer.runtime import defer_interrupts
 from ...robots.files import lock_folder, remove_leftovers, write_atomically
 from ..networks.torch_runtime import find_device, nn, torch
-from ..networks.weights import (
-    Checkpoint,
-    read_checkpoint,
-    write_checkpoint,
-    write_weights,
-)
+from ..networks.weights import Checkpoint, read_checkpoint, write_checkpoint, write_weights
 from .config import TrainConfig
 from .curves import write_curves
 from .data import find_datasets, refuse_test_streams, render_datasets

@@ -24,8 +24,8 @@ from ...support.one_joint import dataset, moved
 torch = pytest.importorskip("torch", reason="training needs PyTorch")
 
 from gcbench.gcpose.learned.screwnet import motion_of_screws  # noqa: E402
-from gcbench.gcpose.networks.depth_images import fit_depth  # noqa: E402
 from gcbench.gcpose.networks.abbatematteo import MixtureDensityNetwork  # noqa: E402
+from gcbench.gcpose.networks.depth_images import fit_depth  # noqa: E402
 from gcbench.gcpose.networks.screwnet import ScrewNet  # noqa: E402
 from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
 from gcbench.gcpose.training import loop  # noqa: E402
