@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
@@ -189,7 +191,7 @@ def open_method(source: str) -> tuple[str, Method]:
     if isinstance(found, type) or not hasattr(found, "estimate"):
         if not callable(found):
             raise MethodError(f"{where}: not a method. {_FORM}")
-        found = _construct(cast("Callable[..., Any]", found), options, defaults)
+        found = _construct(where, cast("Callable[..., Any]", found), options, defaults)
     declaration_of(found, where)
     return with_options(name, options), found
 
@@ -199,13 +201,18 @@ def options_of(source: str) -> dict[str, str]:
     return dict(parse_qsl(source.partition("?")[2]))
 
 
-def _construct(method: Callable[..., Any], options: dict[str, str],
+def _construct(where: str, method: Callable[..., Any], options: dict[str, str],
                defaults: Mapping[str, Any]) -> Any:
     arguments: dict[str, Any] = dict(options)
     if "set" in options:
         arguments["settings"] = defaults["settings"].override(_parse_changes(arguments.pop("set")))
     if "segment" in defaults:
         arguments.setdefault("segment", _segment)
+    with suppress(ValueError):  # compiled code may have no signature
+        try:
+            inspect.signature(method).bind(**arguments)
+        except TypeError as error:
+            raise MethodError(f"{where}: {error}; methods are made without any. {_FORM}") from error
     return method(**arguments)
 
 

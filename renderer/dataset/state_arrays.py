@@ -15,6 +15,8 @@ from ..types import Meta, State
 
 MAX_STATE = 2**29
 """Bytes of all arrays of a sequence; more are refused."""
+_FAR = 10**9
+"""m; coordinates within it fit single precision."""
 _KINDS = {"bool": "b", "int64": "iu", "float64": "f"}
 
 
@@ -102,7 +104,7 @@ def _arrays(meta: Meta) -> dict[str, _Array]:
         "part_pixels": _Array((frames, parts), "int64", (0, meta.width * meta.height)),
     }
     if "coordinates" in meta.layers:
-        arrays["coordinate_box"] = _Array((parts, 2, 3))
+        arrays["coordinate_box"] = _Array((parts, 2, 3), bounds=(-_FAR, _FAR))
     for kind, n in (("keypoint", len(meta.keypoint_names)), ("track", meta.tracks)):
         if f"{kind}s" in meta.layers:
             arrays[f"{kind}_part"] = _Array((n,), "int64", number)

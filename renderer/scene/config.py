@@ -299,6 +299,8 @@ def resolve(config: RenderConfig) -> RenderConfig:
     ranges = config.randomization
     azimuth = ranges.camera.azimuth_or_default(of_object)
     textures = ranges.textures
+    if not (textures.kinds and ranges.background.kinds):
+        raise ConfigError("--textures.kinds or --background.kinds is empty: name a kind")
     if textures.probability is None:
         textures = replace(textures, probability=1.0 if textured else 0.0)
     camera = CameraConfig(**vars(ranges.camera))

@@ -118,6 +118,8 @@ def test_unknown_names_list_what_exists() -> None:
         methods.load_method("nofile.py:Method")
     with pytest.raises(GcbenchError, match="no module 'no_such_module'"):
         methods.load_method("no_such_module.deep:Method")
+    with pytest.raises(GcbenchError, match="json:loads: missing a required argument: 's'; meth"):
+        methods.load_method("json:loads")
     assert methods.METHODS["gcpose"] == "gcbench.gcpose.method:GCPose"
 
 

@@ -547,6 +547,11 @@ def test_a_state_may_be_unknown_but_not_infinite(
     meta = dataclasses.replace(content[1], layers=("tracks",), tracks=2)
     state = dataclasses.replace(content[2], **layers)
     assert np.isnan(parse_state(dump_state(state, meta), meta, "").track_image).all()
+    far = dataclasses.replace(content[1], layers=("coordinates",))
+    box = np.full((len(meta.part_names), 2, 3), 1e30)
+    boxes = dataclasses.replace(content[2], coordinate_box=box)
+    with pytest.raises(GcbenchError, match="coordinate_box is not within"):
+        parse_state(dump_state(boxes, far), far, "here")
     layers["track_image"][1, 1] = np.inf
     with pytest.raises(GcbenchError, match="track_image is not finite"):
         parse_state(dump_state(dataclasses.replace(state, **layers), meta), meta, "here")

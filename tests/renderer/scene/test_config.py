@@ -105,7 +105,7 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
     if hint is str:
         return st.text(st.characters(exclude_categories=("Cc", "Cs")), max_size=8)
     if get_origin(hint) is tuple:
-        return st.lists(values(get_args(hint)[0]), max_size=3).map(tuple)
+        return st.lists(values(get_args(hint)[0]), min_size=1, max_size=3).map(tuple)
     return st.sampled_from(get_args(hint))
 
 
@@ -163,6 +163,13 @@ def test_a_twin_is_a_robot() -> None:
                           ("oven:x", "names no object")):
         with pytest.raises(ModelError, match=message):
             resolve(RenderConfig(twin_of=name))
+
+
+def test_no_kind_to_draw_from_is_refused() -> None:
+    for name in ("textures", "background"):
+        config = parse_config({"randomization": {name: {"kinds": []}}}, "")
+        with pytest.raises(ConfigError, match=r"--background\.kinds is empty: name a kind"):
+            resolve(config)
 
 
 def test_what_was_not_given_stays_open_until_the_robot_is_known() -> None:
