@@ -143,7 +143,8 @@ def read_dataset(files: Content, argv: tuple[str, ...], steps: list[str]) -> Cas
     if argv is _CONTINUED:
         files = {f"work/{k}" if k.startswith("d/") else k: v for k, v in files.items()}
     codes = (0, 1, 2) if argv[0] in ("verify", "eval") else (0, 2)
-    fetches = "--config" in argv  # a configuration may name a robot of the catalogue
+    # a configuration, or a dataset whose model is allowed, may name a robot of the catalogue
+    fetches = not {"--config", "--allow-model"}.isdisjoint(argv)
     return Case(files, [Command(argv, codes, quiet=argv[0] != "eval", fetches=fetches)], steps)
 
 
