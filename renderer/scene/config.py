@@ -299,18 +299,14 @@ def resolve(config: RenderConfig) -> RenderConfig:
     ranges = config.randomization
     azimuth = ranges.camera.azimuth_or_default(of_object)
     textures = ranges.textures
-    if not (textures.kinds and ranges.background.kinds):
-        raise ConfigError("--textures.kinds or --background.kinds is empty: name a kind")
     if textures.probability is None:
         textures = replace(textures, probability=1.0 if textured else 0.0)
-    camera = CameraConfig(**vars(ranges.camera))
+    camera = CameraConfig(**{**vars(ranges.camera), "azimuth": azimuth})
     return replace(
         config,
         twin_of=own if config.twin_of == OWN else config.twin_of and draws_of(config.twin_of),
         layers=tuple(name for name in LAYERS if name in config.layers),
-        randomization=replace(
-            ranges, camera=replace(camera, azimuth=azimuth), textures=textures
-        ),
+        randomization=replace(ranges, camera=camera, textures=textures),
     )
 
 
@@ -337,6 +333,8 @@ def find_invalid_values(config: object, prefix: str = "") -> Iterator[tuple[str,
         value = getattr(config, name)
         if is_dataclass(value):
             yield from find_invalid_values(value, f"{prefix}{name}.")
+        if name == "kinds" and not value:
+            yield f"{prefix}{name}", "is empty: name a kind"
         for bounds in get_args(hint)[1:] if value is not None else ():
             if isinstance(bounds, Bounds) and (problem := bounds.problem(value)):
                 yield f"{prefix}{name}", problem

@@ -19,6 +19,7 @@ from gcbench.renderer.scene.config import (
     CameraConfig,
     RandomizationConfig,
     RenderConfig,
+    TexturesConfig,
     find_invalid_values,
     resolve,
 )
@@ -167,9 +168,12 @@ def test_a_twin_is_a_robot() -> None:
 
 def test_no_kind_to_draw_from_is_refused() -> None:
     for name in ("textures", "background"):
-        config = parse_config({"randomization": {name: {"kinds": []}}}, "")
-        with pytest.raises(ConfigError, match=r"--background\.kinds is empty: name a kind"):
-            resolve(config)
+        said = rf"randomization\.{name}\.kinds: is empty: name a kind"
+        with pytest.raises(ConfigError, match=said):
+            parse_config({"randomization": {name: {"kinds": []}}}, "")
+    ranges = RandomizationConfig(textures=TexturesConfig(kinds=()))
+    with pytest.raises(ConfigError, match=r"--textures\.kinds is empty: name a kind"):
+        resolve(RenderConfig(randomization=ranges))
 
 
 def test_what_was_not_given_stays_open_until_the_robot_is_known() -> None:
