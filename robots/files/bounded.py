@@ -25,18 +25,19 @@ def read_bounded(
     Raises `error` if the file is missing, is no regular file (a FIFO or a device, which could
     block), is larger than `limit` bytes, or has more bytes than its size says.
     """
+    name = str(path).replace("\n", r"\n")  # a message is one line
     try:
         with open(path, "rb", opener=_open_without_blocking) as file:
             found = os.fstat(file.fileno())
             if not stat.S_ISREG(found.st_mode):
-                raise error(f"{path}: is not a regular file")
+                raise error(f"{name}: is not a regular file")
             if found.st_size > limit:
-                raise error(f"{path}: is larger than {limit} bytes, the largest file that is read")
+                raise error(f"{name}: is larger than {limit} bytes, the largest file that is read")
             data = file.read(found.st_size + 1)  # `read` allocates that much at once
     except OSError as problem:
-        raise error(f"{path}: cannot be read ({problem.strerror or problem})") from problem
+        raise error(f"{name}: cannot be read ({problem.strerror or problem})") from problem
     if len(data) > found.st_size:
-        raise error(f"{path}: has more bytes than the file system says")
+        raise error(f"{name}: has more bytes than the file system says")
     hashes = _HASHES.get()
     if hashes is not None:
         hashes[path.resolve()] = hashlib.sha256(data).hexdigest()

@@ -141,3 +141,8 @@ def test_a_lock_is_a_regular_file(kind: str, tmp_path: Path) -> None:
         pass
     assert not is_free(tmp_path / "out")
     assert (tmp_path / "precious").read_text() == "content"
+
+
+def test_a_message_about_a_name_of_two_lines_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"a\\nb: cannot be read \(No such file"):
+        read_bounded(tmp_path / "a\nb", error=ConfigError)
