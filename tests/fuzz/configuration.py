@@ -294,7 +294,7 @@ def _options(rng: CaseRng) -> Case:
         if option in _LONG:
             values = [v for v in values if not (v.isdecimal() and v.isascii() and 3 < len(v) < 12)]
         if option == "--out":  # a command may write where it is told to
-            values = [v for v in values if v != "../input"]
+            values = [v for v in values if v not in ("../input", "../secret")]
         how = rng.choice(["append", "append", "insert", "replace", "delete", "equals"])
         if how == "insert":
             at = rng.randrange(len(name.split()), len(argv) + 1)
