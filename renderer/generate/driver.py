@@ -23,6 +23,7 @@ from .ray_rendering import render_on_ray
 from .worker_pool import WorkerDied, render_in_workers
 from .worker_process import FrameDone, ModelLoaded, RenderTask
 
+_MAX_SEQUENCES = 10**7
 _SOURCE = "gcbench.renderer.generate.sequence_renderer:SequenceRenderer"
 
 
@@ -144,6 +145,8 @@ def render_dataset(
     wanted = range(n) if isinstance(n, int) else sorted({*n})
     if not wanted or wanted[0] < 0:
         raise ConfigError("no sequences to render; give a number of 1 or more, or indices from 0")
+    if wanted[-1] >= _MAX_SEQUENCES:
+        raise ConfigError(f"a dataset has at most {_MAX_SEQUENCES} sequences; make several")
     try:
         with open_folder(out, config, n if isinstance(n, Shard) else None) as folder:
             there = sequence_paths(out)

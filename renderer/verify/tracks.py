@@ -87,9 +87,12 @@ def _queries(sequence: Sequence, image: Array, z: Array) -> list[CheckResult]:
     assert part is not None and query is not None
     at = image[query, np.arange(len(query))]
     pixel = np.rint(np.nan_to_num(at)).astype(np.int64)
+    size = np.array([sequence.meta.width, sequence.meta.height])
     checks = [check("track: begins at a pixel", at - pixel, _PIXELS, "px",
-                    lambda i: f"point {i // 2}")]
-    if not checks[0].ok:
+                    lambda i: f"point {i // 2}"),
+              check_share("track: begins in the image", ((pixel < 0) | (pixel >= size)).any(1), 0,
+                          lambda i: f"point {i}")]
+    if not all(c.ok for c in checks):
         return checks
     for t in np.unique(query).tolist():
         now = np.flatnonzero(query == t)

@@ -150,6 +150,9 @@ def test_chosen_sequences_are_those_of_the_whole(
     for wrong in ((), (-1, 2), 0):
         with pytest.raises(ConfigError, match="no sequences to render"):
             render_dataset(config, wrong, tmp_path / "x", 1, progress=False, source=SOURCE)
+    for many in (2**62, (2**62,)):
+        with pytest.raises(ConfigError, match="a dataset has at most 10000000 sequences"):
+            render_dataset(config, many, tmp_path / "x", 1, progress=False, source=SOURCE)
 
 
 def test_an_unpacked_sequence_counts_as_there(tmp_path: Path) -> None:

@@ -307,6 +307,8 @@ CORRUPTIONS = {
     "all visible": (state(track_visible=np.ones_like), "track: visible"),
     "none visible": (state(track_visible=np.zeros_like), "track: visible"),
     "query frame": (state(track_query=lambda q: (q + 1) % 4), "track: begins at a pixel"),
+    "track begins outside": (state(track_image=lambda x: x + 2.0**31),
+                             "track: begins in the image"),
     "query beyond": (state(track_query=lambda q: q + 4), "track: query frames"),
     "track of no part": (state(track_part=put((5,), 99)), "track: part numbers"),
     "track unknown": (state(track_image=put((1, 5, 0), np.nan)), "track: known where it should be"),
