@@ -18,6 +18,7 @@ import sys
 import time
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
@@ -146,12 +147,10 @@ def _end_with_parent() -> Callable[[], object] | None:
 
 def _bytes_below(folder: Path) -> int:
     total = 0
-    for path in folder.rglob("*"):
-        try:
-            info = path.stat()
-        except FileNotFoundError:  # moved by pip meanwhile
-            continue
-        total += info.st_size if stat.S_ISREG(info.st_mode) else 0
+    for parent, _, names in os.walk(folder):  # it leaves out folders that pip removes meanwhile
+        for name in names:
+            with suppress(FileNotFoundError):  # pip moves files
+                total += os.lstat(os.path.join(parent, name)).st_size
     return total
 
 

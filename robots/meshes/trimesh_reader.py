@@ -75,8 +75,9 @@ def _material(mesh: Any, file: str, textures: TextureDecoder) -> Material | None
         return None
     if given.name or image is not None or "kd" in given.kwargs:
         extra = given.kwargs
-        color = np.asarray(extra.get("kd", [0.5, 0.5, 0.5]), np.float64).reshape(-1)
-        color = np.resize(color, 3)
+        color = np.resize(np.asarray(extra.get("kd", 0.5), np.float64).reshape(-1), 3)
+        if not np.isfinite(color).all():
+            color = np.full(3, 0.5)
         if image is not None:
             color = np.ones(3)  # Kd beside map_Kd is arbitrary; only the map is used
         alpha = _alpha_of_mtl(extra)

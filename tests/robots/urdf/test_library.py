@@ -192,6 +192,15 @@ def test_obj_materials_and_textures_above_the_mesh_folder(tmp_path: Path) -> Non
     assert not lib.notes
 
 
+def test_a_color_that_is_no_number_is_gray(tmp_path: Path) -> None:
+    (tmp_path / "m.mtl").write_text("newmtl odd\nKd 0.8 NaN 0\n")
+    (tmp_path / "a.obj").write_text(
+        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl odd\nf 1 2 3\n")
+    (surface,) = library(tmp_path).surfaces("a.obj")
+    assert surface.material
+    np.testing.assert_allclose(surface.material.base_color, [*[linear_from_srgb(0.5)] * 3, 1])
+
+
 @pytest.mark.parametrize("head", ["", "mtllib gone.mtl\nusemtl a\n"])
 def test_texture_coordinates_need_no_material(tmp_path: Path, head: str) -> None:
     """trimesh invents an image for them, which has no file."""
