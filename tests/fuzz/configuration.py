@@ -309,6 +309,8 @@ def _options(rng: CaseRng) -> Case:
             argv += [option, *values]
         if len(argv) <= len(name.split()) and base:
             break
+    if name == "export" and not any(a.startswith("--out") for a in argv):
+        argv += ["--out", "export"]  # the default is beside the dataset
     rng.note(" ".join(argv).encode("ascii", "backslashreplace").decode()[:100])
     words = tuple(a.replace("\0", "?").encode("utf-8", "replace").decode() for a in argv)
     codes = (0, 1, 2) if name in ("verify", "eval") else (0, 2)
