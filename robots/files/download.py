@@ -150,7 +150,7 @@ def _bytes_below(folder: Path) -> int:
     for parent, _, names in os.walk(folder):  # it leaves out folders that pip removes meanwhile
         for name in names:
             with suppress(FileNotFoundError):  # pip moves files
-                total += os.lstat(os.path.join(parent, name)).st_size
+                total += Path(parent, name).lstat().st_size
     return total
 
 
