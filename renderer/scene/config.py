@@ -301,7 +301,7 @@ def resolve(config: RenderConfig) -> RenderConfig:
     textures = ranges.textures
     if textures.probability is None:
         textures = replace(textures, probability=1.0 if textured else 0.0)
-    camera = CameraConfig(**{**vars(ranges.camera), "azimuth": azimuth})
+    camera = replace(CameraConfig(**vars(ranges.camera)), azimuth=azimuth)
     return replace(
         config,
         twin_of=own if config.twin_of == OWN else config.twin_of and draws_of(config.twin_of),
