@@ -233,9 +233,9 @@ class ColorPass:
             gl.glUniform1i(program[f"material.{name}_texture"], unit)
         for k, light in enumerate(scene.lights):
             name = f"directional_lights[{k}]."
-            gl.glUniform3f(program[name + "direction"], *light.direction)
-            gl.glUniform3f(program[name + "color"], *light.color)
-            gl.glUniform1f(program[name + "intensity"], light.intensity)
+            direction = light.direction / np.linalg.norm(light.direction)
+            gl.glUniform3f(program[name + "direction"], *direction)
+            gl.glUniform3f(program[name + "color"], *(light.intensity * np.array(light.color)))
 
     def _draw_backdrop(self, picture: NDArray[np.uint8]) -> None:
         gl, program = self._gl, self._programs.backdrop

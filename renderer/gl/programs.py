@@ -49,12 +49,12 @@ def surface_shaders(
 ) -> tuple[str, str]:
     """Return the vertex and the fragment shader of a coloured surface.
 
-    `pyrender_text` is pyrender's mesh.frag. Its declarations and functions (structures, BRDF,
-    shadows) stay as they are; its main is replaced by surface.frag.glsl. The number of lights is
-    a constant because GLSL 3.30 indexes samplers by constants only.
+    `pyrender_text` is pyrender's mesh.frag. Its declarations and functions (structures, shadows)
+    stay as they are; main and the light's reflection are those of surface.frag.glsl. The number of
+    lights is a constant because GLSL 3.30 indexes samplers by constants only.
     """
     declarations = pyrender_text.partition("void main()")[0]
-    if not declarations.startswith("#version") or "compute_brdf" not in declarations:
+    if not declarations.startswith("#version") or "shadow_calc" not in declarations:
         raise NoRendererError("pyrender's mesh.frag has changed; install "
                               "scikit-robot-pyrender 0.1.50")
     names = [*_ALWAYS, *sorted(features), *["DIRECTIONAL_LIGHT_SHADOWS"] * shadows]

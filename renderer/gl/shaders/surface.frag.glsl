@@ -1,5 +1,5 @@
 // The main function after the declarations of pyrender's mesh.frag (MIT licence), from whose main
-// it differs: directional lights only; back faces are lit; metallic and roughness maps as in
+// it differs: directional lights only, with unit directions; back faces are lit; metallic and roughness maps as in
 // glTF 2.0 (roughness green, metallic blue); vertex colours belong to the base colour; emission
 // counts once; alpha may cut holes; mirrored textures keep the sign of their second axis.
 uniform float alpha_cutoff;
@@ -25,6 +25,34 @@ vec3 mapped_normal()
 #else
     return frag_normal;
 #endif
+}
+
+// What pyrender's compute_brdf returns, for all lights of a fragment: l + v is not normalised, and
+// the fractions of the specular part are one. Software renderers spend most of their time here.
+vec3 reflected(vec3 n, vec3 v, float roughness, vec3 f0, vec3 c_diff)
+{
+    float n_v = dot(n, v), nv = clamp(abs(n_v), 0.001, 1.0);
+    float k = (roughness + 1.0) * (roughness + 1.0) * 0.125;
+    float a2 = roughness * roughness * roughness * roughness;
+    float seen = nv * a2 / (PI * (nv * (1.0 - k) + k));
+    vec3 diffuse = c_diff / PI, sum = vec3(0.0);
+    for (int i = 0; i < MAX_DIRECTIONAL_LIGHTS; i++) {
+        vec3 l = -directional_lights[i].direction;
+        float n_l = dot(n, l), nl = clamp(n_l, 0.001, 1.0);
+        float h2 = max(2.0 + 2.0 * dot(l, v), 1e-12), nh = max(n_l + n_v, 0.0); // times |l + v|
+        float away = 1.0 - min(0.5 * sqrt(h2), 1.0), away2 = away * away;
+        vec3 f = f0 + (1.0 - f0) * (away2 * away2 * away);
+        float d = h2 + nh * nh * (a2 - 1.0);
+        float specular = nl * seen * h2 * h2
+            / ((nl * (1.0 - k) + k) * d * d * (4.0 * nl * nv + 0.001));
+        vec3 res = nl * directional_lights[i].color * (diffuse + f * (specular - diffuse));
+#ifdef DIRECTIONAL_LIGHT_SHADOWS
+        res *= 1.0 - shadow_calc(directional_lights[i].light_matrix,
+                                 directional_lights[i].shadow_map, clamp(n_l, 0.0, 1.0));
+#endif
+        sum += res;
+    }
+    return sum;
 }
 
 void main()
@@ -57,19 +85,7 @@ void main()
     vec3 n = normalize(mapped_normal());
     if (!gl_FrontFacing) n = -n;
 
-    for (int i = 0; i < MAX_DIRECTIONAL_LIGHTS; i++) {
-        vec3 v = normalize(cam_pos - frag_position);
-        vec3 l = normalize(-1.0 * directional_lights[i].direction);
-        vec3 radiance = directional_lights[i].intensity * directional_lights[i].color;
-        vec3 res = compute_brdf(n, v, l, roughness, metallic, f0, c_diff, base_color.rgb, radiance);
-#ifdef DIRECTIONAL_LIGHT_SHADOWS
-        float nl = clamp(dot(n, l), 0.0, 1.0);
-        float shadow = shadow_calc(
-            directional_lights[i].light_matrix, directional_lights[i].shadow_map, nl);
-        res = res * (1.0 - shadow);
-#endif
-        color.xyz += res;
-    }
+    color.xyz += reflected(n, normalize(cam_pos - frag_position), roughness, f0, c_diff);
     color.xyz += base_color.xyz * ambient_light;
 #ifdef UNLIT
     color.xyz = base_color.rgb;
