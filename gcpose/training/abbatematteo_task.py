@@ -11,7 +11,8 @@ import numpy as np
 
 from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
-from ..networks.abbatematteo import CONFIGURATION, MixtureDensityNetwork
+from ...robots.geometry import Array, rotation_from_quaternion
+from ..networks.abbatematteo import AXIS, CONFIGURATION, MixtureDensityNetwork
 from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import Tensor, nn, torch
 from .config import AbbatematteoTraining
@@ -47,7 +48,7 @@ class AbbatematteoTask(ObjectTask):
             return cast("MixtureDensityNetwork", network).loss(*batch)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:
-        """Return the mean errors of displacements, of positions, and the loss."""
+        """Return the mean errors of displacements, of positions, of axes (deg), and the loss."""
         mixture = cast("MixtureDensityNetwork", network)
         device, rows, still = mixture.bounds.device, [], []
         for sequence in open_dataset(folder):
@@ -55,15 +56,24 @@ class AbbatematteoTask(ObjectTask):
             depth = torch.from_numpy(fit_depth(sequence.depth[0 : len(sequence)])).to(device)
             with torch.no_grad():
                 loss = float(mixture.loss(depth, true))
-                found = mixture.likeliest(depth)[:, CONFIGURATION].cpu().numpy()
-            q = true[:, CONFIGURATION].cpu().numpy()
+                numbers = mixture.likeliest(depth).cpu().numpy()
+            found, q = numbers[:, CONFIGURATION], true[:, CONFIGURATION].cpu().numpy()
+            cosine = (_direction(numbers) * _direction(true.cpu().numpy())).sum(-1)
             moved = q[1:] - q[0]
-            unit = 1.0 if sequence.meta.joint_types[
+            scale = 1.0 if sequence.meta.joint_types[
                 sequence.meta.joint_names.index(sequence.meta.scored_joints[0])
             ] == "prismatic" else 180 / np.pi
-            rows.append([unit * np.abs(found[1:] - found[0] - moved).mean(),
-                         unit * np.abs(found - q).mean(), loss])
-            still.append([unit * np.abs(moved).mean()])
-        names = "displacement", "position", "loss"
+            rows.append([scale * np.abs(found[1:] - found[0] - moved).mean(),
+                         scale * np.abs(found - q).mean(),
+                         np.degrees(np.arccos(cosine.clip(-1, 1))).mean(), loss])
+            still.append([scale * np.abs(moved).mean()])
+        names = "displacement", "position", "axis", "loss"
         return {"abbatematteo": dict(zip(names, np.mean(rows, axis=0).tolist(), strict=True)),
                 "hold-still": {"displacement": float(np.mean(still))}}
+
+
+def _direction(numbers: Array) -> Array:
+    """Return the directions [N 3] of the axes, in the body's frame, of numbers [N 22]."""
+    quaternion = numbers[:, AXIS][:, 3:]
+    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return rotation_from_quaternion(quaternion / length.clip(1e-9))[..., 0]

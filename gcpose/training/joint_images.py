@@ -17,6 +17,9 @@ from ...robots.geometry import Array, inverse, move_screw, quaternion_from_rotat
 from ..networks.depth_images import fit_depth
 from .data import draw_place
 
+_ALONG = 0.9  # cosine from which a direction is too near an axis
+_ROUNDING = 1e-9  # a larger number of a quaternion has a sign
+
 
 @dataclass(frozen=True)
 class JointSample:
@@ -69,17 +72,22 @@ def joint_numbers(sequence: Sequence) -> Array:
 
 
 def _turn_x_to(direction: Array) -> Array:
-    """Return rotations [T 3 3] whose first column is the direction [T 3]."""
-    helper = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
+    """Return rotations [T 3 3] whose first column is the direction [T 3].
+
+    Rounding does not decide between two of them: equal axes must have equal labels.
+    """
+    helper = np.eye(3)[np.argmax(np.abs(direction) < _ALONG, axis=1)]
     z: Array = np.cross(direction, helper)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     return np.stack([direction, np.cross(z, direction), z], axis=-1)
 
 
 def _quaternion(rotation: Array) -> Array:
-    """Return unit quaternions [T 4] with w >= 0."""
+    """Return unit quaternions [T 4] with w >= 0; where w is 0, the last other number is above 0."""
     found = quaternion_from_rotation(rotation)
-    found[found[:, 3] < 0] *= -1
+    backward = found[:, ::-1]
+    first = np.argmax(np.abs(backward) > _ROUNDING, axis=1)
+    found[backward[np.arange(len(found)), first] < 0] *= -1
     return found
 
 

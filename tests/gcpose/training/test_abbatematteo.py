@@ -16,7 +16,7 @@ from gcbench.benchmark.protocol import observe
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.gcpose.training.config import AbbatematteoTraining
 from gcbench.renderer.dataset.reader import open_dataset
-from gcbench.robots.geometry import apply, inverse, se3
+from gcbench.robots.geometry import apply, inverse, rotation_from_quaternion, se3
 
 from ...support.one_joint import dataset, moved
 
@@ -24,6 +24,7 @@ torch = pytest.importorskip("torch", reason="training needs PyTorch")
 
 from gcbench.gcpose.learned.abbatematteo import camera_screw  # noqa: E402
 from gcbench.gcpose.networks.abbatematteo import (  # noqa: E402
+    AXIS,
     CONFIGURATION,
     GEOMETRY,
     RADIUS,
@@ -69,6 +70,20 @@ def test_labels_describe_the_object(joint: str, displacement: list[float]) -> No
     body_from_part = inverse(state.world_from_part[:, body]) @ state.world_from_part[:, part]
     radius = np.einsum("tij,tj->ti", body_from_part[:, :3, :3], numbers[:, RADIUS])
     assert np.allclose(numbers[:, :3] + radius, [apply(m, centre[None])[0] for m in body_from_part])
+
+
+@pytest.mark.parametrize("axis", [
+    *np.eye(3), *-np.eye(3), np.array([1, 1, 0]) / np.sqrt(2), np.array([0, -1, 1]) / np.sqrt(2)])
+def test_an_axis_has_one_label_whatever_the_rounding(
+    axis: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence = moved("pan", [0.0] * 64)
+    noise = np.random.default_rng(1).uniform(-1e-15, 1e-15, (64, 3))
+    screws = np.concatenate([axis + noise, np.zeros((64, 3))], axis=1)
+    monkeypatch.setattr("gcbench.gcpose.training.joint_images.move_screw", lambda *_: screws)
+    labels = joint_numbers(sequence)[:, AXIS]
+    assert np.ptp(labels, axis=0) == pytest.approx(0, abs=1e-12)
+    assert np.allclose(rotation_from_quaternion(labels[:, 3:])[..., 0], axis)
 
 
 def test_an_epoch_has_each_image_once(tmp_path: Path) -> None:
@@ -189,7 +204,7 @@ def test_the_command_trains_and_eval_takes_the_weights(
     assert float(rows["hold-still"][0]) == pytest.approx(np.degrees(0.5), rel=0.01)
     assert float(rows["abbatematteo"][1]) > 0
     log = [json.loads(x) for x in (out / "log.jsonl").read_text().splitlines()]
-    assert log[-1]["abbatematteo"]["position"] > 0
+    assert log[-1]["abbatematteo"]["position"] > 0 and 0 <= log[-1]["abbatematteo"]["axis"] <= 180
 
     weights = out / "abbatematteo.safetensors"
     method = load_method(with_options("abbatematteo", {"weights": str(weights)}))
