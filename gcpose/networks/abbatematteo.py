@@ -19,7 +19,7 @@ AXIS, CONFIGURATION, RADIUS, GEOMETRY, POSE = (
 """Places of the numbers (see `gcpose.training.joint_images`)."""
 JOINT_NUMBERS = 22
 _COMPONENTS = 20
-_LEAST_DEVIATION = 1e-3  # of the range of a number
+_LEAST_DEVIATION = 0.1  # of the range of a number; smaller ones drown what is harder to see
 
 
 class MixtureDensityNetwork(nn.Module):
@@ -59,12 +59,14 @@ class MixtureDensityNetwork(nn.Module):
         heaviest = mean[torch.arange(len(depth)), weight.argmax(-1)]
         return self.bounds[0] + heaviest * (self.bounds[1] - self.bounds[0])
 
-    def loss(self, depth: Tensor, numbers: Tensor) -> Tensor:
+    def loss(self, depth: Tensor, numbers: Tensor, gain: float = 1.0) -> Tensor:
         """Return the mean negative log-likelihood of the numbers [B 22] of images [B H W].
 
-        A number that is the same in all training data has no part in it.
+        A number that is the same in all training data has no part in it. `gain` multiplies the
+        gradient of the components' weights, which that of the means may drown.
         """
         weight, mean, deviation = self(depth)
+        weight = gain * weight - (gain - 1) * weight.detach()
         range_ = self.bounds[1] - self.bounds[0]
         varies = range_ > 1e-6
         there = ((numbers - self.bounds[0]) / range_.clamp(min=1e-6))[:, None]

@@ -42,6 +42,11 @@ class ScrewNet(nn.Module):
         x = self.memory(x)[0].flatten(0, 1)
         return self.head(x).unflatten(0, (batch, frames))[:, 1:]
 
+    def freeze_features(self, frozen: bool) -> None:
+        """Keep the features of an image as they are, statistics too; or learn them."""
+        for part in (self.encoder, self.features):
+            part.requires_grad_(not frozen).train(self.training and not frozen)
+
 
 def _stack(inputs: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(inputs, outputs), nn.BatchNorm1d(outputs), nn.ReLU())

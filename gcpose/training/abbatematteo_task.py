@@ -33,6 +33,8 @@ class AbbatematteoTask(ObjectTask):
         super().check_options()
         if not 0 <= self.config.dropout < 1:
             raise ConfigError(f"--dropout {self.config.dropout}: give a share from 0 to 1")
+        if not 0 < self.config.gate_gain <= 1000:
+            raise ConfigError(f"--gate-gain {self.config.gate_gain}: give a factor up to 1000")
 
     def make_network(self) -> nn.Module:
         return MixtureDensityNetwork(self.config.width, self.config.dropout)
@@ -45,7 +47,7 @@ class AbbatematteoTask(ObjectTask):
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         with reduce_precision(self.config, batch[0].device):
-            return cast("MixtureDensityNetwork", network).loss(*batch)
+            return cast("MixtureDensityNetwork", network).loss(*batch, self.config.gate_gain)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the mean errors of displacements, of positions, of axes (deg), and the loss."""

@@ -189,6 +189,9 @@ class ScrewNetTraining(ObjectTraining):
     batch: int = 40  # Samples in a step.
     weight_decay: float = 1e-2  # Adam adds it, times the weights, to the gradient.
     max_gradient: float = 10.0  # Norm to which gradients are clipped.
+    freeze_features: float = 0.0
+    """Share of the steps, at the beginning, in which the features of an image stay as they are in
+    --start-from."""
 
 
 @dataclass(frozen=True)
@@ -211,6 +214,8 @@ class AbbatematteoTraining(ObjectTraining):
     weight_decay: float = 1e-5  # Adam adds it, times the weights, to the gradient.
     max_gradient: float = 10.0  # Norm to which gradients are clipped.
     dropout: float = 0.5  # Share of the image's features that are left out in training.
+    gate_gain: float = 1.0
+    """Factor of the gradient of the mixture's weights, so that it learns to choose a component."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
 from ..networks.abbatematteo import mixture_width
 from ..networks.screwnet import ScrewNet
@@ -26,6 +28,14 @@ class ScrewNetTask(ObjectTask):
 
     config: ScrewNetTraining
     name: str = "screwnet"
+
+    def check_options(self) -> None:
+        super().check_options()
+        frozen = self.config.freeze_features
+        if not 0 <= frozen <= 1:
+            raise ConfigError(f"--freeze-features {frozen}: give a share from 0 to 1")
+        if frozen and self.config.start_from is None:
+            raise ConfigError("--freeze-features: give weights with --start-from")
 
     def make_network(self) -> nn.Module:
         return ScrewNet(self.config.width)
@@ -59,6 +69,7 @@ class ScrewNetTask(ObjectTask):
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         depth, screw = batch
+        cast("ScrewNet", network).freeze_features(progress < self.config.freeze_features)
         with reduce_precision(self.config, depth.device):
             found = network(depth)
         return screw_loss(found.float(), screw)

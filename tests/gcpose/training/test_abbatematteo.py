@@ -122,6 +122,15 @@ def test_the_loss_is_the_likelihood_of_the_mixture() -> None:
     mixture = torch.distributions.MixtureSameFamily(
         torch.distributions.Categorical(logits=weight), parts)
     assert torch.allclose(network.loss(depth, numbers), -mixture.log_prob(there).mean())
+    grads = []
+    for gain in (1.0, 30.0):
+        network.zero_grad()
+        loss = network.loss(depth, numbers, gain)
+        loss.backward()
+        assert torch.allclose(loss, -mixture.log_prob(there).mean())
+        grads.append([network.weight.weight.grad, network.mean.weight.grad])
+    assert torch.allclose(grads[1][0], 30 * grads[0][0], rtol=1e-3, atol=1e-6)
+    assert torch.allclose(grads[1][1], grads[0][1], rtol=1e-3, atol=1e-6)
     heaviest = mean[torch.arange(3), weight.exp().argmax(-1)]
     low, high = network.bounds
     assert torch.allclose(network.likeliest(depth), low + heaviest * (high - low))
@@ -229,3 +238,5 @@ def test_the_recipe_renders_what_the_labels_need() -> None:
     assert {p.config.layers for p in task.plan_data()} == {("coordinates",)}
     with pytest.raises(GcbenchError, match="--dropout 1"):
         AbbatematteoTask(AbbatematteoTraining(dropout=1.0)).check_options()
+    with pytest.raises(GcbenchError, match="--gate-gain 0"):
+        AbbatematteoTask(AbbatematteoTraining(gate_gain=0.0)).check_options()

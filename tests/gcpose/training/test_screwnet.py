@@ -317,6 +317,18 @@ def test_a_training_begins_with_the_features_of_an_abbatematteo_network(tmp_path
             "weights": str(out / "screwnet.safetensors")}))
         assert method.training == ("supervised: depth video of microwave, oven, begun with "
                                    "features of abbatematteo")
+    frozen = ScrewNetTraining(
+        out=tmp_path / "frozen", start_from=start, width=8, steps=2, batch=2, frames=5, rate=0.01,
+        freeze_features=1.0, device="cpu", threads=1)
+    for share, same in ((1.0, True), (0.5, False)):
+        config = replace(frozen, out=tmp_path / str(share), freeze_features=share)
+        loop.train(DoorTask(config))
+        tensors = read_tensors(config.out / "screwnet.safetensors")
+        kept = [torch.equal(tensors[name], tensor) for name, tensor in other.state_dict().items()
+                if name.startswith(("encoder.", "features."))]
+        assert all(kept) if same else not any(kept[:2])
+    with pytest.raises(GcbenchError, match="give weights with --start-from"):
+        loop.train(DoorTask(replace(frozen, start_from=None)))
     wide = ScrewNetTraining(out=tmp_path / "wide", start_from=start, width=16, steps=1)
     with pytest.raises(GcbenchError, match=r"no weights of screwnet: .* expected \[16, 3, 7, 7\]"):
         loop.train(DoorTask(wide))
@@ -371,7 +383,7 @@ def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
 
 @pytest.mark.parametrize(("args", "said"), [
     ("--width 20", "multiple of 8"), ("--classes fridge", "there are"), ("--dropped 1", "share"),
-    ("--rate-decay 1.5", "share"),
+    ("--rate-decay 1.5", "share"), ("--freeze-features 2", "share"),
     ("--frames 1", "--frames 2 or more"), ("--epochs 0", "--epochs must be"),
 ])
 def test_wrong_options_are_refused(
