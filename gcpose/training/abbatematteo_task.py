@@ -46,8 +46,10 @@ class AbbatematteoTask(ObjectTask):
         return samples
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
-        with reduce_precision(self.config, batch[0].device):
-            return cast("MixtureDensityNetwork", network).loss(*batch, self.config.gate_gain)
+        depth, numbers = batch
+        mixture = cast("MixtureDensityNetwork", network)
+        with reduce_precision(self.config, depth.device):
+            return mixture.loss(depth, numbers, self.config.gate_gain)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the mean errors of displacements, of positions, of axes (deg), and the loss."""
