@@ -112,6 +112,7 @@ def test_the_command_needs_weights_and_images(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["craves-images", str(tmp_path), "--weights", str(tmp_path / "no")]) == 2
-    assert "craves needs weights: gcbench train craves" in capsys.readouterr().err
+    listed = "craves needs weights: --weights owi535, or your own: gcbench train craves"
+    assert listed in capsys.readouterr().err
     with pytest.raises(gb.DatasetError, match="expected CRAVES' Lab data"):
         list(read_lab(tmp_path, ArmFit(load_robot("owi535"))))

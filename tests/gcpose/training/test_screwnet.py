@@ -337,7 +337,8 @@ def test_a_training_begins_with_the_features_of_an_abbatematteo_network(tmp_path
 def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     from gcbench.gcpose.images.network_flow import SHIPPED
 
-    with pytest.raises(GcbenchError, match="needs weights: gcbench train screwnet"):
+    listed = "needs weights: --weights microwave, or your own: gcbench train screwnet"
+    with pytest.raises(GcbenchError, match=listed):
         load_method("screwnet")
     none = tmp_path / "none.safetensors"
     for path, said in ((SHIPPED, "no weights of screwnet"), (none, "no file and no weights")):
