@@ -32,7 +32,8 @@ from .trained import load_trained
 _PUBLISHED_WIDTH = 256
 _SURE = 0.15  # heights of peaks that count
 _FEWEST = 12  # keypoints of a fit
-_PASSES = 3  # crops from the whole image to the keypoints
+_PASSES = 2  # times that crops are placed about the keypoints of those before
+_SIDES = 0.8, 1.0, 1.3, 1.7  # of these crops, in sides of the first
 
 
 class Craves:
@@ -41,7 +42,7 @@ class Craves:
     name = "craves"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("model",)
-    version = "1"
+    version = "2"
     authors = "Y. Zuo, W. Qiu, L. Xie, F. Zhong, Y. Wang, A. Yuille"
     link = "https://arxiv.org/abs/1812.00725"
     date = "2018-12"
@@ -94,18 +95,25 @@ class Craves:
     def keypoints(self, image: NDArray[np.uint8], near: Array | None = None) -> tuple[Array, Array]:
         """Return the keypoints [17 2] px of an image [H W 3] and their scores [17].
 
-        `near` [17 2] px are keypoints of an image before; they say where to look first.
+        `near` [17 2] px are keypoints of an image before; they say where to look first. Each
+        keypoint is from the crop in which its score is highest: a crop of the wrong size misses
+        some.
         """
-        if near is not None:
-            found, score = self._look(image, *frame_keypoints(near))
-            if (score > _SURE).sum() >= _FEWEST:
-                return found, score
         height, width = image.shape[:2]
-        centre, side = np.array([width - 1, height - 1]) / 2, float(max(width, height))
-        found, score = self._look(image, centre, side)
-        for _ in range(_PASSES - 1):
-            sure = score >= np.sort(score)[-_FEWEST]
-            found, score = self._look(image, *frame_keypoints(found[sure]))
+        looks, around = list[tuple[Array, Array]](), near
+        if near is None:
+            centre = np.array([width - 1, height - 1]) / 2
+            looks.append(self._look(image, centre, float(max(width, height))))
+        for _ in range(_PASSES if near is None else 1):
+            if looks:
+                found, score = choose_looks(looks)
+                around = found[score >= np.sort(score)[-_FEWEST]]
+            assert around is not None
+            centre, side = frame_keypoints(around)
+            looks += [self._look(image, centre, share * side) for share in _SIDES]
+        found, score = choose_looks(looks)
+        if near is not None and (score > _SURE).sum() < _FEWEST:
+            return self.keypoints(image)
         return found, score
 
     def _look(self, image: NDArray[np.uint8], centre: Array, side: float) -> tuple[Array, Array]:
@@ -119,6 +127,13 @@ class Craves:
             raise MethodError("craves returned numbers that are not finite")
         position, score = find_peaks(maps)
         return to_image(image_from_crop, position), score
+
+
+def choose_looks(looks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Return of each keypoint the position [17 2] px and score [17] with the highest score."""
+    pixels, score = (np.stack(x) for x in zip(*looks, strict=True))
+    best = score.argmax(axis=0), np.arange(score.shape[1])
+    return pixels[best], score[best]
 
 
 def choose_keypoints(score: Array) -> NDArray[np.bool_]:
