@@ -218,9 +218,9 @@ def verify_files(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[li
         # spawn: a forked OpenCV or BLAS may hang on locks of threads that were not copied
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
-            with hide_main():
-                answers = pool.map(_verify_file, jobs)
             try:
+                with hide_main():
+                    answers = pool.map(_verify_file, jobs)
                 for found in answers:
                     yield found
                     bar.update()
