@@ -19,13 +19,13 @@ from .progress import Bar, frame_bar, say, shard_bar
 from .shards import Shard, parse_shard
 from .streams import named_rng
 from .supervisor import die_with_parent, end_like
-from .workers import WorkerPool, WorkerSettings, cpu_count, hide_main, receive_tasks
+from .workers import WorkerPool, WorkerSettings, cpu_count, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
     "ANY_SIZE", "MAX_JSON", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Problem", "Shard",
     "WorkerPool", "WorkerSettings", "address", "cpu_count", "defer_interrupts", "die_with_parent",
-    "dump_json", "dump_npy", "end_like", "exists", "find_object", "frame_bar", "hide_main",
+    "dump_json", "dump_npy", "end_like", "exists", "find_object", "frame_bar",
     "is_remote", "list_folder", "named_rng", "open_archive", "parse_json", "parse_npz",
     "parse_shard", "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file",
     "to_record", "upload_file",

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Stack
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -17,7 +16,16 @@ import numpy as np
 from ...errors import ConfigError, GcbenchError, StorageError
 from ...robots.model import ArticulatedModel
 from ..dataset import DATASET_FILE, SEQUENCES_FOLDER, open_dataset, open_sequence, select_sequences
-from ..runtime import address, exists, hide_main, is_remote, list_folder
+from ..runtime import (
+    Problem,
+    WorkerPool,
+    WorkerSettings,
+    address,
+    exists,
+    is_remote,
+    list_folder,
+    receive_tasks,
+)
 from ..scene import RenderConfig, check_model_paths, packages_of, robot_of
 from ..types import Sequence
 from .checks import CheckResult, VerifyReport, check, merge_checks
@@ -215,18 +223,34 @@ def verify_files(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[li
                 yield _verify_file(job)
                 bar.update()
             return
-        # spawn: a forked OpenCV or BLAS may hang on locks of threads that were not copied
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
-            try:
-                with hide_main():
-                    answers = pool.map(_verify_file, jobs)
-                for found in answers:
-                    yield found
+        settings = WorkerSettings(
+            "gcbench.renderer.verify.driver:check_files", workers=min(workers, len(jobs)))
+        pool = WorkerPool(settings, range(len(jobs)), lambda to, job: to.send(jobs[job]))
+        found, following = dict[int, list[CheckResult]](), 0
+        with closing(pool.events()) as events:
+            for event in events:
+                if event.kind != "message":
+                    raise GcbenchError("a process that verifies died (out of memory?); run the "
+                                       "same command again, with fewer --workers")
+                if isinstance(event.content, Problem):
+                    event.content.throw()
+                if event.worker.task is not None:
+                    found[event.worker.task] = event.content
                     bar.update()
-            except BrokenProcessPool as error:
-                raise GcbenchError("a process that verifies died (out of memory?); run the same "
-                                   "command again, with fewer --workers") from error
+                event.worker.release()
+                while following in found:
+                    yield found.pop(following)
+                    following += 1
+
+
+def check_files(connection: Connection) -> None:
+    """Check each file that arrives, and send what was found: the target of `verify_files`."""
+    try:
+        connection.send([])  # ready
+        for job in receive_tasks(connection, Connection.recv):
+            connection.send(_verify_file(job))
+    except Exception as error:
+        connection.send(Problem.describe(error))
 
 
 def _verify_file(job: _Job) -> list[CheckResult]:

@@ -224,6 +224,13 @@ def test_at_least_twelve_keypoints_take_part() -> None:
     assert craves.choose_keypoints(score + 0.12).sum() == 16
 
 
+def test_each_keypoint_is_of_the_crop_with_its_highest_score() -> None:
+    looks = [(np.full((17, 2), k), np.where(np.arange(17) % 3 == k, 0.9, 0.1)) for k in range(3)]
+    pixels, score = craves.choose_looks(looks)
+    assert np.array_equal(pixels, np.repeat(np.arange(17)[:, None] % 3, 2, axis=1))
+    assert (score == 0.9).all()
+
+
 # -- runs -------------------------------------------------------------------------------------
 
 
