@@ -67,8 +67,8 @@ LAYERS = {
         "commands",
     ),
     "gcpose": (
-        "numerics networks", "chain images", "rgbd", "rgb", "paper training learned", "settings",
-        "method", "commands",
+        "numerics networks", "chain images", "estimator", "rgbd", "rgb", "paper training learned",
+        "settings", "method", "commands",
     ),
     "benchmark": ("results", "protocol", "methods report", "run", "commands"),
 }

@@ -309,7 +309,7 @@ def _hypothesis(
     points = InverseDepthPoints.without_measurements(
         cloud.frame[mine], cloud.ray[mine], label[mine], cloud.expected[mine])
     state = Articulation(twist, angle, known.prismatic, known.parent)
-    return VideoHypothesis(state, points, video.bases[0], np.inf, np.zeros((0, 0)))
+    return VideoHypothesis(state, points, video.bases[0], np.inf)
 
 
 def _estimate(

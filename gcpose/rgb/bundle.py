@@ -23,6 +23,7 @@ from ..chain import (
     relative_derivatives,
     take_step,
 )
+from ..estimator import BundleEquations
 from ..numerics import Solver
 from .kernels import accumulate
 from .points import InverseDepthPoints, motions_from_frames
@@ -59,8 +60,8 @@ class BundleFit:
     state: Articulation
     inverse_depth: Array
     """[N]"""
-    hessian: Array
-    """[U U] of displacements and axes, depths eliminated"""
+    equations: BundleEquations | None
+    """The last ones, depths eliminated"""
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def adjust_points(
     """Adjust an articulation and the depths of its points to the points' measurements by
     Gauss-Newton, one iteration for each robust scale."""
     depth = points.inverse_depth.copy()
-    hessian = np.zeros((0, 0))
+    reduced = None
     blocks = _smoothness_blocks(points, settings)
     low, high = settings.min_inverse_depth, settings.max_inverse_depth
     solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
@@ -98,14 +99,15 @@ def adjust_points(
         equations.matrix[:] += weights.prior * matrix
         equations.vector[:] += weights.prior * vector
         by_depth, alone = _solve_depths(equations, moved, blocks, weights.depth_sigma)
-        hessian = equations.matrix - equations.coupling.T @ by_depth
-        right = equations.vector - equations.coupling.T @ alone
-        step = solver.step(hessian, right, diagonal=np.diag(equations.matrix))
+        reduced = BundleEquations(
+            equations.matrix - equations.coupling.T @ by_depth,
+            equations.vector - equations.coupling.T @ alone, diagonal=np.diag(equations.matrix))
+        step = solver.step(reduced.matrix, reduced.vector, diagonal=reduced.diagonal)
         change = alone - by_depth @ step
         most = settings.max_depth_step
         depth = np.clip(depth + np.clip(change, -most, most), low, high)
         state = take_step(state, basis, step)
-    return BundleFit(state, depth, hessian)
+    return BundleFit(state, depth, reduced)
 
 
 def _solve_depths(

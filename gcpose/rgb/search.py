@@ -70,7 +70,4 @@ def score_hypothesis(hypothesis: VideoHypothesis, settings: RgbSettings) -> floa
     """
     s = settings
     sigma = float(np.log(np.maximum(hypothesis.deviation()[-1], s.min_sigma)).sum())
-    images = hypothesis.cost + s.score_flow * hypothesis.flow_cost
-    chain = (s.score_inversions * hypothesis.label_inversions
-             + s.score_offset * hypothesis.axis_offset)
-    return images + chain + s.score_sigma * sigma
+    return hypothesis.cost + hypothesis.penalty + s.score_sigma * sigma

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, select_by_steps, select_distinct, spread_places, subsample
+from ..chain import Articulation, select_by_steps, spread_places, subsample
+from ..estimator import label_difference, select_distinct
 from ..images import geodesic_rank
 from ..numerics import thread_map
 from .bundle import BundleWeights
@@ -17,7 +18,7 @@ from .labels import SampledPixels
 from .parallel_axes import candidate_feet, keep_total_turn, redistribute
 from .points import InverseDepthPoints
 from .settings import RgbSettings
-from .tracker import VideoHypothesis, VideoTracker
+from .tracker import VideoHypothesis, VideoTracker, places_at_start
 
 
 def initialize_by_sweeps(tracker: VideoTracker) -> list[VideoHypothesis]:
@@ -53,7 +54,7 @@ def sweep_hypotheses(
         angle = np.linspace(0 * end, end, to + 1)
         state = Articulation(twist, angle, known.prismatic, known.parent)
         out += [tracker.relabel(
-            VideoHypothesis(state, start, base, cost=np.inf, hessian=np.zeros((0, 0))), points)
+            VideoHypothesis(state, start, base, np.inf), points)
             for base in bases]
     return out
 
@@ -82,7 +83,7 @@ def exchange_parallel_turns(
     state, settings = hypothesis.state, tracker.settings
     if not (len(points.frame) and (hypothesis.points.frame == points.frame[0]).any()):
         return []
-    at = hypothesis.places_at_start(int(points.frame[0]))
+    at = places_at_start(hypothesis, int(points.frame[0]))
     found: list[VideoHypothesis] = []
     for j in range(tracker.joints - 1):
         cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
@@ -149,7 +150,7 @@ def select_hypotheses(
     share = settings.distinct_labels if labels is None else labels
 
     def differ(one: VideoHypothesis, two: VideoHypothesis) -> bool:
-        return bool(np.mean(one.points.label != two.points.label) > share
+        return bool(label_difference(one, two) > share
                     or np.abs(one.state.angle[-1] - two.state.angle[-1]).max() > apart)
 
     return select_distinct(found, most, differ, key)

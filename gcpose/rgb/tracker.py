@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...robots.geometry import Array, inverse
-from ..chain import Articulation, HingePrior, JointPriors, locate_hinges, offset_from_axis
+from ..chain import HingePrior, JointPriors, locate_hinges, offset_from_axis
+from ..estimator import Hypothesis
 from ..images import VideoEvidence, geodesic_rank
 from .bundle import BundleSetup, BundleWeights, adjust_points
 from .costs import MovedRays, flow_costs, patch_costs
@@ -30,40 +31,16 @@ from .points import (
 )
 from .settings import RgbSettings
 
+VideoHypothesis = Hypothesis[InverseDepthPoints]
 
-@dataclass(frozen=True)
-class VideoHypothesis:
-    """An articulation with the parts and depths of its points."""
 
-    state: Articulation
-    points: InverseDepthPoints
-    base: Array
-    """[3] where the chain begins, at depth 1"""
-    cost: float
-    """Rank among hypotheses of the same stage: mean cost of labels, or of patches after
-    `VideoTracker.refine_by_patches`"""
-    hessian: Array
-    """[U U] of displacements and axes"""
-    flow_cost: float = np.inf
-    """Mean cost of its labels by flow"""
-    label_inversions: float = 0.0
-    """Share of pairs of labels that are out of order along the chain"""
-    axis_offset: float = 0.0
-    """Number of axes that pass far from their hinges; an axis counts by its distance, up to 1"""
-
-    def deviation(self) -> Array:
-        """Return the standard deviations [T-1 J] of the displacements, from the residuals."""
-        held = self.state.angle[1:]
-        covariance = np.linalg.inv(self.hessian + 1e-6 * np.eye(len(self.hessian)))
-        return np.sqrt(np.maximum(np.diag(covariance)[: held.size], 0.0)).reshape(held.shape)
-
-    def places_at_start(self, key: int) -> Array:
-        """Return the places [N 3] at frame 0 of the points of a key frame."""
-        points = self.points
-        mine = points.frame == key
-        back = inverse(self.state.motions(len(self.state.angle))[key, points.label[mine]])
-        here = points.ray[mine] / points.inverse_depth[mine, None]
-        return np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
+def places_at_start(hypothesis: VideoHypothesis, key: int) -> Array:
+    """Return the places [N 3] at frame 0 of the points of a key frame."""
+    state, points = hypothesis.state, hypothesis.points
+    mine = points.frame == key
+    back = inverse(state.motions(len(state.angle))[key, points.label[mine]])
+    here = points.ray[mine] / points.inverse_depth[mine, None]
+    return np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
 
 
 class VideoTracker:
@@ -113,11 +90,11 @@ class VideoTracker:
         labeled = replace(
             hypothesis.points, frame=points.frame, ray=points.ray, label=label + 1,
             inverse_depth=depth[mine], expected=points.expected, neighbors=points.neighbors)
-        out = replace(
-            hypothesis, points=labeled, cost=float(cost[mine].mean()),
-            flow_cost=float(by_flow[mine].mean()),
-            label_inversions=label_inversions(label, rank, points.frame))
-        return replace(out, axis_offset=self.axis_offset(out))
+        s, out = self.settings, replace(
+            hypothesis, points=labeled, cost=float(cost[mine].mean()))
+        order = s.score_inversions * label_inversions(label, rank, points.frame)
+        return replace(out, penalty=s.score_flow * float(by_flow[mine].mean()) + order
+                       + s.score_offset * self.axis_offset(out))
 
     def axis_offset(self, hypothesis: VideoHypothesis) -> float:
         """Return the number of axes far from their hinges, of joints that a part carries.
@@ -146,7 +123,7 @@ class VideoTracker:
         points = hypothesis.points
         first = int(points.frame.min())
         meet = locate_hinges(
-            hypothesis.places_at_start(first), points.label[points.frame == first],
+            places_at_start(hypothesis, first), points.label[points.frame == first],
             hypothesis.base, self.known.parent, self.settings.chain)
         return HingePrior(meet, self.settings.hinge_slack)
 
@@ -159,7 +136,7 @@ class VideoTracker:
             hypothesis.state, replace(points, place_information=information),
             BundleSetup(self.evidence.intrinsics, self.known.axis_dof, self.hinges(hypothesis)),
             weights, self.settings)
-        return replace(hypothesis, state=fit.state, hessian=fit.hessian,
+        return replace(hypothesis, state=fit.state, equations=fit.equations,
                        points=replace(points, inverse_depth=fit.inverse_depth))
 
     def refine_by_flow(

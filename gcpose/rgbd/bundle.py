@@ -16,25 +16,24 @@ import numpy as np
 from ...robots.geometry import Array, inverse
 from ..chain import (
     Articulation,
-    Cloud,
     HingePrior,
     add_normal_equations,
     axis_bases,
-    part_centers,
     prior_equations,
     relative_derivatives,
     take_step,
 )
+from ..estimator import BundleEquations
 from ..images import Surfaces
 from ..numerics import Solver
 from .alignment import (
-    PartEquations,
     Surfels,
     accumulate_equations,
     flow_equations,
     sort_surfels,
     surface_equations,
 )
+from .labels import Cloud, Clouds, part_centers
 from .settings import BundleSettings, RgbdSettings
 
 _MIN_STEP = 1e-6  # rad or m; below this, iterations end
@@ -45,53 +44,24 @@ class Views:
     """What a bundle adjustment explains: points of key frames with their parts."""
 
     surfaces: Surfaces
-    clouds: tuple[Cloud, ...]
+    clouds: Clouds
     hinges: HingePrior
-
-
-@dataclass(frozen=True)
-class BundleEquations:
-    """Normal equations of U unknowns: displacements of frames 1.. (rad or m), then of the axes.
-
-    Residuals are in standard deviations, so that the inverse matrix is a covariance.
-    """
-
-    matrix: Array
-    """[U U]"""
-    vector: Array
-    """[U]"""
-    scatter: Array
-    """[U U] sum of the outer products of the vectors of each cloud, part and frame: the covariance
-    of `vector` if the errors within each of these are the same."""
-
-    @staticmethod
-    def zeros(size: int) -> BundleEquations:
-        """Return the equations without any residual."""
-        return BundleEquations(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
-
-    def add(self, equations: PartEquations, twists: Array) -> None:
-        """Add the equations of parts, whose twists are [T J+1 U 6] per unknown."""
-        add_normal_equations(*equations, twists, self.matrix, self.vector, self.scatter)
-
-    def add_prior(self, matrix: Array, vector: Array) -> None:
-        """Add the equations of a prior, whose errors are not correlated."""
-        self.matrix[:] += matrix
-        self.scatter[:] += matrix
-        self.vector[:] += vector
 
 
 def assemble(
     surfaces: Surfaces, seen: list[tuple[int, Surfels]], state: Articulation,
     basis: tuple[Array, ...], settings: BundleSettings,
-) -> BundleEquations:
-    """Sum the equations of key frames' surfels in all frames.
+) -> tuple[Array, Array, Array]:
+    """Sum the equations of key frames' surfels in all frames: matrix [U U], vector [U] and scatter
+    [U U] (see `BundleEquations`).
 
     A point X of frame s is at T_t T_s^-1 X in frame t: the unknowns of both frames move it.
     """
     motion = state.motions(len(state.angle))
     derivative = state.derivatives(motion, basis)
     size = derivative.shape[2]
-    sums, step_derivative = BundleEquations.zeros(size), derivative
+    step_derivative = derivative
+    sums = matrix, _, _ = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
     if surfaces.flow is not None:
         step = motion[1:] @ inverse(motion[:-1])
         step_derivative = relative_derivatives(derivative[1:], step, derivative[:-1])
@@ -101,14 +71,16 @@ def assemble(
             here = relative_derivatives(derivative, here_from_there, derivative[frame : frame + 1])
         if surfaces.noise:
             equations, coupling = accumulate_equations(surfaces, here_from_there, surfels, settings)
-            sums.add(equations, here)
+            add_normal_equations(*equations, here, *sums)
             for part, c in zip(here.swapaxes(0, 1), coupling, strict=True):
                 along = part.swapaxes(1, 2).reshape(-1, size)
-                sums.matrix[:] -= along.T @ c @ along
+                matrix -= along.T @ c @ along
         else:
-            sums.add(surface_equations(surfaces, frame, here_from_there, surfels, settings), here)
+            equations = surface_equations(surfaces, frame, here_from_there, surfels, settings)
+            add_normal_equations(*equations, here, *sums)
         if surfaces.flow is not None:
-            sums.add(flow_equations(surfaces, here_from_there, surfels, settings), step_derivative)
+            equations = flow_equations(surfaces, here_from_there, surfels, settings)
+            add_normal_equations(*equations, step_derivative, *sums)
     return sums
 
 
@@ -137,28 +109,16 @@ def adjust(
     seen = [(c.frame, cloud_surfels(surfaces, c, joints + 1, tuned.min_part_points))
             for c in views.clouds]
     solver = Solver(tuned.damping, tuned.damping_floor, max_step=tuned.max_step)
-    sums = BundleEquations.zeros(0)
+    equations = BundleEquations(np.zeros((0, 0)), np.zeros(0))
     for scale in scales:
         basis = axis_bases(state, near, 0 if newest else axis_dof)
-        sums = assemble(surfaces, [(f, s.with_scale(scale)) for f, s in seen], state, basis, tuned)
-        sums.add_prior(*prior_equations(state, basis, views.hinges, settings.chain))
-        frozen = newest & (np.arange(len(sums.vector)) < state.angle[1:-1].size)
-        step = solver.step(sums.matrix, sums.vector, frozen)
+        matrix, vector, scatter = assemble(
+            surfaces, [(f, s.with_scale(scale)) for f, s in seen], state, basis, tuned)
+        smooth, right = prior_equations(state, basis, views.hinges, settings.chain)
+        equations = BundleEquations(matrix + smooth, vector + right, scatter + smooth)
+        frozen = newest & (np.arange(len(vector)) < state.angle[1:-1].size)
+        step = solver.step(equations.matrix, equations.vector, frozen)
         state = take_step(state, basis, step)
         if np.abs(step).max() < _MIN_STEP:
             break
-    return state, sums
-
-
-def standard_deviations(sums: BundleEquations, frames: int, joints: int) -> Array:
-    """Return standard deviations [T J] of the displacements, rad or m.
-
-    The covariance is the sandwich H^-1 S H^-1 with the matrix H and the scatter S, which holds
-    where residuals are correlated within clusters (Huber, The behavior of maximum likelihood
-    estimates under nonstandard conditions, 1967; Liang and Zeger, 1986).
-    """
-    out, angles = np.zeros((frames, joints)), (frames - 1) * joints
-    bread = np.linalg.inv(sums.matrix + 1e-6 * np.eye(len(sums.matrix)))
-    variance = np.diag(bread @ sums.scatter @ bread)[:angles]
-    out[1:] = np.sqrt(np.maximum(variance, 0.0)).reshape(frames - 1, joints)
-    return out
+    return state, equations

@@ -15,33 +15,31 @@ from ...robots.geometry import Array, inverse, se3
 from ..chain import (
     Articulation,
     Chains,
-    Cloud,
     Goal,
-    Hypothesis,
     ancestors,
     axis_directions,
     fit_chains,
     fit_displacements,
     misfit,
-    part_centers,
     spread_places,
     subsample,
 )
 from ..images import Surfaces
 from ..numerics import Solver, thread_map
 from .alignment import sort_surfels, surface_equations
+from .labels import Clouds, part_centers
 from .settings import RgbdSettings
-from .tracker import Tracker
+from .tracker import DepthHypothesis, Tracker
 
 
-def make_goals(tracker: Tracker, hypothesis: Hypothesis) -> list[Goal]:
+def make_goals(tracker: Tracker, hypothesis: DepthHypothesis) -> list[Goal]:
     """Return goals with the motion of the surest part, and with that of its neighbors swapped.
 
     A hypothesis may have taken a part for its neighbor. The motions of other parts are unreliable
     without the chain.
     """
     parent = hypothesis.state.parent
-    near = part_centers(hypothesis.clouds[0], len(parent))
+    near = part_centers(hypothesis.points[0], len(parent))
     motion, information = align_freely(tracker, hypothesis)
     surest = int(np.argmax(np.trace(information[:, 1:].sum(axis=0), axis1=1, axis2=2)))
     swaps = [[j, int(p)] for j, p in enumerate(parent) if p >= 0 and surest in (j, p)]
@@ -58,21 +56,21 @@ def make_goals(tracker: Tracker, hypothesis: Hypothesis) -> list[Goal]:
     return out
 
 
-def align_freely(tracker: Tracker, hypothesis: Hypothesis) -> tuple[Array, Array]:
+def align_freely(tracker: Tracker, hypothesis: DepthHypothesis) -> tuple[Array, Array]:
     """Align the parts of a hypothesis over all frames without the chain, by EM.
 
     Returns motions [T J+1 4 4] and the information [T J+1 6 6] of the twists on their left.
     """
-    motion, clouds = hypothesis.state.motions(len(hypothesis.state.angle)), hypothesis.clouds
+    motion, clouds = hypothesis.state.motions(len(hypothesis.state.angle)), hypothesis.points
     information = np.zeros((*motion.shape[:2], 6, 6))
     for scale in tracker.settings.motion.scales:
         motion, information = align_parts(tracker.surfaces, clouds, motion, scale, tracker.settings)
-        clouds = tuple(tracker.label(motion, c.frame, scale)[0] for c in clouds)
+        clouds = Clouds(tracker.label(motion, c.frame, scale)[0] for c in clouds)
     return motion, information
 
 
 def align_parts(
-    surfaces: Surfaces, clouds: tuple[Cloud, ...], motion: Array, scale: float,
+    surfaces: Surfaces, clouds: Clouds, motion: Array, scale: float,
     settings: RgbdSettings,
 ) -> tuple[Array, Array]:
     """Improve each part's motions [T J+1 4 4] by one Gauss-Newton step; return them and their
@@ -106,7 +104,7 @@ def align_parts(
     return se3.exp(step.reshape(parts, frames, 6).swapaxes(0, 1)) @ motion, information
 
 
-def chains_from_motion(tracker: Tracker, hypothesis: Hypothesis) -> list[Articulation]:
+def chains_from_motion(tracker: Tracker, hypothesis: DepthHypothesis) -> list[Articulation]:
     """Return chains that give the surest parts of a hypothesis the same motion; joints that do not
     move these parts are not changed."""
     starts = random_axes(tracker, hypothesis.state, np.random.default_rng(0))
@@ -115,7 +113,7 @@ def chains_from_motion(tracker: Tracker, hypothesis: Hypothesis) -> list[Articul
 
 
 def reach_goal(
-    tracker: Tracker, hypothesis: Hypothesis, goal: Goal, starts: Array
+    tracker: Tracker, hypothesis: DepthHypothesis, goal: Goal, starts: Array
 ) -> list[Articulation]:
     """Return the chains that reach a goal from axes [S I 6], the nearest first."""
     state, tuned, chain = hypothesis.state, tracker.settings.motion, tracker.settings.chain

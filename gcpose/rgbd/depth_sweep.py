@@ -12,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, Cloud, Hypothesis, StepGrid, beam_search, spread_places, subsample
+from ..chain import Articulation, StepGrid, beam_search, spread_places, subsample
+from ..estimator import Hypothesis
 from ..images import Surfaces, smooth_costs
 from ..numerics import Image
 from .kernels import SweepCosts, columns, fill_mean_costs, fill_step_costs, flat_camera
+from .labels import Cloud, Clouds
 from .settings import RgbdSettings
-from .tracker import Tracker
+from .tracker import DepthHypothesis, Tracker
 
 
-def sweep_depth(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
+def sweep_depth(tracker: Tracker, to: int, most: int) -> list[DepthHypothesis]:
     """Return the `most` best starts over frames 0 and `to`."""
     grid, priors, settings = tracker.grid(0), tracker.priors, tracker.settings
     tuned = settings.sweep
@@ -32,14 +34,14 @@ def sweep_depth(tracker: Tracker, to: int, most: int) -> list[Hypothesis]:
                      tuned.beam_width)
     costs = DepthStepCosts(tracker.surfaces, to, columns(points[pick], normals[pick]), settings)
     beam = beam_search(priors, costs, steps, settings.chain)
-    found: list[Hypothesis] = []
+    found: list[DepthHypothesis] = []
     for twist, end, cost in zip(beam.twist[:most], beam.angle[:most],
                                 beam.cost[:most].mean(axis=1), strict=True):
         foot = np.cross(twist[0, :3], twist[0, 3:])
-        base = int(np.argmin([np.linalg.norm(b - foot) for b in tracker.base_candidates]))
+        base = min(tracker.base_candidates, key=lambda b: float(np.linalg.norm(b - foot)))
         state = Articulation(twist, np.linspace(0 * end, end, to + 1), priors.prismatic,
                              priors.parent)
-        found.append(Hypothesis(state, (label_coarsely(tracker, state),), float(cost), base))
+        found.append(Hypothesis(state, Clouds([label_coarsely(tracker, state)]), base, float(cost)))
     return found
 
 

@@ -8,6 +8,8 @@ hidden.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,38 @@ from ..images import Candidates, Surfaces
 from ..numerics import thread_map
 from .kernels import LabelCosts, add_label_costs, columns, flat_camera
 from .settings import LabelSettings, RgbdSettings
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Labelled points of one frame: a piece of the paper's point cloud model."""
+
+    frame: int
+    point: Array
+    """[N 3] in that frame, camera frame, m"""
+    normal: Array
+    """[N 3]"""
+    label: NDArray[np.int64]
+    """[N] 0..J"""
+
+
+class Clouds(tuple[Cloud, ...]):
+    """Those of the key frames; the first is frame 0."""
+
+    __slots__ = ()
+
+    @property
+    def label(self) -> NDArray[np.int64]:
+        """[N] of frame 0."""
+        return self[0].label
+
+
+def part_centers(cloud: Cloud, joints: int) -> Array:
+    """Return the mean point [J 3] of each joint's part; where it is hidden, that of all parts."""
+    points, label = cloud.point, cloud.label
+    middle = points[label > 0].mean(axis=0) if (label > 0).any() else np.zeros(3)
+    mine = [points[label == j + 1] for j in range(joints)]
+    return np.stack([m.mean(axis=0) if len(m) else middle for m in mine])
 
 
 def changed_mask(surfaces: Surfaces, frame: int) -> NDArray[np.bool_]:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array
 from ..chain import Articulation, JointPriors, screws_of
+from ..estimator import calibrate_deviation
 from ..images import Flow, ImageSettings, surfaces_from_depth, surfaces_from_noisy_depth
 from ..numerics import thread_map
-from .bundle import Views, adjust, standard_deviations
+from .bundle import Views, adjust
 from .labels import moving_mask
 from .search import is_unreliable, search_hypotheses
 from .settings import RgbdSettings
@@ -36,26 +37,23 @@ def estimate_rgbd(
         return None
     tracker = Tracker(surfaces, rgb, mask, priors, settings)
     best = search_hypotheses(tracker, flow)
-    views = Views(replace(surfaces, flow=None), best.clouds, tracker.hinge_prior(best))
+    views = Views(replace(surfaces, flow=None), best.points, tracker.hinge_prior(best))
     scales = settings.final_scales_noisy if surfaces.noise else settings.final_scales
-    state, sums = adjust(views, best.state, priors.axis_dof, scales, settings)
-    sigma = standard_deviations(sums, *state.angle.shape)
+    state, equations = adjust(views, best.state, priors.axis_dof, scales, settings)
+    sigma = calibrate_sigma(equations.deviation(*state.angle.shape), tracker,
+                             is_unreliable(tracker, best))
     if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
         return None
     return Estimate(
         displacement=state.angle,
         screw=screws_of(state.twist, state.prismatic),
         part=label_frames(tracker, state),
-        sigma=calibrate_sigma(sigma, tracker, is_unreliable(tracker, best)),
+        sigma=sigma,
     )
 
 
-def calibrate_sigma(sigma: Array, tracker: Tracker, unreliable: bool) -> Array:
-    """Return standard deviations [T J] that two thirds of the errors lie within.
-
-    Errors that points share (labels, smoothing, curvature within a pixel) exceed what the
-    residuals show: factor and floor are from training sequences.
-    """
+def calibrate_sigma(formal: Array, tracker: Tracker, unreliable: bool) -> Array:
+    """Return the reported standard deviations [T J] for formal ones [T-1 J]."""
     s = tracker.settings
     factors = {0: s.sigma_factor_known_lines, 2: s.sigma_factor_known_directions,
                4: s.sigma_factor_free}
@@ -64,9 +62,7 @@ def calibrate_sigma(sigma: Array, tracker: Tracker, unreliable: bool) -> Array:
         factor, floor = s.sigma_factor_noisy, s.sigma_floor_noisy
     if unreliable:
         floor = s.sigma_unreliable
-    out = np.minimum(np.hypot(factor * sigma, floor), s.sigma_static)
-    out[0] = 0.0
-    return out
+    return calibrate_deviation(formal, factor, floor, s.sigma_static)
 
 
 def label_frames(tracker: Tracker, state: Articulation) -> NDArray[np.uint8]:

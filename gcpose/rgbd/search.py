@@ -8,7 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from ..chain import Hypothesis, displace_axis, select_by_labels, select_distinct
+from ..chain import displace_axis
+from ..estimator import align_displacements, select_distinct
 from ..images import Flow
 from ..numerics import thread_map
 from .chain_from_motion import chains_from_motion
@@ -16,10 +17,10 @@ from .depth_sweep import sweep_depth
 from .settings import RgbdSettings
 from .starts import start_from_flow
 from .strategies import Stage, Strategy
-from .tracker import Tracker
+from .tracker import DepthHypothesis, Tracker, select_by_labels
 
 
-def search_hypotheses(tracker: Tracker, flow: Flow) -> Hypothesis:
+def search_hypotheses(tracker: Tracker, flow: Flow) -> DepthHypothesis:
     """Return the best hypothesis over all frames; strategies are tried until one explains it."""
     free, settings = tracker.priors.axis_dof > 0, tracker.settings
     tuned, coarse = settings.search, tracker
@@ -27,11 +28,11 @@ def search_hypotheses(tracker: Tracker, flow: Flow) -> Hypothesis:
     if free:
         coarse = tracker.coarser(tuned.coarse_candidates)
         strategies = settings.free_sweeps, settings.free_flow, settings.free_sweeps_more
-    tried: list[Hypothesis] = []
+    tried: list[DepthHypothesis] = []
     for strategy in strategies:
         found = run_strategy(strategy, coarse, flow)
         if free:
-            best_few = select_by_labels(found, tuned.relabeled, settings.chain.distinct_labels)
+            best_few = select_by_labels(found, tuned.relabeled, settings)
             found = [tracker.relabel(h, h.state) for h in best_few]
         best = refine_sharply(tracker, polish(tracker, found))
         again = bool(tried) and motion_difference(
@@ -45,10 +46,10 @@ def search_hypotheses(tracker: Tracker, flow: Flow) -> Hypothesis:
     return refine_without_flow(tracker, best_of(tried, settings))
 
 
-def run_strategy(strategy: Strategy, tracker: Tracker, flow: Flow) -> list[Hypothesis]:
+def run_strategy(strategy: Strategy, tracker: Tracker, flow: Flow) -> list[DepthHypothesis]:
     """Make the starts of a strategy, and take the best through its stages."""
-    end, difference = tracker.surfaces.frames - 1, tracker.settings.chain.distinct_labels
-    makers: list[Callable[[], list[Hypothesis]]] = [
+    end = tracker.surfaces.frames - 1
+    makers: list[Callable[[], list[DepthHypothesis]]] = [
         partial(sweep_depth, tracker, min(span, end), strategy.sweep_kept)
         for span in strategy.sweep_spans]
     if strategy.flow_spans:
@@ -58,12 +59,12 @@ def run_strategy(strategy: Strategy, tracker: Tracker, flow: Flow) -> list[Hypot
         found = [extrapolate_to(h, min(strategy.extend_to, end)) for h in found]
     for stage in strategy.stages:
         if stage.kept:
-            found = select_by_labels(found, stage.kept, difference)
+            found = select_by_labels(found, stage.kept, tracker.settings)
         found = thread_map(partial(run_stage, tracker, stage), found)
     return found
 
 
-def run_stage(tracker: Tracker, stage: Stage, hypothesis: Hypothesis) -> Hypothesis:
+def run_stage(tracker: Tracker, stage: Stage, hypothesis: DepthHypothesis) -> DepthHypothesis:
     """Take a hypothesis through a stage."""
     if stage.until:
         until = min(stage.until, tracker.surfaces.frames - 1)
@@ -73,7 +74,7 @@ def run_stage(tracker: Tracker, stage: Stage, hypothesis: Hypothesis) -> Hypothe
     return tracker.run_em(hypothesis, stage.rounds, stage.scales, stage.fixed_axes)
 
 
-def extrapolate_to(hypothesis: Hypothesis, until: int) -> Hypothesis:
+def extrapolate_to(hypothesis: DepthHypothesis, until: int) -> DepthHypothesis:
     """Extrapolate the displacements linearly to frame `until`, or cut them there."""
     angle = hypothesis.state.angle[: until + 1]
     while len(angle) <= until:
@@ -82,9 +83,9 @@ def extrapolate_to(hypothesis: Hypothesis, until: int) -> Hypothesis:
 
 
 def refine_until_stable(
-    tracker: Tracker, hypothesis: Hypothesis, rounds: int, scales: tuple[float, ...] = (),
+    tracker: Tracker, hypothesis: DepthHypothesis, rounds: int, scales: tuple[float, ...] = (),
     width: float = 1.0,
-) -> Hypothesis:
+) -> DepthHypothesis:
     """Run EM (see `Tracker.run_em`) until the displacements stop changing.
 
     Labels and axes may creep along together. While they do, each round is also tried as an
@@ -105,7 +106,7 @@ def refine_until_stable(
     return hypothesis
 
 
-def extrapolate(before: Hypothesis, after: Hypothesis, times: float) -> Hypothesis:
+def extrapolate(before: DepthHypothesis, after: DepthHypothesis, times: float) -> DepthHypothesis:
     """Return the hypothesis `times` as far from the first one as the second."""
     one, two = before.state, after.state
     angle = one.angle + times * (two.angle - one.angle)
@@ -116,7 +117,7 @@ def extrapolate(before: Hypothesis, after: Hypothesis, times: float) -> Hypothes
     return replace(after, state=replace(two, angle=angle, twist=twist))
 
 
-def refine_sharply(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+def refine_sharply(tracker: Tracker, best: DepthHypothesis) -> DepthHypothesis:
     """Refine with small robust scales where depth is exact: that reaches the end of flat valleys,
     and separates parts that move almost alike."""
     if tracker.surfaces.noise:
@@ -126,7 +127,7 @@ def refine_sharply(tracker: Tracker, best: Hypothesis) -> Hypothesis:
                                tuned.sharp_width)
 
 
-def refine_without_flow(tracker: Tracker, best: Hypothesis) -> Hypothesis:
+def refine_without_flow(tracker: Tracker, best: DepthHypothesis) -> DepthHypothesis:
     """Refine by depth alone where depth has noise: without texture, flow is too short."""
     if tracker.surfaces.flow is None:
         return best
@@ -134,17 +135,17 @@ def refine_without_flow(tracker: Tracker, best: Hypothesis) -> Hypothesis:
     return refine_until_stable(tracker.without_flow(), best, tuned.rounds, tuned.noisy_scales)
 
 
-def polish(tracker: Tracker, found: list[Hypothesis]) -> Hypothesis:
+def polish(tracker: Tracker, found: list[DepthHypothesis]) -> DepthHypothesis:
     """Track the best hypotheses to the last frame, and refine the best of them."""
-    tuned, difference = tracker.settings, tracker.settings.chain.distinct_labels
-    found = select_by_labels(found, tuned.search.polished, difference)
+    tuned = tracker.settings
+    found = select_by_labels(found, tuned.search.polished, tuned)
     found = thread_map(lambda h: tracker.track(h, tracker.surfaces.frames - 1), found)
-    found = select_by_labels(found, tuned.search.refined, difference)
+    found = select_by_labels(found, tuned.search.refined, tuned)
     found = thread_map(lambda h: tracker.run_em(h, 1), found)
     return refine_until_stable(tracker, min(found, key=lambda h: h.cost), tuned.refine.rounds)
 
 
-def try_other_chains(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
+def try_other_chains(tracker: Tracker, coarse: Tracker, best: DepthHypothesis) -> DepthHypothesis:
     """Replace a doubtful hypothesis by a better chain that moves the surest part alike."""
     settings, tuned = tracker.settings, tracker.settings.search
     for _ in range(tuned.jumps):
@@ -157,7 +158,7 @@ def try_other_chains(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hyp
     return best
 
 
-def best_other_chain(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hypothesis:
+def best_other_chain(tracker: Tracker, coarse: Tracker, best: DepthHypothesis) -> DepthHypothesis:
     """Refine other chains with the same part motion; return the best, or the present one."""
     settings, tuned = tracker.settings, tracker.settings.search
     found = thread_map(partial(coarse.relabel, best), chains_from_motion(tracker, best))
@@ -174,33 +175,29 @@ def best_other_chain(tracker: Tracker, coarse: Tracker, best: Hypothesis) -> Hyp
 
 
 def select_by_motion(
-    found: list[Hypothesis], most: int, settings: RgbdSettings
-) -> list[Hypothesis]:
+    found: list[DepthHypothesis], most: int, settings: RgbdSettings
+) -> list[DepthHypothesis]:
     """Return the `most` best hypotheses whose last displacements differ."""
-    def differ(one: Hypothesis, two: Hypothesis) -> bool:
+    def differ(one: DepthHypothesis, two: DepthHypothesis) -> bool:
         return motion_difference(one, two, settings) > settings.search.distinct_angle
 
-    return select_distinct(found, most, differ, lambda h: h.cost)
+    return select_distinct(found, most, differ)
 
 
-def motion_difference(one: Hypothesis, two: Hypothesis, settings: RgbdSettings) -> float:
-    """Return the largest difference of a last displacement, rad.
-
-    A slide counts as a turn on an arm; an axis with the opposite direction is the same axis.
-    """
-    a, b = one.state, two.state
-    arm = np.where(a.prismatic, settings.chain.slide_arm, 1.0)
-    directions = [np.where(s.prismatic[:, None], s.twist[:, 3:], s.twist[:, :3]) for s in (a, b)]
-    sign = np.where((directions[0] * directions[1]).sum(axis=1) < 0, -1.0, 1.0)
-    return float((np.abs(a.angle[-1] - sign * b.angle[-1]) / arm).max())
+def motion_difference(one: DepthHypothesis, two: DepthHypothesis, settings: RgbdSettings) -> float:
+    """Return the largest difference of a last displacement, rad; a slide counts as a turn on an
+    arm."""
+    arm = np.where(one.state.prismatic, settings.chain.slide_arm, 1.0)
+    apart = one.state.angle[-1] - align_displacements(one.state, two.state)[-1]
+    return float((np.abs(apart) / arm).max())
 
 
-def best_of(found: list[Hypothesis], settings: RgbdSettings) -> Hypothesis:
+def best_of(found: list[DepthHypothesis], settings: RgbdSettings) -> DepthHypothesis:
     """Return the hypothesis with the lowest score."""
     return min(found, key=partial(hypothesis_cost, settings=settings))
 
 
-def hypothesis_cost(hypothesis: Hypothesis, settings: RgbdSettings) -> float:
+def hypothesis_cost(hypothesis: DepthHypothesis, settings: RgbdSettings) -> float:
     """Return the cost with a penalty for static joints, variances by frame; lower is better.
 
     All scored joints move, and motion can often be shared among joints at equal cost.
@@ -209,20 +206,20 @@ def hypothesis_cost(hypothesis: Hypothesis, settings: RgbdSettings) -> float:
     return hypothesis.cost * (1 + penalty)
 
 
-def has_static_joint(hypothesis: Hypothesis, settings: RgbdSettings) -> bool:
+def has_static_joint(hypothesis: DepthHypothesis, settings: RgbdSettings) -> bool:
     """Return whether a joint hardly moves."""
     arm = np.where(hypothesis.state.prismatic, settings.chain.slide_arm, 1.0)
     largest = np.abs(hypothesis.state.angle).max(axis=0) / arm
     return bool(largest.min() < settings.search.static_angle)
 
 
-def is_explained(tracker: Tracker, hypothesis: Hypothesis, most: float) -> bool:
+def is_explained(tracker: Tracker, hypothesis: DepthHypothesis, most: float) -> bool:
     """Return whether all joints move, and less than a share of the candidates is unexplained."""
     return (tracker.unexplained_share(hypothesis) < most
             and not has_static_joint(hypothesis, tracker.settings))
 
 
-def is_unreliable(tracker: Tracker, hypothesis: Hypothesis) -> bool:
+def is_unreliable(tracker: Tracker, hypothesis: DepthHypothesis) -> bool:
     """Return whether more candidates are unexplained than as a rule by the true motion."""
     return tracker.unexplained_share(hypothesis) > unreliable_share(tracker)
 

@@ -18,36 +18,35 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array, pinhole, se3
 from ..chain import (
     Articulation,
-    Cloud,
-    Hypothesis,
     ancestors,
     axis_from_twist,
     extent,
     locate_hinges,
-    select_by_labels,
     twist_about,
     twist_spaces,
 )
+from ..estimator import Hypothesis
 from ..images import Flow, smooth_costs
 from ..numerics import Image, Solver, compiled, gauss_newton, thread_map, truncated_cost
+from .labels import Cloud, Clouds
 from .settings import StartSettings
 from .strategies import Strategy
-from .tracker import Tracker
+from .tracker import DepthHypothesis, Tracker, select_by_labels
 
 
-def start_from_flow(tracker: Tracker, flow: Flow, strategy: Strategy) -> list[Hypothesis]:
+def start_from_flow(tracker: Tracker, flow: Flow, strategy: Strategy) -> list[DepthHypothesis]:
     """Return the best starts of a strategy by flow from frame 0 over each of its spans."""
     priors, settings = tracker.priors, tracker.settings
     labels = initial_labels(tracker.ranks[0], tracker.moving, len(priors.prismatic),
                             settings.start.cuts)
     slacks = settings.start.hinge_slacks if priors.axis_dof else settings.start.hinge_slacks[:1]
-    found: list[Hypothesis] = []
+    found: list[DepthHypothesis] = []
     for span in strategy.flow_spans:
         to = min(span, tracker.surfaces.frames - 1)
         data = linearize_flow(tracker, flow(tracker.rgb[0], tracker.rgb[to]), to)
         for slack in slacks:
             some = thread_map(partial(solve_start, tracker, data, slack), labels)
-            found += select_by_labels(some, strategy.flow_kept, settings.chain.distinct_labels)
+            found += select_by_labels(some, strategy.flow_kept, settings)
     return found
 
 
@@ -64,7 +63,7 @@ def initial_labels(
 
 def solve_start(
     tracker: Tracker, data: Correspondence, slack: float, label: NDArray[np.int64]
-) -> Hypothesis:
+) -> DepthHypothesis:
     """Run EM between two frames from initial labels [N]; displacements are interpolated.
 
     `slack` is the standard deviation of a hinge's displacement, by the object's extent.
@@ -91,7 +90,7 @@ def solve_start(
         angle[:, j] = np.linspace(0, end, data.to + 1)
     cloud = Cloud(0, grid.point, grid.normal, label)
     state = Articulation(twist, angle, priors.prismatic, priors.parent)
-    return Hypothesis(state, (cloud,), cost)
+    return Hypothesis(state, Clouds([cloud]), tracker.base_candidates[0], cost)
 
 
 def joint_information(hinge: Array, slip: float, turn: float) -> Array:

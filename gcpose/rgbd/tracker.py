@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Articulation, Cloud, HingePrior, Hypothesis, JointPriors, extent, locate_hinges
+from ..chain import Articulation, HingePrior, JointPriors, extent, locate_hinges
+from ..estimator import Hypothesis, label_difference, select_distinct
 from ..images import Surfaces, geodesic_rank, smooth_costs
 from .bundle import Views, adjust
-from .labels import Candidates, changed_mask, label_costs, sample_candidates
+from .labels import Candidates, Cloud, Clouds, changed_mask, label_costs, sample_candidates
 from .settings import RgbdSettings
+
+DepthHypothesis = Hypothesis[Clouds]
 
 
 class Tracker:
@@ -111,30 +114,30 @@ class Tracker:
         moving = label_costs(self.surfaces, grid, motion[:, 1:], self.settings, width, 1)
         return np.concatenate([self._static_costs[key], moving], axis=1)
 
-    def unexplained_share(self, hypothesis: Hypothesis) -> float:
+    def unexplained_share(self, hypothesis: DepthHypothesis) -> float:
         """Return the share of the candidates that no part moves to a measured surface."""
         width = 1.0 if self.surfaces.noise else self.settings.refine.sharp_width
         last = len(hypothesis.state.angle) - 1
         motion = hypothesis.state.motions(last + 1)
         cost = np.concatenate([self.label_costs(motion, cloud.frame, width).min(axis=1)
-                               for cloud in hypothesis.clouds])
+                               for cloud in hypothesis.points])
         return float((cost > self.settings.tracker.unexplained_cost * last).mean())
 
     def relabel(
-        self, before: Hypothesis, state: Articulation, width: float = 1.0,
+        self, before: DepthHypothesis, state: Articulation, width: float = 1.0,
         added: tuple[int, ...] = (),
-    ) -> Hypothesis:
+    ) -> DepthHypothesis:
         """Label the key frames of a hypothesis and those added under another state (E-step)."""
         motion = state.motions(len(state.angle))
         both = [self.label(motion, frame, width)
-                for frame in (*(c.frame for c in before.clouds), *added)]
+                for frame in (*(c.frame for c in before.points), *added)]
         cost = float(np.mean([c for _, c in both]))
-        return Hypothesis(state, tuple(c for c, _ in both), cost, before.base)
+        return Hypothesis(state, Clouds(c for c, _ in both), before.base, cost)
 
     def track(
-        self, hypothesis: Hypothesis, until: int, scales: tuple[float, ...] = (),
+        self, hypothesis: DepthHypothesis, until: int, scales: tuple[float, ...] = (),
         fixed_axes: bool = False,
-    ) -> Hypothesis:
+    ) -> DepthHypothesis:
         """Extend a hypothesis frame by frame to frame `until`; robust scales in footprints."""
         tuned = self.settings.tracker
         scales = scales or tuned.track_scales
@@ -149,9 +152,9 @@ class Tracker:
         return hypothesis
 
     def run_em(
-        self, hypothesis: Hypothesis, rounds: int, scales: tuple[float, ...] = (),
+        self, hypothesis: DepthHypothesis, rounds: int, scales: tuple[float, ...] = (),
         fixed_axes: bool = False, width: float = 1.0,
-    ) -> Hypothesis:
+    ) -> DepthHypothesis:
         """Run rounds of EM on the frames of a hypothesis, with robust scales of an M-step and the
         least standard deviation of a candidate's place in an E-step, footprints."""
         scales = scales or self.settings.tracker.em_scales
@@ -160,19 +163,26 @@ class Tracker:
             hypothesis = self.relabel(hypothesis, state, max(width, scales[-1]))
         return hypothesis
 
-    def hinge_prior(self, hypothesis: Hypothesis) -> HingePrior:
+    def hinge_prior(self, hypothesis: DepthHypothesis) -> HingePrior:
         """Return where the labels of frame 0 put the hinges."""
-        cloud, chain = hypothesis.clouds[0], self.settings.chain
-        base = self.base_candidates[hypothesis.base]
-        at = locate_hinges(cloud.point, cloud.label, base, self.priors.parent, chain)
+        cloud, chain = hypothesis.points[0], self.settings.chain
+        at = locate_hinges(cloud.point, cloud.label, hypothesis.base, self.priors.parent, chain)
         size = extent(cloud.point[self.moving], chain)
         return HingePrior(at, self.settings.tracker.hinge_slack * size)
 
     def fit(
-        self, hypothesis: Hypothesis, state: Articulation, scales: tuple[float, ...],
+        self, hypothesis: DepthHypothesis, state: Articulation, scales: tuple[float, ...],
         fixed_axes: bool = False, newest: bool = False,
     ) -> Articulation:
         """Adjust an articulation to the labelled points of a hypothesis (M-step)."""
         axis_dof = 0 if fixed_axes else self.priors.axis_dof
-        views = Views(self.surfaces, hypothesis.clouds, self.hinge_prior(hypothesis))
+        views = Views(self.surfaces, hypothesis.points, self.hinge_prior(hypothesis))
         return adjust(views, state, axis_dof, scales, self.settings, newest)[0]
+
+
+def select_by_labels(
+    found: list[DepthHypothesis], most: int, settings: RgbdSettings
+) -> list[DepthHypothesis]:
+    """Return the `most` best whose labels differ in more than a share of the points of frame 0."""
+    share = settings.chain.distinct_labels
+    return select_distinct(found, most, lambda one, two: label_difference(one, two) > share)

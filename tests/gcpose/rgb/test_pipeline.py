@@ -12,6 +12,7 @@ from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.priors import JointPriors
+from gcbench.gcpose.estimator import BundleEquations
 from gcbench.gcpose.images.flow import Flow, dis_flow
 from gcbench.gcpose.images.foreground import subtract_background
 from gcbench.gcpose.images.settings import ImageSettings
@@ -43,10 +44,14 @@ def evidence_of(observation: Observation, flow: Flow = dis_flow) -> VideoEvidenc
 
 
 def hypothesis(
-    state: Articulation, points: InverseDepthPoints, base: np.ndarray, hessian: np.ndarray,
-    flow_cost: float = np.inf,
+    state: Articulation, points: InverseDepthPoints, base: np.ndarray, matrix: np.ndarray,
+    penalty: float = 0.0,
 ) -> VideoHypothesis:
-    return VideoHypothesis(state, points, base, cost=3.0, hessian=hessian, flow_cost=flow_cost)
+    return VideoHypothesis(state, points, base, 3.0, equations(matrix), penalty)
+
+
+def equations(matrix: np.ndarray) -> BundleEquations:
+    return BundleEquations(matrix, np.zeros(len(matrix)))
 
 
 def score(found: VideoHypothesis) -> float:
@@ -130,17 +135,17 @@ def test_of_two_that_explain_as_much_the_surer_is_chosen() -> None:
     none = np.zeros(0, np.int64)
     rays = InverseDepthPoints.without_measurements(none, np.zeros((0, 3)), none, empty)
     held = state.angle[1:].size
-    sure = hypothesis(state, rays, at[0], 4.0 * np.eye(held + 6), flow_cost=2.0)
-    unsure = replace(sure, hessian=np.diag(np.tile([4.0, 0.04, 4.0], held // 3 + 2)))
+    matrix = 4.0 * np.eye(held + 6)
+    sure = hypothesis(state, rays, at[0], matrix, penalty=0.4)
+    weaker = np.diag(np.tile([4.0, 0.04, 4.0], held // 3 + 2))
+    unsure = replace(sure, equations=equations(weaker))
     assert np.allclose(sure.deviation(), 0.5)
     assert np.allclose(unsure.deviation()[:, 1], 5.0, rtol=1e-3)
     assert score(sure) < score(unsure) < score(replace(sure, cost=3.3))
-    assert score(replace(sure, flow_cost=2.1)) > score(sure)
-    assert score(replace(sure, label_inversions=0.1)) > score(sure)
-    assert score(replace(sure, axis_offset=0.5)) > score(sure)
-    surest = replace(sure, hessian=1e6 * sure.hessian)
+    assert score(replace(sure, penalty=0.5)) > score(sure)
+    surest = replace(sure, equations=equations(1e6 * matrix))
     assert score(surest) < score(sure)
-    assert score(surest) == score(replace(sure, hessian=1e8 * sure.hessian))
+    assert score(surest) == score(replace(sure, equations=equations(1e8 * matrix)))
 
 
 def test_axes_should_pass_where_their_parts_begin() -> None:
@@ -200,11 +205,11 @@ def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> No
     state, at = chain()
     rays = InverseDepthPoints.without_measurements(
         np.zeros(1, np.int64), np.ones((1, 3)), np.ones(1, np.int64), np.ones(1))
-    first = hypothesis(state, rays, at[0], np.eye(1), flow_cost=2.0)
-    alike = replace(first, cost=4.0, flow_cost=1.0)
-    other = replace(first, cost=5.0, state=replace(state, angle=2 * state.angle), flow_cost=1.5)
+    first = hypothesis(state, rays, at[0], np.eye(1), penalty=2.0)
+    alike = replace(first, cost=4.0, penalty=1.0)
+    other = replace(first, cost=5.0, state=replace(state, angle=2 * state.angle), penalty=1.5)
     assert select_hypotheses([other, alike, first], 9, SETTINGS) == [first, other]
-    found = select_hypotheses([other, alike, first], 9, SETTINGS, key=lambda g: g.flow_cost)
+    found = select_hypotheses([other, alike, first], 9, SETTINGS, key=lambda g: g.penalty)
     assert found == [alike, other]
     assert select_hypotheses([other, alike, first], 1, SETTINGS) == [first]
     labels = np.full(1, 2)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from gcbench.gcpose.chain.articulation import Articulation
+from gcbench.gcpose.estimator import BundleEquations
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.gcpose.rgb.tracker import VideoHypothesis
@@ -20,8 +21,9 @@ def hypothesis(cost: float = SETTINGS.sigma_cost, information: float = 1e6) -> V
     state, at = chain()
     none = np.zeros(0, np.int64)
     points = InverseDepthPoints.without_measurements(none, np.zeros((0, 3)), none, np.zeros(0))
-    hessian = information * np.eye(state.angle[1:].size)
-    return VideoHypothesis(state, points, at[0], cost, hessian)
+    size = state.angle[1:].size
+    equations = BundleEquations(information * np.eye(size), np.zeros(size))
+    return VideoHypothesis(state, points, at[0], cost, equations)
 
 
 def moved(state: Articulation, by: float) -> Articulation:

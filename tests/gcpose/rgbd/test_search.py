@@ -6,13 +6,14 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from gcbench.gcpose.chain import Articulation, Hypothesis, joint_priors
+from gcbench.gcpose.chain import Articulation, joint_priors
 from gcbench.gcpose.chain.kinematics import part_motions, twists_of
+from gcbench.gcpose.estimator import Hypothesis
 from gcbench.gcpose.images import ImageSettings, surfaces_from_depth
 from gcbench.gcpose.rgbd import RgbdSettings
 from gcbench.gcpose.rgbd.depth_sweep import DepthStepCosts, sweep_depth
 from gcbench.gcpose.rgbd.kernels import columns
-from gcbench.gcpose.rgbd.labels import moving_mask
+from gcbench.gcpose.rgbd.labels import Clouds, moving_mask
 from gcbench.gcpose.rgbd.search import motion_difference, select_by_motion
 from gcbench.gcpose.rgbd.settings import LabelSettings
 from gcbench.gcpose.rgbd.tracker import Tracker
@@ -59,10 +60,11 @@ def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
 def test_an_axis_that_points_the_other_way_is_the_same_solution() -> None:
     _, angle, screw, _ = scene("arm")
     twist, kind = twists_of(screw, np.zeros(2, bool)), np.zeros(2, bool)
-    one = Hypothesis(Articulation(twist, angle, kind, np.array([-1, 0])), (), 1.0)
+    none = Clouds(), np.zeros(3)
+    one = Hypothesis(Articulation(twist, angle, kind, np.array([-1, 0])), *none, 1.0)
     rotate = Articulation(twist * [[1], [-1]], angle * [1, -1], kind, np.array([-1, 0]))
-    two = Hypothesis(rotate, (), 2.0)
-    other = Hypothesis(replace(rotate, twist=twist), (), 3.0)
+    two = Hypothesis(rotate, *none, 2.0)
+    other = Hypothesis(replace(rotate, twist=twist), *none, 3.0)
     settings = RgbdSettings()
     assert motion_difference(one, two, settings) < 1e-9
     assert motion_difference(one, other, settings) > 0.5
