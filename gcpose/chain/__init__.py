@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .articulation import Articulation, axis_bases, take_step
+from .articulation import Articulation, axis_bases, extrapolate_to, take_step
 from .beam import (
     Beam,
     StepGrid,
@@ -23,8 +23,8 @@ from .weak_prior import HingePrior, offset_from_axis, prior_equations
 __all__ = [
     "Articulation", "Beam", "ChainSettings", "Chains", "Goal", "HingePrior", "JointPriors",
     "StepGrid", "add_normal_equations", "ancestors", "axis_bases", "axis_directions",
-    "axis_from_twist", "axis_twists", "beam_search", "displace_axis", "extent", "fit_chains",
-    "fit_displacements", "joint_priors", "locate_hinges", "misfit", "offset_from_axis",
-    "prior_equations", "relative_derivatives", "screws_of", "select_by_steps", "spread_places",
-    "subsample", "take_step", "twist_about", "twist_spaces",
+    "axis_from_twist", "axis_twists", "beam_search", "displace_axis", "extent", "extrapolate_to",
+    "fit_chains", "fit_displacements", "joint_priors", "locate_hinges", "misfit",
+    "offset_from_axis", "prior_equations", "relative_derivatives", "screws_of", "select_by_steps",
+    "spread_places", "subsample", "take_step", "twist_about", "twist_spaces",
 ]

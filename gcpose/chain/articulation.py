@@ -60,3 +60,13 @@ def take_step(state: Articulation, basis: tuple[Array, ...], step: Array) -> Art
             twist[j] = displace_axis(twist[j], by, bool(state.prismatic[j]))
         at += b.shape[1]
     return replace(state, angle=angle, twist=twist)
+
+
+def extrapolate_to(state: Articulation, until: int, steps: int = 1) -> Articulation:
+    """Return the articulation up to frame `until`, extrapolated at the mean pace of its last
+    `steps` steps, or cut."""
+    angle = state.angle[: until + 1]
+    steps = min(steps, len(angle) - 1)
+    pace = (angle[-1] - angle[-1 - steps]) / steps
+    further = angle[-1] + np.arange(1, until + 2 - len(angle))[:, None] * pace
+    return replace(state, angle=np.concatenate([angle, further]))

@@ -1,18 +1,20 @@
-"""The estimator of GC-Pose, for every kind of evidence: hypotheses, adjustment, uncertainty."""
+"""The estimator of GC-Pose for every kind of evidence: hypotheses, EM, bundle adjustment."""
 
 from __future__ import annotations
 
-from .equations import BundleEquations
+from .em import Adjustment, Evidence, Residuals, Round, adjust, refine_in_stages, run_em, track
 from .hypothesis import (
+    BundleEquations,
     Hypothesis,
     LabeledPoints,
     align_displacements,
+    calibrate_deviation,
     label_difference,
     select_distinct,
 )
-from .uncertainty import calibrate_deviation
 
 __all__ = [
-    "BundleEquations", "Hypothesis", "LabeledPoints", "align_displacements", "calibrate_deviation",
-    "label_difference", "select_distinct",
+    "Adjustment", "BundleEquations", "Evidence", "Hypothesis", "LabeledPoints", "Residuals",
+    "Round", "adjust", "align_displacements", "calibrate_deviation", "label_difference",
+    "refine_in_stages", "run_em", "select_distinct", "track",
 ]

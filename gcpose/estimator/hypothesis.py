@@ -1,4 +1,4 @@
-"""A hypothesis about the object, and the choice of some that differ."""
+"""A hypothesis about the object, how sure it is, and the choice of some that differ."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..chain import Articulation
-from .equations import BundleEquations
 
 
 class LabeledPoints(Protocol):
@@ -23,15 +22,34 @@ class LabeledPoints(Protocol):
         ...
 
 
-P = TypeVar("P", bound=LabeledPoints)
+_P = TypeVar("_P", bound=LabeledPoints)
 
 
 @dataclass(frozen=True)
-class Hypothesis(Generic[P]):
+class BundleEquations:
+    """Normal equations of U unknowns: displacements of frames 1.. (rad or m), then of the axes.
+
+    All other unknowns are eliminated. Residuals are in standard deviations, so that the inverse
+    matrix is a covariance.
+    """
+
+    matrix: Array
+    """[U U]"""
+    vector: Array
+    """[U]"""
+    scatter: Array | None = None
+    """[U U] covariance of `vector`, if the errors of a part in a frame are the same; None: each
+    residual has an error of its own, and it is `matrix`."""
+    diagonal: Array | None = None
+    """[U] of the matrix before other unknowns are eliminated, if it differs"""
+
+
+@dataclass(frozen=True)
+class Hypothesis(Generic[_P]):
     """An articulation, its labelled points, and their cost."""
 
     state: Articulation
-    points: P
+    points: _P
     base: Array
     """[3] where the chain begins; at depth 1 where depth is not measured"""
     cost: float
@@ -42,12 +60,32 @@ class Hypothesis(Generic[P]):
     """What speaks against it besides the cost, in the unit of the cost"""
 
     def deviation(self) -> Array:
-        """Return the standard deviations [T-1 J] of the displacements, from the residuals."""
-        assert self.equations is not None
-        return self.equations.deviation(*self.state.angle.shape)
+        """Return the standard deviations [T-1 J] of the displacements by the residuals, rad or m.
+
+        With scatter S the covariance is the sandwich H^-1 S H^-1, which holds where residuals are
+        correlated within clusters (Huber, The behavior of maximum likelihood estimates under
+        nonstandard conditions, 1967; Liang and Zeger, 1986).
+        """
+        equations, held = self.equations, self.state.angle[1:]
+        assert equations is not None
+        covariance = np.linalg.inv(equations.matrix + 1e-6 * np.eye(len(equations.matrix)))
+        if equations.scatter is not None:
+            covariance = covariance @ equations.scatter @ covariance
+        return np.sqrt(np.maximum(np.diag(covariance)[: held.size], 0.0)).reshape(held.shape)
 
 
-def label_difference(one: Hypothesis[P], two: Hypothesis[P]) -> float:
+def calibrate_deviation(formal: Array, factor: float, floor: Array | float, most: float) -> Array:
+    """Return standard deviations [T J] that two thirds of the errors lie within, for formal ones
+    [T-1 J] of frames 1...
+
+    Errors that points share (labels, foreground, smoothing) exceed what residuals show: factor,
+    floor (scalar or [T-1 J]) and the largest deviation `most` are from training sequences.
+    """
+    sigma = np.minimum(np.hypot(factor * formal, floor), most)
+    return np.concatenate([0 * sigma[:1], sigma])
+
+
+def label_difference(one: Hypothesis[_P], two: Hypothesis[_P]) -> float:
     """Return the share of the points that two hypotheses label otherwise."""
     return float(np.mean(one.points.label != two.points.label))
 
@@ -60,11 +98,12 @@ def align_displacements(state: Articulation, other: Articulation) -> Array:
 
 
 def select_distinct(
-    found: list[Hypothesis[P]], most: int, differ: Callable[[Hypothesis[P], Hypothesis[P]], bool],
-    key: Callable[[Hypothesis[P]], float] = lambda h: h.cost,
-) -> list[Hypothesis[P]]:
+    found: list[Hypothesis[_P]], most: int,
+    differ: Callable[[Hypothesis[_P], Hypothesis[_P]], bool],
+    key: Callable[[Hypothesis[_P]], float] = lambda h: h.cost,
+) -> list[Hypothesis[_P]]:
     """Return the `most` best by `key` of which any two differ."""
-    out: list[Hypothesis[P]] = []
+    out: list[Hypothesis[_P]] = []
     for h in sorted(found, key=key):
         if all(differ(h, other) for other in out):
             out.append(h)

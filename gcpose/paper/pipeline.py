@@ -20,6 +20,7 @@ from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
 from ...robots.motion import ChainAxes
 from ..chain import Articulation, axis_twists, joint_priors, locate_hinges
+from ..estimator import adjust
 from ..images import (
     Depth,
     Flow,
@@ -35,13 +36,12 @@ from ..images import (
 )
 from ..numerics import Image
 from ..rgb import (
-    BundleWeights,
     InverseDepthPoints,
+    RgbEvidence,
     SampledPixels,
+    VideoAdjustment,
     VideoHypothesis,
-    VideoTracker,
     base_candidates,
-    measure_flow,
 )
 from .epipolar import (
     MatchedParts,
@@ -187,7 +187,7 @@ class _Video:
     """A sequence and its sampled pixels."""
 
     observation: Observation
-    tracker: VideoTracker
+    evidence: RgbEvidence
     points: list[SampledPixels]
     """Of each frame"""
     bases: list[Array]
@@ -195,18 +195,18 @@ class _Video:
     settings: PublishedSettings
 
     @property
-    def evidence(self) -> VideoEvidence:
-        return self.tracker.evidence
+    def images(self) -> VideoEvidence:
+        return self.evidence.video
 
     def match(self, k: int, flow: Image) -> MatchedParts | None:
         """Parts between frame k and the next."""
-        matcher = PartMatcher(float(self.evidence.intrinsics[0, 0]), self.tracker.joints,
+        matcher = PartMatcher(float(self.images.intrinsics[0, 0]), self.evidence.joints,
                               self.settings.paper, self.settings.images)
         return matcher.match(self.points[k], self.bases[k], flow)
 
     def match_all(self) -> list[MatchedParts | None]:
         """The same for all frames, by the flow of the video."""
-        return [self.match(k, flow) for k, flow in enumerate(self.evidence.flow)]
+        return [self.match(k, flow) for k, flow in enumerate(self.images.flow)]
 
 
 def _observe(
@@ -220,14 +220,14 @@ def _observe(
         raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
     assert observation.rgb is not None
     by_color = partial(subtract_background, settings=settings.images)
-    evidence = video_evidence(observation, FrontEnd(flow, by_color, depth), settings.images)
-    if evidence is None or known.direction is None:
+    measured = video_evidence(observation, FrontEnd(flow, by_color, depth), settings.images)
+    if measured is None or known.direction is None:
         return None
-    tracker = VideoTracker(evidence, known, settings.rgb)
-    points = [tracker.sample((k,), settings.paper.max_points) for k in range(evidence.frames)]
-    bases = [base_candidates(tracker, p, k)[0] if len(p.frame) else np.zeros(3)
+    evidence = RgbEvidence(measured, known, settings.rgb)
+    points = [evidence.sample((k,), settings.paper.max_points) for k in range(measured.frames)]
+    bases = [base_candidates(evidence, p, k)[0] if len(p.frame) else np.zeros(3)
              for k, p in enumerate(points)]
-    return _Video(observation, tracker, points, bases, settings)
+    return _Video(observation, evidence, points, bases, settings)
 
 
 def _tune(video: _Video | None, network: Any) -> _Video | None:
@@ -236,25 +236,26 @@ def _tune(video: _Video | None, network: Any) -> _Video | None:
 
     if video is None or video.observation.rgb is None or video.observation.flow is not None:
         return video
-    rgb, evidence = video.observation.rgb, video.evidence
-    height, width = evidence.moving.shape[1:]
-    left, top = evidence.corner
+    rgb, measured = video.observation.rgb, video.images
+    height, width = measured.moving.shape[1:]
+    left, top = measured.corner
     crop = np.ascontiguousarray(rgb[:, top : top + height, left : left + width])
     sized: Any = for_cuts_of(network, *rgb.shape[1:3])
     flow = tune_flow(
-        sized, crop, evidence.moving,
-        float(evidence.intrinsics[0, 0]), video.match, video.settings.paper)
-    tracker = VideoTracker(replace(evidence, flow=flow), video.tracker.known, video.settings.rgb)
-    return replace(video, tracker=tracker)
+        sized, crop, measured.moving,
+        float(measured.intrinsics[0, 0]), video.match, video.settings.paper)
+    evidence = RgbEvidence(
+        replace(measured, flow=flow), video.evidence.priors, video.settings.rgb)
+    return replace(video, evidence=evidence)
 
 
 def _accumulate(
     video: _Video, pairs: list[MatchedParts | None], steps: Sequence[Sequence[Array | None]]
 ) -> tuple[Array, list[NDArray[np.int64]]]:
     """Displacements [T J], and the joints [J] of each pair's parts."""
-    known, paper = video.tracker.known, video.settings.paper
+    known, paper = video.evidence.priors, video.settings.paper
     assert known.direction is not None
-    joints = video.tracker.joints
+    joints = video.evidence.joints
     given = video.observation.part is not None  # parts of an oracle are in order
     orders = [np.arange(joints)] if given else joint_orders(joints, paper.max_left_out)
     axes = ChainAxes(known.direction, known.prismatic, known.parent)
@@ -263,16 +264,16 @@ def _accumulate(
 
 def _angles_by_flow(video: _Video) -> Array:
     """Displacements [T J] by essential matrices (Sec. 3.3)."""
-    pairs, none = video.match_all(), [None] * video.tracker.joints
+    pairs, none = video.match_all(), [None] * video.evidence.joints
     steps = [none if p is None else rotations(p, video.settings.paper) for p in pairs]
     return _accumulate(video, pairs, steps)[0]
 
 
 def _angles_by_depth(video: _Video) -> Array:
     """Displacements [T J] by PnP, then bundle adjustment of all points (Sec. 3.4)."""
-    tracker, paper = video.tracker, video.settings.paper
-    focal = float(tracker.evidence.intrinsics[0, 0])
-    pairs, none = video.match_all(), [None] * tracker.joints
+    evidence, paper = video.evidence, video.settings.paper
+    focal = float(evidence.video.intrinsics[0, 0])
+    pairs, none = video.match_all(), [None] * evidence.joints
     steps = [none if p is None else rotations_with_depth(p, q.expected, focal, paper)
              for p, q in zip(pairs, video.points[:-1], strict=True)]
     angle, joint = _accumulate(video, pairs, steps)
@@ -287,9 +288,8 @@ def _angles_by_depth(video: _Video) -> Array:
         noise = video.observation.depth_noise / max(1e-6, np.median(depth[depth > 0]))
         sigma = float(np.hypot(paper.measured_depth_sigma, noise))
     for scale in paper.bundle_scales:
-        points = measure_flow(
-            tracker.evidence, hypothesis.state, hypothesis.points, tracker.settings)
-        hypothesis = tracker.adjust(hypothesis, points, BundleWeights((scale,), sigma))
+        how = VideoAdjustment((scale,), depth_sigma=sigma)  # measures the flow anew
+        hypothesis = adjust(evidence, hypothesis, how)
     return hypothesis.state.angle
 
 
@@ -297,12 +297,12 @@ def _hypothesis(
     video: _Video, angle: Array, keys: list[int], label: NDArray[np.int64]
 ) -> VideoHypothesis:
     """Displacements [T J] and labeled points [N] of key frames, with axes at the first hinges."""
-    tracker, known, first = video.tracker, video.tracker.known, video.points[0]
+    evidence, known, first = video.evidence, video.evidence.priors, video.points[0]
     assert known.direction is not None
-    cloud = tracker.sample(tuple(keys), video.settings.paper.max_points)
+    cloud = evidence.sample(tuple(keys), video.settings.paper.max_points)
     at = locate_hinges(first.ray / first.expected[:, None], label[: len(first.frame)],
                        video.bases[0],
-                known.parent, tracker.settings.chain)
+                known.parent, evidence.chain)
     twist = np.concatenate([axis_twists(known, j, direction[None], at[j : j + 1])
                             for j, direction in enumerate(known.direction)])
     mine = label > 0

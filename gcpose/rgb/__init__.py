@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from .bundle import BundleWeights
+from .evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from .labels import SampledPixels
 from .pipeline import estimate_rgb
-from .points import InverseDepthPoints, measure_flow
+from .points import InverseDepthPoints
 from .settings import RgbSettings
 from .strategies import base_candidates
-from .tracker import VideoHypothesis, VideoTracker
 
 __all__ = [
-    "BundleWeights", "InverseDepthPoints", "RgbSettings", "SampledPixels", "VideoHypothesis",
-    "VideoTracker", "base_candidates", "estimate_rgb", "measure_flow",
+    "InverseDepthPoints", "RgbEvidence", "RgbSettings", "SampledPixels", "VideoAdjustment",
+    "VideoHypothesis", "base_candidates", "estimate_rgb",
 ]

@@ -18,10 +18,10 @@ from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array, pinhole
 from ..chain import JointPriors, screws_of
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
+from .evidence import RgbEvidence, VideoHypothesis
 from .points import predict_places
 from .search import search_video
 from .settings import RgbSettings
-from .tracker import VideoHypothesis
 from .uncertainty import reported_deviation
 
 
@@ -43,7 +43,7 @@ def estimate_rgb(
         return None
     distance = object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
-    found = search_video(evidence, scale_axes(known, 1 / distance), settings)
+    found = search_video(RgbEvidence(evidence, scale_axes(known, 1 / distance), settings))
     if found is None:
         return None
     best, others = found

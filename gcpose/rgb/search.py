@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
-from ..chain import JointPriors
-from ..images import VideoEvidence
+from ..estimator import refine_in_stages, run_em
 from ..numerics import thread_map
-from .bundle import BundleWeights
+from .evidence import RgbEvidence, VideoAdjustment, VideoHypothesis, VideoRound
+from .labels import SampledPixels
 from .settings import RgbSettings
 from .strategies import (
     exchange_parallel_turns,
@@ -15,40 +18,40 @@ from .strategies import (
     select_hypotheses,
     vary_door_plane,
 )
-from .tracker import VideoHypothesis, VideoTracker
 from .uncertainty import Alternative
+
+Refine = Callable[[VideoHypothesis], VideoHypothesis]
 
 
 def search_video(
-    evidence: VideoEvidence, known: JointPriors, settings: RgbSettings
+    evidence: RgbEvidence
 ) -> tuple[VideoHypothesis, list[Alternative]] | None:
     """Return the best articulation, and the other motions of the last two stages; None where too
     few moving pixels are seen."""
-    tracker, s = VideoTracker(evidence, known, settings), settings
-    last = evidence.frames - 1
+    s, last = evidence.settings, evidence.video.frames - 1
     keys = tuple(range(0, last + 1, s.final_key_frame_step))
-    many, dense = tracker.sample(keys, s.max_points), tracker.sample(keys, s.final_points)
+    many, dense = evidence.sample(keys, s.max_points), evidence.sample(keys, s.final_points)
     step = s.final_key_frame_step
-    few = tracker.sample((last // (2 * step) * step,), s.exchange_points)  # the middle key frame
-    found = [tracker.relabel(h, many) for h in initialize_by_sweeps(tracker)]
+    few = evidence.sample((last // (2 * step) * step,), s.exchange_points)  # the middle key frame
+    found = [evidence.label(h, many) for h in initialize_by_sweeps(evidence)]
     if not found:
         return None
 
-    def best(found: list[VideoHypothesis], most: int, **by: float) -> list[VideoHypothesis]:
-        return select_hypotheses(found, most, s, key=lambda h: score_hypothesis(h, s), **by)
+    def refine(points: SampledPixels, rounds: int, reach: float) -> Refine:
+        return lambda h: evidence.refine_by_patches(h, points, rounds, reach)
 
+    best = partial(select_hypotheses, settings=s, key=partial(score_hypothesis, settings=s))
     found += [t for h in select_hypotheses(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
-    found = thread_map(lambda h: tracker.refine_by_patches(h, many, 2, s.patch_reach_first), found)
-    found = thread_map(lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach),
-                     best(found, s.refined_kept))
+    found = refine_in_stages(found, best, (0, refine(many, 2, s.patch_reach_first)),
+                             (s.refined_kept, refine(many, 3, s.patch_reach)))
     others = exchange_parallel_turns(
-        tracker, min(found, key=lambda h: score_hypothesis(h, s)), few, s.exchanged_kept)
-    weights = BundleWeights(s.settle_scales, s.depth_sigma_bundle)
-    others = [tracker.refine_by_flow(tracker.relabel(h, many), many, 1, weights) for h in others]
-    found += thread_map(
-        lambda h: tracker.refine_by_patches(h, many, 3, s.patch_reach_first), others)
-    final = [tracker.relabel(h, dense) for h in best(found, s.final_kept, labels=1.0)]
-    final = thread_map(lambda h: tracker.refine_by_patches(h, dense, 3, s.patch_reach), final)
+        evidence, min(found, key=lambda h: score_hypothesis(h, s)), few, s.exchanged_kept)
+    settle = VideoAdjustment(s.settle_scales, depth_sigma=s.depth_sigma_bundle)
+    both: list[VideoRound] = [((), many), ((settle,), many)]
+    others = [run_em(evidence, h, both) for h in others]
+    found += thread_map(refine(many, 3, s.patch_reach_first), others)
+    final = [evidence.label(h, dense) for h in best(found, s.final_kept, labels=1.0)]
+    final = thread_map(refine(dense, 3, s.patch_reach), final)
     chosen = min(final, key=lambda h: score_hypothesis(h, s))
     return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
                     if other.state is not chosen.state]

@@ -4,88 +4,99 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, select_by_steps, spread_places, subsample
-from ..estimator import label_difference, select_distinct
+from ..chain import Articulation, extrapolate_to, select_by_steps, spread_places, subsample
+from ..estimator import label_difference, refine_in_stages, run_em, select_distinct
 from ..images import geodesic_rank
 from ..numerics import thread_map
-from .bundle import BundleWeights
+from .evidence import (
+    PACE_STEPS,
+    RgbEvidence,
+    VideoAdjustment,
+    VideoHypothesis,
+    VideoRound,
+    places_at_start,
+)
 from .flow_sweep import sweep_flow
 from .labels import SampledPixels
 from .parallel_axes import candidate_feet, keep_total_turn, redistribute
 from .points import InverseDepthPoints
 from .settings import RgbSettings
-from .tracker import VideoHypothesis, VideoTracker, places_at_start
 
 
-def initialize_by_sweeps(tracker: VideoTracker) -> list[VideoHypothesis]:
+def initialize_by_sweeps(evidence: RgbEvidence) -> list[VideoHypothesis]:
     """Return hypotheses from sweeps over the first frames, tracked through the video."""
-    s, last = tracker.settings, tracker.evidence.frames - 1
-    points = tracker.sample((0,), s.sweep_points)
+    s, last = evidence.settings, evidence.video.frames - 1
+    points = evidence.sample((0,), s.sweep_points)
     if len(points.frame) < s.min_points:
         return []
     spans = sorted({min(span, last) for span in s.sweep_spans})
-    found = [h for some in thread_map(lambda span: sweep_hypotheses(tracker, points, span), spans)
+    found = [h for some in thread_map(lambda span: sweep_hypotheses(evidence, points, span), spans)
              for h in some]
-    start, apart = min(max(spans) + 1, last), s.distinct_motion_first
-    found = thread_map(lambda h: tracker.refine_tracked(tracker.extend(h, start), points),
-                     select_hypotheses(found, s.first_kept, s, motion=apart))
-    found = thread_map(lambda h: tracker.track(h, min(s.half_frame, last)),
-                     select_hypotheses(found, s.half_kept, s, motion=apart))
-    return thread_map(lambda h: tracker.track(h, last),
-                    select_hypotheses(found, s.tracked_kept, s, motion=apart))
+    start, first = min(max(spans) + 1, last), [evidence.tracking_round(points)]
+
+    def begin(swept: VideoHypothesis) -> VideoHypothesis:
+        state = extrapolate_to(swept.state, start, PACE_STEPS)
+        return run_em(evidence, replace(swept, state=state), first)
+
+    return refine_in_stages(
+        found, partial(select_hypotheses, settings=s, motion=s.distinct_motion_first),
+        (s.first_kept, begin),
+        (s.half_kept, lambda h: evidence.track(h, min(s.half_frame, last))),
+        (s.tracked_kept, lambda h: evidence.track(h, last)))
 
 
 def sweep_hypotheses(
-    tracker: VideoTracker, points: SampledPixels, to: int
+    evidence: RgbEvidence, points: SampledPixels, to: int
 ) -> list[VideoHypothesis]:
     """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
-    known, settings = tracker.known, tracker.settings
-    beam = sweep_flow(tracker.evidence, known, points, to, settings)
+    known, settings = evidence.priors, evidence.settings
+    beam = sweep_flow(evidence.video, known, points, to, settings)
     beam = select_by_steps(beam, settings.sweep_kept)
     one = np.ones(len(points.frame), np.int64)
     start = InverseDepthPoints.without_measurements(points.frame, points.ray, one, points.expected)
-    bases = base_candidates(tracker, points, 0)
+    bases = base_candidates(evidence, points, 0)
     out: list[VideoHypothesis] = []
     for twist, end in zip(beam.twist, beam.angle, strict=True):
         angle = np.linspace(0 * end, end, to + 1)
         state = Articulation(twist, angle, known.prismatic, known.parent)
-        out += [tracker.relabel(
+        out += [evidence.label(
             VideoHypothesis(state, start, base, np.inf), points)
             for base in bases]
     return out
 
 
-def base_candidates(tracker: VideoTracker, points: SampledPixels, key: int) -> list[Array]:
+def base_candidates(evidence: RgbEvidence, points: SampledPixels, key: int) -> list[Array]:
     """Return points [3] at depth 1 where the chain may begin in a key frame, the slower first."""
-    if tracker.known.base is not None:
-        return [tracker.known.base]
-    s, (u, v) = tracker.settings, points.pixel.T
+    if evidence.priors.base is not None:
+        return [evidence.priors.base]
+    s, (u, v) = evidence.settings, points.pixel.T
     around = slice(max(0, key - s.base_frames), key + s.base_frames + 1)
-    speed = np.linalg.norm(tracker.evidence.flow[around, v, u], axis=2).mean(axis=0)
+    speed = np.linalg.norm(evidence.video.flow[around, v, u], axis=2).mean(axis=0)
     slow = points.average(speed[:, None])[:, 0]
     start = points.ray[slow <= np.quantile(slow, s.base_slow_share)]
     out: list[Array] = []
     for _ in range(2):
-        rank = geodesic_rank(points.ray, start, tracker.evidence.settings)
+        rank = geodesic_rank(points.ray, start, evidence.video.settings)
         out.append(points.ray[rank <= s.base_end_share].mean(axis=0))
         start = points.ray[rank >= 1 - s.base_end_share]
     return out
 
 
 def exchange_parallel_turns(
-    tracker: VideoTracker, hypothesis: VideoHypothesis, points: SampledPixels, most: int
+    evidence: RgbEvidence, hypothesis: VideoHypothesis, points: SampledPixels, most: int
 ) -> list[VideoHypothesis]:
     """Return the best solutions that distribute turns otherwise among parallel neighbors."""
-    state, settings = hypothesis.state, tracker.settings
+    state, settings = hypothesis.state, evidence.settings
     if not (len(points.frame) and (hypothesis.points.frame == points.frame[0]).any()):
         return []
     at = places_at_start(hypothesis, int(points.frame[0]))
     found: list[VideoHypothesis] = []
-    for j in range(tracker.joints - 1):
+    for j in range(evidence.joints - 1):
         cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
         if abs(cosine) < settings.parallel_cosine:
             continue
@@ -97,10 +108,12 @@ def exchange_parallel_turns(
             for foot in candidate_feet(state, j, hinge, feet, settings.exchange_feet)
         ]
         others += [redistribute(state, j, share) for share in settings.exchange_shares]
-        found += [tracker.relabel(replace(hypothesis, state=other), points)
+        found += [evidence.label(replace(hypothesis, state=other), points)
                   for other in others if other is not None]
-    weights = BundleWeights(settings.exchange_scales, settings.depth_sigma_exchange)
-    found = [tracker.refine_by_flow(h, points, 2, weights)
+    how = VideoAdjustment(
+        settings.exchange_scales, depth_sigma=settings.depth_sigma_exchange)
+    rounds: list[VideoRound] = [((how,), points)] * 2
+    found = [run_em(evidence, h, rounds)
              for h in select_hypotheses(found, 4 * most, settings)]
     return select_hypotheses(found, most, settings)
 

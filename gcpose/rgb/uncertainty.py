@@ -15,8 +15,8 @@ import numpy as np
 from ...robots.geometry import Array
 from ..chain import Articulation
 from ..estimator import align_displacements, calibrate_deviation
+from .evidence import VideoHypothesis
 from .settings import RgbSettings
-from .tracker import VideoHypothesis
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,12 @@ from ..chain import (
 from ..images import Surfaces
 from ..numerics import Solver, thread_map
 from .alignment import sort_surfels, surface_equations
+from .evidence import DepthHypothesis, RgbdEvidence
 from .labels import Clouds, part_centers
 from .settings import RgbdSettings
-from .tracker import DepthHypothesis, Tracker
 
 
-def make_goals(tracker: Tracker, hypothesis: DepthHypothesis) -> list[Goal]:
+def make_goals(evidence: RgbdEvidence, hypothesis: DepthHypothesis) -> list[Goal]:
     """Return goals with the motion of the surest part, and with that of its neighbors swapped.
 
     A hypothesis may have taken a part for its neighbor. The motions of other parts are unreliable
@@ -40,7 +40,7 @@ def make_goals(tracker: Tracker, hypothesis: DepthHypothesis) -> list[Goal]:
     """
     parent = hypothesis.state.parent
     near = part_centers(hypothesis.points[0], len(parent))
-    motion, information = align_freely(tracker, hypothesis)
+    motion, information = align_freely(evidence, hypothesis)
     surest = int(np.argmax(np.trace(information[:, 1:].sum(axis=0), axis1=1, axis2=2)))
     swaps = [[j, int(p)] for j, p in enumerate(parent) if p >= 0 and surest in (j, p)]
     out: list[Goal] = []
@@ -52,20 +52,21 @@ def make_goals(tracker: Tracker, hypothesis: DepthHypothesis) -> list[Goal]:
         sure = sure / np.sqrt(np.maximum(trace, 1e-12) * np.maximum(trace.max(axis=0), 1e-12))
         out.append(Goal(path, inner, np.searchsorted(path, places),
                         motion[:, np.array(joints) + 1], sure,
-                        hypothesis.state.prismatic[path], near[path], tracker.priors.axis_dof))
+                        hypothesis.state.prismatic[path], near[path], evidence.priors.axis_dof))
     return out
 
 
-def align_freely(tracker: Tracker, hypothesis: DepthHypothesis) -> tuple[Array, Array]:
+def align_freely(evidence: RgbdEvidence, hypothesis: DepthHypothesis) -> tuple[Array, Array]:
     """Align the parts of a hypothesis over all frames without the chain, by EM.
 
     Returns motions [T J+1 4 4] and the information [T J+1 6 6] of the twists on their left.
     """
     motion, clouds = hypothesis.state.motions(len(hypothesis.state.angle)), hypothesis.points
+    surfaces, settings = evidence.surfaces, evidence.settings
     information = np.zeros((*motion.shape[:2], 6, 6))
-    for scale in tracker.settings.motion.scales:
-        motion, information = align_parts(tracker.surfaces, clouds, motion, scale, tracker.settings)
-        clouds = Clouds(tracker.label(motion, c.frame, scale)[0] for c in clouds)
+    for scale in settings.motion.scales:
+        motion, information = align_parts(surfaces, clouds, motion, scale, settings)
+        clouds = Clouds(evidence.label_frame(motion, c.frame, scale)[0] for c in clouds)
     return motion, information
 
 
@@ -104,19 +105,19 @@ def align_parts(
     return se3.exp(step.reshape(parts, frames, 6).swapaxes(0, 1)) @ motion, information
 
 
-def chains_from_motion(tracker: Tracker, hypothesis: DepthHypothesis) -> list[Articulation]:
+def chains_from_motion(evidence: RgbdEvidence, hypothesis: DepthHypothesis) -> list[Articulation]:
     """Return chains that give the surest parts of a hypothesis the same motion; joints that do not
     move these parts are not changed."""
-    starts = random_axes(tracker, hypothesis.state, np.random.default_rng(0))
-    return [state for goal in make_goals(tracker, hypothesis)
-            for state in reach_goal(tracker, hypothesis, goal, starts[:, goal.path])]
+    starts = random_axes(evidence, hypothesis.state, np.random.default_rng(0))
+    return [state for goal in make_goals(evidence, hypothesis)
+            for state in reach_goal(evidence, hypothesis, goal, starts[:, goal.path])]
 
 
 def reach_goal(
-    tracker: Tracker, hypothesis: DepthHypothesis, goal: Goal, starts: Array
+    evidence: RgbdEvidence, hypothesis: DepthHypothesis, goal: Goal, starts: Array
 ) -> list[Articulation]:
     """Return the chains that reach a goal from axes [S I 6], the nearest first."""
-    state, tuned, chain = hypothesis.state, tracker.settings.motion, tracker.settings.chain
+    state, tuned, chain = hypothesis.state, evidence.settings.motion, evidence.settings.chain
     held = thread_map(lambda s: fit_displacements(goal, s, chain), np.array_split(starts, 2))
     angles = np.concatenate([h.angle for h in held])
     best = np.argsort(misfit(goal, Chains(starts, angles)), kind="stable")[: tuned.fitted]
@@ -139,21 +140,21 @@ def reach_goal(
     return found
 
 
-def random_axes(tracker: Tracker, state: Articulation, rng: np.random.Generator) -> Array:
+def random_axes(evidence: RgbdEvidence, state: Articulation, rng: np.random.Generator) -> Array:
     """Return random axes [S J 6] with hinges on what moves.
 
     Directions are as known, or random among those of a sweep and those of the hypothesis.
     """
-    tuned = tracker.settings.motion
-    moving = tracker.grid(0).point[tracker.moving]
-    places = spread_places(subsample(moving, tracker.settings.sweep.spread_points), tuned.places)
+    tuned = evidence.settings.motion
+    moving = evidence.grid(0).point[evidence.moving]
+    places = spread_places(subsample(moving, evidence.settings.sweep.spread_points), tuned.places)
     out = np.zeros((tuned.starts, len(state.twist), 6))
     for s in range(tuned.starts):
         before = None
         for j, prismatic in enumerate(state.prismatic):
-            some = axis_directions(tracker.priors, j, before, tracker.settings.chain)
+            some = axis_directions(evidence.priors, j, before, evidence.settings.chain)
             before = some[rng.integers(len(some))]
-            if tracker.priors.direction is None and rng.random() < tuned.kept_directions:
+            if evidence.priors.direction is None and rng.random() < tuned.kept_directions:
                 before = state.twist[j, 3:] if prismatic else state.twist[j, :3]
             place = places[rng.integers(len(places))]
             out[s, j, 3:] = before if prismatic else np.cross(place, before)

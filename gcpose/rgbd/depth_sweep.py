@@ -16,40 +16,41 @@ from ..chain import Articulation, StepGrid, beam_search, spread_places, subsampl
 from ..estimator import Hypothesis
 from ..images import Surfaces, smooth_costs
 from ..numerics import Image
+from .evidence import DepthHypothesis, RgbdEvidence
 from .kernels import SweepCosts, columns, fill_mean_costs, fill_step_costs, flat_camera
 from .labels import Cloud, Clouds
 from .settings import RgbdSettings
-from .tracker import DepthHypothesis, Tracker
 
 
-def sweep_depth(tracker: Tracker, to: int, most: int) -> list[DepthHypothesis]:
+def sweep_depth(evidence: RgbdEvidence, to: int, most: int) -> list[DepthHypothesis]:
     """Return the `most` best starts over frames 0 and `to`."""
-    grid, priors, settings = tracker.grid(0), tracker.priors, tracker.settings
+    grid, priors, settings = evidence.grid(0), evidence.priors, evidence.settings
     tuned = settings.sweep
-    points, normals = grid.point[tracker.moving], grid.normal[tracker.moving]
+    points, normals = grid.point[evidence.moving], grid.normal[evidence.moving]
     pick = np.linspace(0, len(points) - 1, min(len(points), tuned.points)).astype(int)
     places = spread_places(subsample(points, tuned.spread_points), tuned.places)
     reach = min(to, tuned.max_step_frames)
     steps = StepGrid(places, places, reach * tuned.max_turn, reach * tuned.max_slide,
                      tuned.beam_width)
-    costs = DepthStepCosts(tracker.surfaces, to, columns(points[pick], normals[pick]), settings)
+    costs = DepthStepCosts(evidence.surfaces, to, columns(points[pick], normals[pick]), settings)
     beam = beam_search(priors, costs, steps, settings.chain)
     found: list[DepthHypothesis] = []
     for twist, end, cost in zip(beam.twist[:most], beam.angle[:most],
                                 beam.cost[:most].mean(axis=1), strict=True):
         foot = np.cross(twist[0, :3], twist[0, 3:])
-        base = min(tracker.base_candidates, key=lambda b: float(np.linalg.norm(b - foot)))
+        base = min(evidence.base_candidates, key=lambda b: float(np.linalg.norm(b - foot)))
         state = Articulation(twist, np.linspace(0 * end, end, to + 1), priors.prismatic,
                              priors.parent)
-        found.append(Hypothesis(state, Clouds([label_coarsely(tracker, state)]), base, float(cost)))
+        clouds = Clouds([label_coarsely(evidence, state)])
+        found.append(Hypothesis(state, clouds, base, float(cost)))
     return found
 
 
-def label_coarsely(tracker: Tracker, state: Articulation) -> Cloud:
+def label_coarsely(evidence: RgbdEvidence, state: Articulation) -> Cloud:
     """Label the candidates of frame 0 by their distance from the surface of the last frame."""
-    grid, last = tracker.grid(0), len(state.angle) - 1
-    costs = DepthStepCosts(tracker.surfaces, last, columns(grid.point, grid.normal),
-                           tracker.settings)
+    grid, last = evidence.grid(0), len(state.angle) - 1
+    costs = DepthStepCosts(evidence.surfaces, last, columns(grid.point, grid.normal),
+                           evidence.settings)
     volume = smooth_costs(costs.costs(state.motions(last + 1)[last]).T, grid)
     return Cloud(0, grid.point, grid.normal, volume.argmin(axis=1))
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array
 from ..chain import Articulation, JointPriors, screws_of
-from ..estimator import calibrate_deviation
+from ..estimator import Adjustment, adjust, calibrate_deviation
 from ..images import Flow, ImageSettings, surfaces_from_depth, surfaces_from_noisy_depth
 from ..numerics import thread_map
-from .bundle import Views, adjust
+from .evidence import RgbdEvidence
 from .labels import moving_mask
 from .search import is_unreliable, search_hypotheses
 from .settings import RgbdSettings
-from .tracker import Tracker
 
 
 def estimate_rgbd(
@@ -35,48 +32,47 @@ def estimate_rgbd(
     mask = moving_mask(surfaces, rgb, settings.labels)
     if np.count_nonzero(mask[0]) < settings.min_moving_pixels:
         return None
-    tracker = Tracker(surfaces, rgb, mask, priors, settings)
-    best = search_hypotheses(tracker, flow)
-    views = Views(replace(surfaces, flow=None), best.points, tracker.hinge_prior(best))
+    evidence = RgbdEvidence(surfaces, rgb, mask, priors, settings)
+    best = search_hypotheses(evidence, flow)
     scales = settings.final_scales_noisy if surfaces.noise else settings.final_scales
-    state, equations = adjust(views, best.state, priors.axis_dof, scales, settings)
-    sigma = calibrate_sigma(equations.deviation(*state.angle.shape), tracker,
-                             is_unreliable(tracker, best))
+    final = adjust(evidence.without_flow(), best, Adjustment(scales))
+    state, unreliable = final.state, is_unreliable(evidence, best)
+    sigma = calibrate_sigma(final.deviation(), evidence, unreliable)
     if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
         return None
     return Estimate(
         displacement=state.angle,
         screw=screws_of(state.twist, state.prismatic),
-        part=label_frames(tracker, state),
+        part=label_frames(evidence, state),
         sigma=sigma,
     )
 
 
-def calibrate_sigma(formal: Array, tracker: Tracker, unreliable: bool) -> Array:
+def calibrate_sigma(formal: Array, evidence: RgbdEvidence, unreliable: bool) -> Array:
     """Return the reported standard deviations [T J] for formal ones [T-1 J]."""
-    s = tracker.settings
+    s = evidence.settings
     factors = {0: s.sigma_factor_known_lines, 2: s.sigma_factor_known_directions,
                4: s.sigma_factor_free}
-    factor, floor = factors[tracker.priors.axis_dof], 0.0
-    if tracker.surfaces.noise:
+    factor, floor = factors[evidence.priors.axis_dof], 0.0
+    if evidence.surfaces.noise:
         factor, floor = s.sigma_factor_noisy, s.sigma_floor_noisy
     if unreliable:
         floor = s.sigma_unreliable
     return calibrate_deviation(formal, factor, floor, s.sigma_static)
 
 
-def label_frames(tracker: Tracker, state: Articulation) -> NDArray[np.uint8]:
+def label_frames(evidence: RgbdEvidence, state: Articulation) -> NDArray[np.uint8]:
     """Return labels [T H W] of all frames; pixels without a candidate are static."""
-    surfaces = tracker.surfaces
+    surfaces = evidence.surfaces
     height, width = surfaces.depth[0].shape
     out = np.zeros((surfaces.frames, height, width), np.uint8)
     motion = state.motions(len(state.angle))
 
     def fill(frame: int) -> None:
-        grid = tracker.grid(frame)
+        grid = evidence.grid(frame)
         if not len(grid.point):
             return
-        cloud, _ = tracker.label(motion, frame)
+        cloud, _ = evidence.label_frame(motion, frame)
         step = grid.stride
         small = np.zeros((height // step + 1, width // step + 1), np.uint8)
         small[grid.pixel[:, 1] // step, grid.pixel[:, 0] // step] = cloud.label

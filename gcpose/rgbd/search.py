@@ -8,97 +8,90 @@ from functools import partial
 
 import numpy as np
 
-from ..chain import displace_axis
-from ..estimator import align_displacements, select_distinct
+from ..chain import displace_axis, extrapolate_to
+from ..estimator import align_displacements, refine_in_stages, run_em, select_distinct
 from ..images import Flow
 from ..numerics import thread_map
 from .chain_from_motion import chains_from_motion
 from .depth_sweep import sweep_depth
+from .evidence import DepthHypothesis, Labeling, RgbdEvidence, select_by_labels
 from .settings import RgbdSettings
 from .starts import start_from_flow
 from .strategies import Stage, Strategy
-from .tracker import DepthHypothesis, Tracker, select_by_labels
 
 
-def search_hypotheses(tracker: Tracker, flow: Flow) -> DepthHypothesis:
+def search_hypotheses(evidence: RgbdEvidence, flow: Flow) -> DepthHypothesis:
     """Return the best hypothesis over all frames; strategies are tried until one explains it."""
-    free, settings = tracker.priors.axis_dof > 0, tracker.settings
-    tuned, coarse = settings.search, tracker
+    free, settings = evidence.priors.axis_dof > 0, evidence.settings
+    tuned, coarse = settings.search, evidence
     strategies = settings.known_lines, settings.known_lines_more
     if free:
-        coarse = tracker.coarser(tuned.coarse_candidates)
+        coarse = evidence.coarser(tuned.coarse_candidates)
         strategies = settings.free_sweeps, settings.free_flow, settings.free_sweeps_more
     tried: list[DepthHypothesis] = []
     for strategy in strategies:
         found = run_strategy(strategy, coarse, flow)
         if free:
             best_few = select_by_labels(found, tuned.relabeled, settings)
-            found = [tracker.relabel(h, h.state) for h in best_few]
-        best = refine_sharply(tracker, polish(tracker, found))
+            found = [evidence.label(h, Labeling()) for h in best_few]
+        best = refine_sharply(evidence, polish(evidence, found))
         again = bool(tried) and motion_difference(
             best, best_of(tried, settings), settings) < tuned.same_angle
         if free:
-            best = try_other_chains(tracker, coarse, best)
+            best = try_other_chains(evidence, coarse, best)
         tried.append(best)
-        most = unreliable_share(tracker) if again else poor_share(tracker)
-        if is_explained(tracker, best_of(tried, settings), most):
+        most = unreliable_share(evidence) if again else poor_share(evidence)
+        if is_explained(evidence, best_of(tried, settings), most):
             break
-    return refine_without_flow(tracker, best_of(tried, settings))
+    return refine_without_flow(evidence, best_of(tried, settings))
 
 
-def run_strategy(strategy: Strategy, tracker: Tracker, flow: Flow) -> list[DepthHypothesis]:
+def run_strategy(strategy: Strategy, evidence: RgbdEvidence, flow: Flow) -> list[DepthHypothesis]:
     """Make the starts of a strategy, and take the best through its stages."""
-    end = tracker.surfaces.frames - 1
+    end = evidence.surfaces.frames - 1
     makers: list[Callable[[], list[DepthHypothesis]]] = [
-        partial(sweep_depth, tracker, min(span, end), strategy.sweep_kept)
+        partial(sweep_depth, evidence, min(span, end), strategy.sweep_kept)
         for span in strategy.sweep_spans]
     if strategy.flow_spans:
-        makers.append(partial(start_from_flow, tracker, flow, strategy))
+        makers.append(partial(start_from_flow, evidence, flow, strategy))
     found = [h for some in thread_map(lambda make: make(), makers) for h in some]
     if strategy.extend_to:
-        found = [extrapolate_to(h, min(strategy.extend_to, end)) for h in found]
-    for stage in strategy.stages:
-        if stage.kept:
-            found = select_by_labels(found, stage.kept, tracker.settings)
-        found = thread_map(partial(run_stage, tracker, stage), found)
-    return found
+        to = min(strategy.extend_to, end)
+        found = [replace(h, state=extrapolate_to(h.state, to)) for h in found]
+    return refine_in_stages(
+        found, partial(select_by_labels, settings=evidence.settings),
+        *((stage.kept, partial(run_stage, evidence, stage)) for stage in strategy.stages))
 
 
-def run_stage(tracker: Tracker, stage: Stage, hypothesis: DepthHypothesis) -> DepthHypothesis:
+def run_stage(evidence: RgbdEvidence, stage: Stage, hypothesis: DepthHypothesis) -> DepthHypothesis:
     """Take a hypothesis through a stage."""
     if stage.until:
-        until = min(stage.until, tracker.surfaces.frames - 1)
-        return tracker.track(hypothesis, until, stage.scales, stage.fixed_axes)
+        until = min(stage.until, evidence.surfaces.frames - 1)
+        return evidence.track(hypothesis, until, stage.scales, stage.fixed_axes)
     if stage.accelerated:
-        return refine_until_stable(tracker, hypothesis, stage.rounds, stage.scales)
-    return tracker.run_em(hypothesis, stage.rounds, stage.scales, stage.fixed_axes)
-
-
-def extrapolate_to(hypothesis: DepthHypothesis, until: int) -> DepthHypothesis:
-    """Extrapolate the displacements linearly to frame `until`, or cut them there."""
-    angle = hypothesis.state.angle[: until + 1]
-    while len(angle) <= until:
-        angle = np.concatenate([angle, 2 * angle[-1:] - angle[-2:-1]])
-    return replace(hypothesis, state=replace(hypothesis.state, angle=angle))
+        return refine_until_stable(evidence, hypothesis, stage.rounds, stage.scales)
+    em_round = evidence.em_round(stage.scales, stage.fixed_axes)
+    return run_em(evidence, hypothesis, [em_round] * stage.rounds)
 
 
 def refine_until_stable(
-    tracker: Tracker, hypothesis: DepthHypothesis, rounds: int, scales: tuple[float, ...] = (),
-    width: float = 1.0,
+    evidence: RgbdEvidence, hypothesis: DepthHypothesis, rounds: int,
+    scales: tuple[float, ...] = (), width: float = 1.0,
 ) -> DepthHypothesis:
-    """Run EM (see `Tracker.run_em`) until the displacements stop changing.
+    """Run EM until the displacements stop changing.
 
     Labels and axes may creep along together. While they do, each round is also tried as an
     extrapolation.
     """
-    tuned = tracker.settings.refine
-    factor = tuned.noisy_factor if tracker.surfaces.noise else 1.0
+    tuned = evidence.settings.refine
+    factor = tuned.noisy_factor if evidence.surfaces.noise else 1.0
+    em_round = [evidence.em_round(scales, width=width)]
     for _ in range(rounds):
-        after = tracker.run_em(hypothesis, 1, scales, width=width)
+        after = run_em(evidence, hypothesis, em_round)
         change = float(np.abs(after.state.angle - hypothesis.state.angle).max())
         if change > tuned.creep * factor:
             further = extrapolate(hypothesis, after, tuned.leap)
-            further = tracker.run_em(further, 1, scales, width=width)
+            further = run_em(evidence, further, em_round)
             after = min(after, further, key=lambda h: h.cost)
         hypothesis = after
         if change < tuned.stop * factor:
@@ -117,61 +110,66 @@ def extrapolate(before: DepthHypothesis, after: DepthHypothesis, times: float) -
     return replace(after, state=replace(two, angle=angle, twist=twist))
 
 
-def refine_sharply(tracker: Tracker, best: DepthHypothesis) -> DepthHypothesis:
+def refine_sharply(evidence: RgbdEvidence, best: DepthHypothesis) -> DepthHypothesis:
     """Refine with small robust scales where depth is exact: that reaches the end of flat valleys,
     and separates parts that move almost alike."""
-    if tracker.surfaces.noise:
+    if evidence.surfaces.noise:
         return best
-    tuned = tracker.settings.refine
-    return refine_until_stable(tracker, best, tuned.sharp_rounds, tuned.sharp_scales,
+    tuned = evidence.settings.refine
+    return refine_until_stable(evidence, best, tuned.sharp_rounds, tuned.sharp_scales,
                                tuned.sharp_width)
 
 
-def refine_without_flow(tracker: Tracker, best: DepthHypothesis) -> DepthHypothesis:
+def refine_without_flow(evidence: RgbdEvidence, best: DepthHypothesis) -> DepthHypothesis:
     """Refine by depth alone where depth has noise: without texture, flow is too short."""
-    if tracker.surfaces.flow is None:
+    if evidence.surfaces.flow is None:
         return best
-    tuned = tracker.settings.refine
-    return refine_until_stable(tracker.without_flow(), best, tuned.rounds, tuned.noisy_scales)
+    tuned = evidence.settings.refine
+    return refine_until_stable(evidence.without_flow(), best, tuned.rounds, tuned.noisy_scales)
 
 
-def polish(tracker: Tracker, found: list[DepthHypothesis]) -> DepthHypothesis:
+def polish(evidence: RgbdEvidence, found: list[DepthHypothesis]) -> DepthHypothesis:
     """Track the best hypotheses to the last frame, and refine the best of them."""
-    tuned = tracker.settings
-    found = select_by_labels(found, tuned.search.polished, tuned)
-    found = thread_map(lambda h: tracker.track(h, tracker.surfaces.frames - 1), found)
-    found = select_by_labels(found, tuned.search.refined, tuned)
-    found = thread_map(lambda h: tracker.run_em(h, 1), found)
-    return refine_until_stable(tracker, min(found, key=lambda h: h.cost), tuned.refine.rounds)
+    settings, tuned = evidence.settings, evidence.settings.search
+    found = refine_in_stages(
+        found, partial(select_by_labels, settings=settings),
+        (tuned.polished, lambda h: evidence.track(h, evidence.surfaces.frames - 1)),
+        (tuned.refined, lambda h: run_em(evidence, h, [evidence.em_round()])))
+    return refine_until_stable(evidence, min(found, key=lambda h: h.cost), settings.refine.rounds)
 
 
-def try_other_chains(tracker: Tracker, coarse: Tracker, best: DepthHypothesis) -> DepthHypothesis:
+def try_other_chains(
+    evidence: RgbdEvidence, coarse: RgbdEvidence, best: DepthHypothesis
+) -> DepthHypothesis:
     """Replace a doubtful hypothesis by a better chain that moves the surest part alike."""
-    settings, tuned = tracker.settings, tracker.settings.search
+    settings, tuned = evidence.settings, evidence.settings.search
     for _ in range(tuned.jumps):
-        if is_explained(tracker, best, tuned.doubtful):
+        if is_explained(evidence, best, tuned.doubtful):
             break
-        other = best_other_chain(tracker, coarse, best)
+        other = best_other_chain(evidence, coarse, best)
         if hypothesis_cost(other, settings) >= tuned.jump_cost * hypothesis_cost(best, settings):
             break
         best = other
     return best
 
 
-def best_other_chain(tracker: Tracker, coarse: Tracker, best: DepthHypothesis) -> DepthHypothesis:
+def best_other_chain(
+    evidence: RgbdEvidence, coarse: RgbdEvidence, best: DepthHypothesis
+) -> DepthHypothesis:
     """Refine other chains with the same part motion; return the best, or the present one."""
-    settings, tuned = tracker.settings, tracker.settings.search
-    found = thread_map(partial(coarse.relabel, best), chains_from_motion(tracker, best))
-    found = select_by_motion(found, tuned.tried, settings)
-    found = thread_map(lambda h: refine_until_stable(coarse, h, tuned.tried_rounds), found)
-    found = [tracker.relabel(h, h.state)
-             for h in select_by_motion(found, tuned.tried_fully, settings)]
-    found = thread_map(lambda h: refine_until_stable(tracker, h, tuned.tried_fully_rounds), found)
+    settings, tuned = evidence.settings, evidence.settings.search
+    found = [replace(best, state=state) for state in chains_from_motion(evidence, best)]
+    found = refine_in_stages(
+        found, partial(select_by_motion, settings=settings),
+        (0, lambda h: coarse.label(h, Labeling())),
+        (tuned.tried, lambda h: refine_until_stable(coarse, h, tuned.tried_rounds)),
+        (tuned.tried_fully, lambda h: refine_until_stable(
+            evidence, evidence.label(h, Labeling()), tuned.tried_fully_rounds)))
     most = np.inf
-    if not is_unreliable(tracker, best):
-        most = tuned.promising_cost * tracker.relabel(best, best.state).cost
+    if not is_unreliable(evidence, best):
+        most = tuned.promising_cost * evidence.label(best, Labeling()).cost
     found = [h for h in select_by_motion(found, tuned.tried_sharply, settings) if h.cost < most]
-    return best_of([best, *thread_map(partial(refine_sharply, tracker), found)], settings)
+    return best_of([best, *thread_map(partial(refine_sharply, evidence), found)], settings)
 
 
 def select_by_motion(
@@ -213,26 +211,26 @@ def has_static_joint(hypothesis: DepthHypothesis, settings: RgbdSettings) -> boo
     return bool(largest.min() < settings.search.static_angle)
 
 
-def is_explained(tracker: Tracker, hypothesis: DepthHypothesis, most: float) -> bool:
+def is_explained(evidence: RgbdEvidence, hypothesis: DepthHypothesis, most: float) -> bool:
     """Return whether all joints move, and less than a share of the candidates is unexplained."""
-    return (tracker.unexplained_share(hypothesis) < most
-            and not has_static_joint(hypothesis, tracker.settings))
+    return (evidence.unexplained_share(hypothesis) < most
+            and not has_static_joint(hypothesis, evidence.settings))
 
 
-def is_unreliable(tracker: Tracker, hypothesis: DepthHypothesis) -> bool:
+def is_unreliable(evidence: RgbdEvidence, hypothesis: DepthHypothesis) -> bool:
     """Return whether more candidates are unexplained than as a rule by the true motion."""
-    return tracker.unexplained_share(hypothesis) > unreliable_share(tracker)
+    return evidence.unexplained_share(hypothesis) > unreliable_share(evidence)
 
 
-def poor_share(tracker: Tracker) -> float:
+def poor_share(evidence: RgbdEvidence) -> float:
     """Return the unexplained share above which another strategy is tried."""
-    tuned, noisy = tracker.settings.search, tracker.surfaces.noise > 0
-    if tracker.priors.axis_dof:
+    tuned, noisy = evidence.settings.search, evidence.surfaces.noise > 0
+    if evidence.priors.axis_dof:
         return tuned.poor_noisy if noisy else tuned.poor
     return tuned.poor_known_lines_noisy if noisy else tuned.poor_known_lines
 
 
-def unreliable_share(tracker: Tracker) -> float:
+def unreliable_share(evidence: RgbdEvidence) -> float:
     """Return the unexplained share above which an estimate is unreliable."""
-    tuned = tracker.settings.search
-    return tuned.unreliable_noisy if tracker.surfaces.noise else tuned.unreliable
+    tuned = evidence.settings.search
+    return tuned.unreliable_noisy if evidence.surfaces.noise else tuned.unreliable

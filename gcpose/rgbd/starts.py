@@ -28,24 +28,26 @@ from ..chain import (
 from ..estimator import Hypothesis
 from ..images import Flow, smooth_costs
 from ..numerics import Image, Solver, compiled, gauss_newton, thread_map, truncated_cost
+from .evidence import DepthHypothesis, RgbdEvidence, select_by_labels
 from .labels import Cloud, Clouds
 from .settings import StartSettings
 from .strategies import Strategy
-from .tracker import DepthHypothesis, Tracker, select_by_labels
 
 
-def start_from_flow(tracker: Tracker, flow: Flow, strategy: Strategy) -> list[DepthHypothesis]:
+def start_from_flow(
+    evidence: RgbdEvidence, flow: Flow, strategy: Strategy
+) -> list[DepthHypothesis]:
     """Return the best starts of a strategy by flow from frame 0 over each of its spans."""
-    priors, settings = tracker.priors, tracker.settings
-    labels = initial_labels(tracker.ranks[0], tracker.moving, len(priors.prismatic),
+    priors, settings = evidence.priors, evidence.settings
+    labels = initial_labels(evidence.ranks[0], evidence.moving, len(priors.prismatic),
                             settings.start.cuts)
     slacks = settings.start.hinge_slacks if priors.axis_dof else settings.start.hinge_slacks[:1]
     found: list[DepthHypothesis] = []
     for span in strategy.flow_spans:
-        to = min(span, tracker.surfaces.frames - 1)
-        data = linearize_flow(tracker, flow(tracker.rgb[0], tracker.rgb[to]), to)
+        to = min(span, evidence.surfaces.frames - 1)
+        data = linearize_flow(evidence, flow(evidence.rgb[0], evidence.rgb[to]), to)
         for slack in slacks:
-            some = thread_map(partial(solve_start, tracker, data, slack), labels)
+            some = thread_map(partial(solve_start, evidence, data, slack), labels)
             found += select_by_labels(some, strategy.flow_kept, settings)
     return found
 
@@ -62,14 +64,14 @@ def initial_labels(
 
 
 def solve_start(
-    tracker: Tracker, data: Correspondence, slack: float, label: NDArray[np.int64]
+    evidence: RgbdEvidence, data: Correspondence, slack: float, label: NDArray[np.int64]
 ) -> DepthHypothesis:
     """Run EM between two frames from initial labels [N]; displacements are interpolated.
 
     `slack` is the standard deviation of a hinge's displacement, by the object's extent.
     """
-    grid, priors, origin = tracker.grid(0), tracker.priors, data.origin
-    tuned, chain = tracker.settings.start, tracker.settings.chain
+    grid, priors, origin = evidence.grid(0), evidence.priors, data.origin
+    tuned, chain = evidence.settings.start, evidence.settings.chain
     joints = len(priors.prismatic)
     spaces = tuple(twist_about(origin, s.T).T for s in twist_spaces(priors))
     moves = ancestors(priors.parent)
@@ -77,7 +79,7 @@ def solve_start(
     sigma = slack * (extent(inside, chain) if len(inside) else 1.0)
     added, cost, hinge = [np.zeros(6)] * joints, np.inf, np.zeros((joints, 3))
     for _ in range(tuned.rounds):
-        hinge = locate_hinges(grid.point, label, tracker.base_candidates[0], priors.parent, chain)
+        hinge = locate_hinges(grid.point, label, evidence.base_candidates[0], priors.parent, chain)
         prior = np.stack([joint_information(p - origin, sigma, tuned.turn_sigma) for p in hinge])
         added = fit_twists(data, label, spaces, prior, moves, tuned.robust_scales)
         volume = smooth_costs(match_costs(data, added, moves, tuned), grid)
@@ -90,7 +92,7 @@ def solve_start(
         angle[:, j] = np.linspace(0, end, data.to + 1)
     cloud = Cloud(0, grid.point, grid.normal, label)
     state = Articulation(twist, angle, priors.prismatic, priors.parent)
-    return Hypothesis(state, Clouds([cloud]), tracker.base_candidates[0], cost)
+    return Hypothesis(state, Clouds([cloud]), evidence.base_candidates[0], cost)
 
 
 def joint_information(hinge: Array, slip: float, turn: float) -> Array:
@@ -120,11 +122,11 @@ class Correspondence:
     """[N 3]"""
 
 
-def linearize_flow(tracker: Tracker, field: Image, to: int) -> Correspondence:
+def linearize_flow(evidence: RgbdEvidence, field: Image, to: int) -> Correspondence:
     """Linearize the flow [H W 2] px from frame 0 to frame `to` at the candidates of frame 0."""
-    surfaces, settings, grid = tracker.surfaces, tracker.settings.start, tracker.grid(0)
+    surfaces, settings, grid = evidence.surfaces, evidence.settings.start, evidence.grid(0)
     points, pixel = grid.point, grid.pixel
-    origin = points[tracker.moving].mean(axis=0)
+    origin = points[evidence.moving].mean(axis=0)
     flow = field[pixel[:, 1], pixel[:, 0]].astype(np.float64)
     height, width = surfaces.depth.shape[1:]
     aim = np.rint(pixel + flow).astype(np.int64)

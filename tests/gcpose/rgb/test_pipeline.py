@@ -19,13 +19,13 @@ from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import FrontEnd, VideoEvidence, video_evidence
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.numerics.threads import thread_map
+from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, scale_axes
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.search import score_hypothesis
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.gcpose.rgb.strategies import select_hypotheses, vary_door_plane
-from gcbench.gcpose.rgb.tracker import VideoHypothesis, VideoTracker
 from gcbench.renderer.types.observation import Observation
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door, texture
@@ -158,9 +158,9 @@ def test_axes_should_pass_where_their_parts_begin() -> None:
     rays = InverseDepthPoints.without_measurements(
         np.zeros(90, np.int64), point / point[:, 2:], np.repeat([1, 2, 3], 30), 1 / point[:, 2])
     start = hypothesis(state, rays, at[0], np.eye(1))
-    tracker = VideoTracker(
+    evidence = RgbEvidence(
         seen, JointPriors(state.prismatic, state.parent, state.twist[:, :3], None), SETTINGS)
-    assert tracker.axis_offset(start) < 0.02
+    assert evidence.axis_offset(start) < 0.02
 
     def moved(joint: int) -> VideoHypothesis:
         line = state.twist[joint, :3]
@@ -169,8 +169,8 @@ def test_axes_should_pass_where_their_parts_begin() -> None:
         twist[joint, 3:] += np.cross(away, line)
         return replace(start, state=replace(state, twist=twist))
 
-    assert 0.4 < tracker.axis_offset(moved(2)) < 0.6
-    assert tracker.axis_offset(moved(0)) == tracker.axis_offset(start)  # the base is unseen
+    assert 0.4 < evidence.axis_offset(moved(2)) < 0.6
+    assert evidence.axis_offset(moved(0)) == evidence.axis_offset(start)  # the base is unseen
 
 
 def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
@@ -272,17 +272,17 @@ def test_sampled_pixels_stay_on_what_moves() -> None:
 def test_two_threads_sample_the_same_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hypotheses on the same pixels are told by identity: a second sample changed the estimate."""
     one = JointPriors(np.zeros(1, bool), np.array([-1]), np.array([[0.0, 1.0, 0.0]]), None)
-    tracker = VideoTracker(evidence_of(door(0.5)), one, SETTINGS)
+    evidence = RgbEvidence(evidence_of(door(0.5)), one, SETTINGS)
     together = Barrier(2, timeout=60.0)
 
     def sample(*arguments: Any) -> SampledPixels:
         together.wait()
         return sample_pixels(*arguments)
 
-    monkeypatch.setattr("gcbench.gcpose.rgb.tracker.sample_pixels", sample)
+    monkeypatch.setattr("gcbench.gcpose.rgb.evidence.sample_pixels", sample)
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    first, second = thread_map(lambda _: tracker.sample((0, 3), 50), range(2))
-    assert first is second is tracker.sample((0, 3), 50)
+    first, second = thread_map(lambda _: evidence.sample((0, 3), 50), range(2))
+    assert first is second is evidence.sample((0, 3), 50)
 
 
 def test_options_make_another_row() -> None:

@@ -7,14 +7,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.beam import Beam, StepGrid, beam_search, select_by_steps
 from gcbench.gcpose.chain.priors import JointPriors
 from gcbench.gcpose.chain.settings import ChainSettings
 from gcbench.gcpose.chain.weak_prior import HingePrior
+from gcbench.gcpose.estimator import adjust
 from gcbench.gcpose.images.patches import PredictedPatches, find_patches
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import appearance
-from gcbench.gcpose.rgb.bundle import BundleFit, BundleSetup, BundleWeights, adjust_points
+from gcbench.gcpose.numerics import Solver
+from gcbench.gcpose.rgb.evidence import VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.flow_sweep import FlowStepCosts, places_at_depths
 from gcbench.gcpose.rgb.points import (
     InverseDepthPoints,
@@ -22,6 +25,7 @@ from gcbench.gcpose.rgb.points import (
     predict_places,
     predict_warps,
 )
+from gcbench.gcpose.rgb.residuals import RayResiduals, smoothness_blocks
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import inverse
 from scipy.sparse import csr_array
@@ -29,12 +33,36 @@ from scipy.spatial.distance import cdist
 
 from ...support.ray_scenes import INTRINSICS, chain, measured, texture
 
-SETTINGS = RgbSettings()
+SETTINGS = RgbSettings(patch_weight=1.0)
+
+
+class Measured:
+    """Evidence of points whose places are known in advance."""
+
+    def __init__(self, state: Articulation, hinges: HingePrior) -> None:
+        self.priors = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
+        self.solver = Solver(SETTINGS.damping, 1e-6, max_step=SETTINGS.max_step, scaled=True)
+        self.chain, self.hinges = SETTINGS.chain, hinges
+
+    def measure(self, hypothesis: VideoHypothesis, how: VideoAdjustment) -> RayResiduals:
+        points = hypothesis.points
+        return RayResiduals(points, self.hinges, INTRINSICS, how.depth_sigma,
+                            smoothness_blocks(points, SETTINGS), SETTINGS)
+
+    def label(self, hypothesis: VideoHypothesis, where: None) -> VideoHypothesis:
+        return hypothesis
+
+
+def fitted(
+    state: Articulation, points: InverseDepthPoints, hinges: HingePrior, how: VideoAdjustment
+) -> VideoHypothesis:
+    start = VideoHypothesis(state, points, hinges.point[0], 0.0)
+    return adjust(Measured(state, hinges), start, how)
 
 
 def adjusted(
     scale: float = 1.0, noise: float = 0.0, steps: bool = False
-) -> tuple[BundleFit, float]:
+) -> tuple[VideoHypothesis, float]:
     """The fit from half the angles and displaced axes, and its largest error in degrees."""
     true, _ = chain(scale)
     rays = measured(true, scale, noise, steps)
@@ -43,8 +71,7 @@ def adjusted(
     twist = off.twist.copy()
     twist[:, 3:] = np.cross(near + 0.01, twist[:, :3])
     state = replace(off, twist=twist, angle=0.5 * off.angle)
-    fit = adjust_points(state, rays, BundleSetup(INTRINSICS, 2, hinges),
-                        BundleWeights((50.0,) * 10 + (5.0,) * 20, 0.5, 1e-3), SETTINGS)
+    fit = fitted(state, rays, hinges, VideoAdjustment((50.0,) * 10 + (5.0,) * 20, prior=1e-3))
     return fit, float(np.degrees(np.abs(fit.state.angle - true.angle).max()))
 
 
@@ -112,17 +139,16 @@ def test_depths_of_neighbours_on_one_part_are_alike() -> None:
     noise = 20.0 * np.random.default_rng(7).standard_normal(there.shape)
     sure = rays.place_information * 0.1**2 / 20.0**2
     rays = replace(rays, place=there + noise, place_information=sure)
-    scales, setup = (3.0,) * 6, BundleSetup(INTRINSICS, 2, HingePrior(at, 0.1))
     alone, together = (
-        adjust_points(true, replace(rays, neighbors=near), setup, BundleWeights(scales, 0.5),
-                      SETTINGS)
+        fitted(true, replace(rays, neighbors=near), HingePrior(at, 0.1),
+               VideoAdjustment((3.0,) * 6)).points.inverse_depth
         for near in (None, neighbors(rays))
     )
     for part in (1, 2, 3):
         mine = rays.label == part
-        assert together.inverse_depth[mine].std() < 0.8 * alone.inverse_depth[mine].std()
-    apart = [fit.inverse_depth[rays.label == 2].mean() - fit.inverse_depth[rays.label != 2].mean()
-             for fit in (alone, together)]
+        assert together[mine].std() < 0.8 * alone[mine].std()
+    apart = [depth[rays.label == 2].mean() - depth[rays.label != 2].mean()
+             for depth in (alone, together)]
     assert apart[1] > 0.7 * apart[0] > 0.05  # parts that are behind one another stay apart
 
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.estimator import BundleEquations
+from gcbench.gcpose.rgb.evidence import VideoHypothesis
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.settings import RgbSettings
-from gcbench.gcpose.rgb.tracker import VideoHypothesis
 from gcbench.gcpose.rgb.uncertainty import Alternative, reported_deviation, spread_of_motions
 
 from ...support.ray_scenes import chain

@@ -12,11 +12,11 @@ from gcbench.gcpose.estimator import Hypothesis
 from gcbench.gcpose.images import ImageSettings, surfaces_from_depth
 from gcbench.gcpose.rgbd import RgbdSettings
 from gcbench.gcpose.rgbd.depth_sweep import DepthStepCosts, sweep_depth
+from gcbench.gcpose.rgbd.evidence import RgbdEvidence
 from gcbench.gcpose.rgbd.kernels import columns
 from gcbench.gcpose.rgbd.labels import Clouds, moving_mask
 from gcbench.gcpose.rgbd.search import motion_difference, select_by_motion
 from gcbench.gcpose.rgbd.settings import LabelSettings
-from gcbench.gcpose.rgbd.tracker import Tracker
 
 from ...support.boxes import INTRINSICS, scene, told
 
@@ -28,14 +28,14 @@ def test_a_sweep_holds_the_first_steps_without_any_flow() -> None:
     known = joint_priors(told(observation, "axes"))
     blank = np.zeros((*observation.depth.shape, 3), np.uint8)
     where = moving_mask(surfaces, blank, LabelSettings())
-    tracker = Tracker(surfaces, blank, where, known, RgbdSettings(), 500)
-    found = sweep_depth(tracker, 3, 12)
+    evidence = RgbdEvidence(surfaces, blank, where, known, RgbdSettings(), 500)
+    found = sweep_depth(evidence, 3, 12)
     off = [np.abs(h.state.angle[3] - angle[3]).max() for h in found]
     assert len(found) == 12 and min(off) < np.radians(4.0)
     assert all(a.cost <= b.cost for a, b in pairwise(found))
-    assert tracker.coarser(100).base_candidates is tracker.base_candidates
-    free = sweep_depth(Tracker(surfaces, blank, where, joint_priors(told(observation, "free")),
-                         RgbdSettings(), 500), 3, 9)
+    assert evidence.coarser(100).base_candidates is evidence.base_candidates
+    unknown = joint_priors(told(observation, "free"))
+    free = sweep_depth(RgbdEvidence(surfaces, blank, where, unknown, RgbdSettings(), 500), 3, 9)
     for h in free:  # upright, then along or across
         first, second = h.state.twist[:, :3]
         assert first[0] == 0 and first[1] < 0

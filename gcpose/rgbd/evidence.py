@@ -1,26 +1,40 @@
-"""EM over a video (Sec. 3.2): labels by all residuals, motion by bundle adjustment."""
+"""Evidence of depth: candidates of the moving parts, their labels, and their residuals."""
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Articulation, HingePrior, JointPriors, extent, locate_hinges
-from ..estimator import Hypothesis, label_difference, select_distinct
+from ..chain import HingePrior, JointPriors, extent, locate_hinges
+from ..estimator import Adjustment, Hypothesis, Round, label_difference, select_distinct, track
 from ..images import Surfaces, geodesic_rank, smooth_costs
-from .bundle import Views, adjust
+from ..numerics import Solver
 from .labels import Candidates, Cloud, Clouds, changed_mask, label_costs, sample_candidates
+from .residuals import SurfaceResiduals, surface_residuals
 from .settings import RgbdSettings
 
 DepthHypothesis = Hypothesis[Clouds]
 
 
-class Tracker:
-    """EM on one video: the labels of key frames' points follow the motion of a hypothesis."""
+@dataclass(frozen=True)
+class Labeling:
+    """How candidates get labels."""
+
+    width: float = 1.0
+    """Standard deviation of a candidate's place, footprints"""
+    added: tuple[int, ...] = ()
+    """New key frames"""
+
+
+DepthRound = Round[Adjustment, Labeling]
+
+
+class RgbdEvidence:
+    """A video with depth (see `estimator.Evidence`)."""
 
     def __init__(
         self, surfaces: Surfaces, rgb: NDArray[np.uint8], moving_mask: NDArray[np.bool_],
@@ -28,7 +42,9 @@ class Tracker:
     ) -> None:
         """Prepare a video with images [T H W 3] and pixels that may show a moving part [T H W];
         `most` is the number of candidates of a frame (default: as in the settings)."""
-        self.settings = settings
+        tuned = settings.bundle
+        self.settings, self.chain = settings, settings.chain
+        self.solver = Solver(tuned.damping, tuned.damping_floor, max_step=tuned.max_step)
         self.surfaces, self.rgb, self.moving_mask, self.priors = surfaces, rgb, moving_mask, priors
         self.most = most or (settings.candidates_noisy if surfaces.noise else settings.candidates)
         self._grids: dict[int, Candidates] = {}
@@ -78,14 +94,15 @@ class Tracker:
             out[-1][self.moving] = rank
         return out
 
-    def coarser(self, most: int) -> Tracker:
-        """Return a tracker with fewer candidates and the same candidates of the base."""
-        out = Tracker(self.surfaces, self.rgb, self.moving_mask, self.priors, self.settings, most)
+    def coarser(self, most: int) -> RgbdEvidence:
+        """Return evidence with fewer candidates and the same candidates of the base."""
+        out = RgbdEvidence(
+            self.surfaces, self.rgb, self.moving_mask, self.priors, self.settings, most)
         out.base_candidates = self.base_candidates
         return out
 
-    def without_flow(self) -> Tracker:
-        """Return a tracker that uses depth alone."""
+    def without_flow(self) -> RgbdEvidence:
+        """Return the evidence of depth alone."""
         out = copy(self)
         out.surfaces = replace(self.surfaces, flow=None)
         return out
@@ -97,9 +114,9 @@ class Tracker:
             self._grids[frame] = sample_candidates(self.surfaces, mask, frame, self.most)
         return self._grids[frame]
 
-    def label(self, motion: Array, frame: int, width: float = 1.0) -> tuple[Cloud, float]:
-        """Label a frame's candidates under motions [T J+1 4 4] (E-step); return them, and their
-        mean cost by frame in variances."""
+    def label_frame(self, motion: Array, frame: int, width: float = 1.0) -> tuple[Cloud, float]:
+        """Label a frame's candidates under motions [T J+1 4 4]; return them, and their mean cost by
+        frame in variances."""
         grid = self.grid(frame)
         volume = smooth_costs(self.label_costs(motion, frame, width), grid, self.surfaces.noise > 0)
         cost = float(volume.min(axis=1).mean()) / max(1, len(motion) - 1)
@@ -123,45 +140,41 @@ class Tracker:
                                for cloud in hypothesis.points])
         return float((cost > self.settings.tracker.unexplained_cost * last).mean())
 
-    def relabel(
-        self, before: DepthHypothesis, state: Articulation, width: float = 1.0,
-        added: tuple[int, ...] = (),
-    ) -> DepthHypothesis:
-        """Label the key frames of a hypothesis and those added under another state (E-step)."""
-        motion = state.motions(len(state.angle))
-        both = [self.label(motion, frame, width)
-                for frame in (*(c.frame for c in before.points), *added)]
+    def label(self, hypothesis: DepthHypothesis, where: Labeling) -> DepthHypothesis:
+        """Label the key frames of a hypothesis, and those that are added (E-step)."""
+        motion = hypothesis.state.motions(len(hypothesis.state.angle))
+        frames = *(c.frame for c in hypothesis.points), *where.added
+        both = [self.label_frame(motion, frame, where.width) for frame in frames]
         cost = float(np.mean([c for _, c in both]))
-        return Hypothesis(state, Clouds(c for c, _ in both), before.base, cost)
+        return replace(hypothesis, points=Clouds(c for c, _ in both), cost=cost)
+
+    def measure(self, hypothesis: DepthHypothesis, how: Adjustment) -> SurfaceResiduals:
+        """Return the residuals of the points of a hypothesis; robust scales are in footprints."""
+        return surface_residuals(self.surfaces, hypothesis.points, self.hinge_prior(hypothesis),
+                                 self.settings.bundle)
+
+    def em_round(
+        self, scales: tuple[float, ...] = (), fixed_axes: bool = False, width: float = 1.0
+    ) -> DepthRound:
+        """Return a round of EM, with the least width of its labels."""
+        scales = scales or self.settings.tracker.em_scales
+        return (Adjustment(scales, fixed_axes),), Labeling(max(width, scales[-1]))
 
     def track(
         self, hypothesis: DepthHypothesis, until: int, scales: tuple[float, ...] = (),
         fixed_axes: bool = False,
     ) -> DepthHypothesis:
-        """Extend a hypothesis frame by frame to frame `until`; robust scales in footprints."""
+        """Extend a hypothesis to frame `until`: first each new frame alone, then with all."""
         tuned = self.settings.tracker
         scales = scales or tuned.track_scales
-        for last in range(len(hypothesis.state.angle), until + 1):
-            angle = hypothesis.state.angle
-            step = angle[-1] - angle[-2] if last > 1 else np.zeros_like(angle[-1])
-            state = replace(hypothesis.state, angle=np.concatenate([angle, angle[-1:] + step]))
-            state = self.fit(hypothesis, state, tuned.extend_scales, newest=True)
-            state = self.fit(hypothesis, state, scales, fixed_axes)
-            added = (last,) if last % tuned.key_frame_step == 0 else ()
-            hypothesis = self.relabel(hypothesis, state, max(1.0, scales[-1]), added)
-        return hypothesis
+        both = Adjustment(tuned.extend_scales, newest=True), Adjustment(scales, fixed_axes)
 
-    def run_em(
-        self, hypothesis: DepthHypothesis, rounds: int, scales: tuple[float, ...] = (),
-        fixed_axes: bool = False, width: float = 1.0,
-    ) -> DepthHypothesis:
-        """Run rounds of EM on the frames of a hypothesis, with robust scales of an M-step and the
-        least standard deviation of a candidate's place in an E-step, footprints."""
-        scales = scales or self.settings.tracker.em_scales
-        for _ in range(rounds):
-            state = self.fit(hypothesis, hypothesis.state, scales, fixed_axes)
-            hypothesis = self.relabel(hypothesis, state, max(width, scales[-1]))
-        return hypothesis
+        def rounds_of(extended: DepthHypothesis) -> list[DepthRound]:
+            last = len(extended.state.angle) - 1
+            added = () if last % tuned.key_frame_step else (last,)
+            return [(both, Labeling(max(1.0, scales[-1]), added))]
+
+        return track(self, hypothesis, until, rounds_of)
 
     def hinge_prior(self, hypothesis: DepthHypothesis) -> HingePrior:
         """Return where the labels of frame 0 put the hinges."""
@@ -169,15 +182,6 @@ class Tracker:
         at = locate_hinges(cloud.point, cloud.label, hypothesis.base, self.priors.parent, chain)
         size = extent(cloud.point[self.moving], chain)
         return HingePrior(at, self.settings.tracker.hinge_slack * size)
-
-    def fit(
-        self, hypothesis: DepthHypothesis, state: Articulation, scales: tuple[float, ...],
-        fixed_axes: bool = False, newest: bool = False,
-    ) -> Articulation:
-        """Adjust an articulation to the labelled points of a hypothesis (M-step)."""
-        axis_dof = 0 if fixed_axes else self.priors.axis_dof
-        views = Views(self.surfaces, hypothesis.points, self.hinge_prior(hypothesis))
-        return adjust(views, state, axis_dof, scales, self.settings, newest)[0]
 
 
 def select_by_labels(

@@ -1,16 +1,16 @@
-"""EM over a video without depth (Sec. 3.2 to 3.4): labels and motion by flow and by patches."""
+"""Evidence of plain video: sampled pixels, their labels, and residuals by flow and patches."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...robots.geometry import Array, inverse
 from ..chain import HingePrior, JointPriors, locate_hinges, offset_from_axis
-from ..estimator import Hypothesis
+from ..estimator import Adjustment, Hypothesis, Round, run_em, track
 from ..images import VideoEvidence, geodesic_rank
-from .bundle import BundleSetup, BundleWeights, adjust_points
+from ..numerics import Solver
 from .costs import MovedRays, flow_costs, patch_costs
 from .labels import (
     SampledPixels,
@@ -29,9 +29,26 @@ from .points import (
     project_rays,
     track_misfit,
 )
+from .residuals import RayResiduals, smoothness_blocks
 from .settings import RgbSettings
 
 VideoHypothesis = Hypothesis[InverseDepthPoints]
+PACE_STEPS = 2
+"""Last steps whose mean pace is extrapolated while tracking."""
+
+
+@dataclass(frozen=True)
+class VideoAdjustment(Adjustment):
+    """How points are measured and adjusted."""
+
+    depth_sigma: float = 0.5
+    """Standard deviation of inverse depths about the expected ones"""
+    patches: tuple[float, int] | None = None
+    """Search radius of patches, px, and frames before and after their own in which they are
+    searched; None: by flow instead"""
+
+
+VideoRound = Round[VideoAdjustment, SampledPixels]
 
 
 def places_at_start(hypothesis: VideoHypothesis, key: int) -> Array:
@@ -43,12 +60,14 @@ def places_at_start(hypothesis: VideoHypothesis, key: int) -> Array:
     return np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
 
 
-class VideoTracker:
-    """EM steps of hypotheses on one video."""
+class RgbEvidence:
+    """A plain video (see `estimator.Evidence`)."""
 
-    def __init__(self, evidence: VideoEvidence, known: JointPriors, settings: RgbSettings) -> None:
-        self.evidence, self.known, self.settings = evidence, known, settings
-        self.joints = len(known.prismatic)
+    def __init__(self, video: VideoEvidence, priors: JointPriors, settings: RgbSettings) -> None:
+        self.video, self.priors = video, priors
+        self.settings, self.chain = settings, settings.chain
+        self.solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
+        self.joints = len(priors.prismatic)
         self._samples: dict[tuple[tuple[int, ...], int], SampledPixels] = {}
         self._ranks: dict[tuple[SampledPixels, tuple[float, ...]], Array] = {}
 
@@ -56,14 +75,15 @@ class VideoTracker:
         """Return about `most` pixels of each key frame, the same object in each call."""
         if (frames, most) not in self._samples:  # two threads may sample: both get the first
             self._samples.setdefault(
-                (frames, most), sample_pixels(self.evidence, frames, most, self.settings))
+                (frames, most), sample_pixels(self.video, frames, most, self.settings))
         return self._samples[frames, most]
 
-    def relabel(self, hypothesis: VideoHypothesis, points: SampledPixels) -> VideoHypothesis:
-        """E-step: label `points`, which need not be the hypothesis' own."""
+    def label(self, hypothesis: VideoHypothesis, where: SampledPixels) -> VideoHypothesis:
+        """Label pixels, which need not be the hypothesis' own (E-step)."""
+        points = where
         own = hypothesis.points.ray is points.ray
         keys, key = np.unique(points.frame, return_inverse=True)
-        k = self.evidence.intrinsics
+        k = self.video.intrinsics
         rays = MovedRays(
             points.ray, key, motions_from_frames(hypothesis.state, keys),
             (float(k[0, 0]), float(k[0, 2]), float(k[1, 2])))
@@ -71,7 +91,7 @@ class VideoTracker:
         depth = np.repeat(depth[:, None], self.joints, axis=1)
         by_flow = np.zeros_like(depth)
         for iterations in self.settings.depth_rounds:
-            by_flow, depth = flow_costs(rays, depth, self.evidence, iterations, self.settings)
+            by_flow, depth = flow_costs(rays, depth, self.video, iterations, self.settings)
             if iterations:
                 depth = points.average(depth)
         cost = by_flow
@@ -101,7 +121,7 @@ class VideoTracker:
 
         An axis counts 1/2 at the distance `settings.axis_offset`, and 1 at most.
         """
-        carried = (self.known.parent >= 0) & ~self.known.prismatic
+        carried = (self.priors.parent >= 0) & ~self.priors.prismatic
         away = offset_from_axis(hypothesis.state.twist, self.hinges(hypothesis).point)[carried]
         square = (away**2).sum(axis=1)
         return float((square / (square + self.settings.axis_offset**2)).sum())
@@ -114,7 +134,7 @@ class VideoTracker:
             for f in np.unique(points.frame):
                 mine = points.frame == f
                 out[mine] = geodesic_rank(
-                    points.ray[mine], base[None], self.evidence.settings)
+                    points.ray[mine], base[None], self.video.settings)
             self._ranks[name] = out
         return self._ranks[name]
 
@@ -124,93 +144,57 @@ class VideoTracker:
         first = int(points.frame.min())
         meet = locate_hinges(
             places_at_start(hypothesis, first), points.label[points.frame == first],
-            hypothesis.base, self.known.parent, self.settings.chain)
+            hypothesis.base, self.priors.parent, self.settings.chain)
         return HingePrior(meet, self.settings.hinge_slack)
 
-    def adjust(
-        self, hypothesis: VideoHypothesis, points: InverseDepthPoints, weights: BundleWeights
-    ) -> VideoHypothesis:
-        """M-step: adjust the articulation and depths to measured points."""
-        information = self.settings.patch_weight * points.place_information
-        fit = adjust_points(
-            hypothesis.state, replace(points, place_information=information),
-            BundleSetup(self.evidence.intrinsics, self.known.axis_dof, self.hinges(hypothesis)),
-            weights, self.settings)
-        return replace(hypothesis, state=fit.state, equations=fit.equations,
-                       points=replace(points, inverse_depth=fit.inverse_depth))
-
-    def refine_by_flow(
-        self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int,
-        weights: BundleWeights,
-    ) -> VideoHypothesis:
-        """EM with the flow."""
-        for _ in range(rounds):
-            measured = measure_flow(
-                self.evidence, hypothesis.state, hypothesis.points, self.settings)
-            hypothesis = self.adjust(hypothesis, measured, weights)
-            hypothesis = self.relabel(hypothesis, points)
-        return hypothesis
+    def measure(self, hypothesis: VideoHypothesis, how: VideoAdjustment) -> RayResiduals:
+        """Measure the points of a hypothesis by flow, or by patches, which do not drift, and by
+        tracks where these are more certain."""
+        s, state, points = self.settings, hypothesis.state, hypothesis.points
+        if how.patches is None:
+            points = measure_flow(self.video, state, points, s)
+        else:
+            points = measure_patches(self.video, state, points, *how.patches, s)
+            points = add_tracks(self.video, points, s)
+        return RayResiduals(points, self.hinges(hypothesis), self.video.intrinsics,
+                            how.depth_sigma, smoothness_blocks(points, s), s)
 
     def refine_by_patches(
         self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float
     ) -> VideoHypothesis:
-        """EM with patches, which do not drift, and with tracks where these are more certain.
-
-        The cost becomes the misfit of patches and tracks, with a penalty for jerky motion.
-        """
+        """EM with patches and tracks. The cost becomes their misfit, with a penalty for jerky
+        motion."""
         s = self.settings
-        for i in range(rounds):
-            near, span = (s.patch_reach, s.patch_span) if i else (reach, s.patch_span_first)
-            scales = s.final_scales if i else s.refine_scales
-            hypothesis = self._adjust_to_patches(
-                hypothesis, near, span, BundleWeights(scales, s.depth_sigma_bundle))
-            hypothesis = self.relabel(hypothesis, points)
+        other = VideoAdjustment(s.final_scales, depth_sigma=s.depth_sigma_bundle,
+                                patches=(s.patch_reach, s.patch_span))
+        first = replace(other, scales=s.refine_scales, patches=(reach, s.patch_span_first))
+        hypothesis = run_em(
+            self, hypothesis, [((how,), points) for how in (first, *[other] * (rounds - 1))])
         jerk = np.diff(hypothesis.state.angle, 2, axis=0)
         jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
-        fit = patch_misfit(self.evidence, hypothesis.state, hypothesis.points, s)
-        fit += s.score_tracks * track_misfit(self.evidence, hypothesis.state, hypothesis.points, s)
+        fit = patch_misfit(self.video, hypothesis.state, hypothesis.points, s)
+        fit += s.score_tracks * track_misfit(self.video, hypothesis.state, hypothesis.points, s)
         return replace(hypothesis, cost=fit + s.score_jerk * jerky)
 
-    def _adjust_to_patches(
-        self, hypothesis: VideoHypothesis, reach: float, span: int, weights: BundleWeights
-    ) -> VideoHypothesis:
-        points = measure_patches(self.evidence, hypothesis.state, hypothesis.points, reach, span,
-                                 self.settings)
-        points = add_tracks(self.evidence, points, self.settings)
-        return self.adjust(hypothesis, points, weights)
-
-    def extend(self, hypothesis: VideoHypothesis, until: int) -> VideoHypothesis:
-        """Extrapolate the displacements to frame `until` at constant velocity."""
-        angle = hypothesis.state.angle
-        more = until + 1 - len(angle)
-        if more <= 0:
-            return hypothesis
-        pace = (angle[-1] - angle[-min(3, len(angle))]) / (min(3, len(angle)) - 1)
-        rest = angle[-1] + np.arange(1, more + 1)[:, None] * pace
-        state = replace(hypothesis.state, angle=np.concatenate([angle, rest]))
-        return replace(hypothesis, state=state)
+    def tracking_round(self, points: SampledPixels) -> VideoRound:
+        """Return a round of EM with patches on the frames so far, with stronger priors: these
+        frames are few."""
+        s = self.settings
+        other = VideoAdjustment(
+            s.tracking_scales, prior=s.tracking_prior, depth_sigma=s.depth_sigma_tracking,
+            patches=(s.patch_reach, s.patch_span))
+        first = replace(other, scales=s.tracking_scales_first,
+                        patches=(s.patch_reach_new, s.patch_span))
+        return (first, other), points
 
     def track(self, hypothesis: VideoHypothesis, until: int) -> VideoHypothesis:
-        """Track on to frame `until` by patches: flow shows too little motion on plain surfaces."""
-        s = self.settings
-        while True:
-            now = len(hypothesis.state.angle) - 1
-            points = self.sample(tuple(range(0, now + 1, s.key_frame_step)), s.tracking_points)
-            if hypothesis.points.ray is not points.ray:
-                hypothesis = self.relabel(hypothesis, points)
-            hypothesis = self.refine_tracked(hypothesis, points)
-            if now >= until:
-                return hypothesis
-            hypothesis = self.extend(hypothesis, now + 1)
+        """Refine a hypothesis, and extend it to frame `until` by patches: flow shows too little
+        motion on plain surfaces."""
+        def rounds_of(extended: VideoHypothesis) -> list[VideoRound]:
+            keys = tuple(range(0, len(extended.state.angle), self.settings.key_frame_step))
+            points = self.sample(keys, self.settings.tracking_points)
+            known = extended.points.ray is points.ray
+            return [*([] if known else [((), points)]), self.tracking_round(points)]
 
-    def refine_tracked(
-        self, hypothesis: VideoHypothesis, points: SampledPixels
-    ) -> VideoHypothesis:
-        """EM with patches on the frames so far, with stronger priors: these frames are few."""
-        s = self.settings
-        rounds = ((s.patch_reach_new, s.tracking_scales_first), (s.patch_reach, s.tracking_scales))
-        for reach, scales in rounds:
-            hypothesis = self._adjust_to_patches(
-                hypothesis, reach, s.patch_span,
-                BundleWeights(scales, s.depth_sigma_tracking, s.tracking_prior))
-        return self.relabel(hypothesis, points)
+        hypothesis = run_em(self, hypothesis, rounds_of(hypothesis))
+        return track(self, hypothesis, until, rounds_of, PACE_STEPS)
