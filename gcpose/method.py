@@ -83,7 +83,9 @@ class GCPose:
                                  settings.images)
         else:
             found = estimate_rgbd(observation, priors, self.flow, settings.rgbd, settings.images)
-        found = found or self._static(observation, priors)
+        if (found is None or found.sigma is None
+                or not np.isfinite([found.displacement, found.sigma]).all()):
+            found = self._static(observation, priors)
         limit = np.where(priors.prismatic, _RELIABLE_SLIDE, _RELIABLE_TURN)
         return replace(found, reliable=None if found.sigma is None else found.sigma[-1] <= limit)
 

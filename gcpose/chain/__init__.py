@@ -5,6 +5,7 @@ from __future__ import annotations
 from .articulation import Articulation, axis_bases, extrapolate_to, take_step
 from .beam import (
     Beam,
+    StepCosts,
     StepGrid,
     axis_directions,
     axis_twists,
@@ -22,7 +23,7 @@ from .weak_prior import HingePrior, offset_from_axis, prior_equations
 
 __all__ = [
     "Articulation", "Beam", "ChainSettings", "Chains", "Goal", "HingePrior", "JointPriors",
-    "StepGrid", "add_normal_equations", "ancestors", "axis_bases", "axis_directions",
+    "StepCosts", "StepGrid", "add_normal_equations", "ancestors", "axis_bases", "axis_directions",
     "axis_from_twist", "axis_twists", "beam_search", "displace_axis", "extent", "extrapolate_to",
     "fit_chains", "fit_displacements", "joint_priors", "locate_hinges", "misfit",
     "offset_from_axis", "prior_equations", "relative_derivatives", "screws_of", "select_by_steps",

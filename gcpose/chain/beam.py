@@ -7,8 +7,9 @@ hardly matters for a small turn.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from scipy.spatial.distance import cdist
 
 from ...robots.geometry import Array
 from ..numerics import Image
+from .articulation import Articulation
 from .kinematics import part_motions
 from .priors import JointPriors
 from .settings import ChainSettings
@@ -23,17 +25,29 @@ from .settings import ChainSettings
 _ALONE = np.array([-1])  # the parent of a joint that is moved alone
 
 
-class StepCosts(Protocol):
-    """Costs of N points in a frame."""
+@dataclass(frozen=True)
+class StepCosts:
+    """Costs of N points in a frame, by compiled loops that fill in their last argument."""
+
+    points: int
+    """N"""
+    fill_costs: Callable[[Array, Image], None]
+    """Costs [M N] of the points under each of motion [M 4 4]."""
+    fill_means: Callable[[Array, Array, Image, Image], None]
+    """Mean costs [M P] of M chains with one more part, which moves by any of motion [M 4 4] times
+    any of turn [P 4 4], and with costs before [M N]."""
 
     def costs(self, motion: Array) -> Image:
         """Return costs [M N] of the points under each of motion [M 4 4]."""
-        ...
+        out = np.empty((len(motion), self.points), np.float32)
+        self.fill_costs(motion, out)
+        return out
 
     def means(self, motion: Array, turn: Array, before: Image) -> Image:
-        """Return mean costs [M P] of M chains with costs `before` [M N] and one more part, which
-        moves by any of motion [M 4 4] times any of turn [P 4 4]."""
-        ...
+        """Return mean costs [M P] of chains with one more part (see `fill_means`)."""
+        out = np.empty((len(motion), len(turn)), np.float32)
+        self.fill_means(motion, turn, before, out)
+        return out
 
 
 @dataclass(frozen=True)
@@ -63,6 +77,12 @@ class Beam(NamedTuple):
     """[M j 6]"""
     angle: Array
     """[M j] rad or m"""
+
+    def articulations(self, priors: JointPriors, to: int) -> list[Articulation]:
+        """Return chains of all joints that make their steps evenly from frame 0 to `to`."""
+        return [Articulation(twist, np.linspace(0 * end, end, to + 1), priors.prismatic,
+                             priors.parent)
+                for twist, end in zip(self.twist, self.angle, strict=True)]
 
 
 def beam_search(

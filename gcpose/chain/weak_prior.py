@@ -20,6 +20,8 @@ class HingePrior:
     """[J 3] m"""
     slack: float
     """Standard deviation of the distance, m"""
+    near: Array
+    """[J 3] m, a point of each part, about which its axis is turned"""
 
 
 def prior_equations(

@@ -11,10 +11,11 @@ from .hypothesis import (
     calibrate_deviation,
     label_difference,
     select_distinct,
+    spread_of_motions,
 )
 
 __all__ = [
     "Adjustment", "BundleEquations", "Evidence", "Hypothesis", "LabeledPoints", "Residuals",
     "Round", "adjust", "align_displacements", "calibrate_deviation", "label_difference",
-    "refine_in_stages", "run_em", "select_distinct", "track",
+    "refine_in_stages", "run_em", "select_distinct", "spread_of_motions", "track",
 ]

@@ -62,16 +62,6 @@ class Residuals(Protocol[_P_co]):
         """The points, with what was last estimated of each."""
         ...
 
-    @property
-    def hinges(self) -> HingePrior:
-        """Where the axes should pass."""
-        ...
-
-    @property
-    def near(self) -> Array:
-        """[J 3] a point of each joint's part, about which its axis turns."""
-        ...
-
     def linearize(
         self, state: Articulation, basis: tuple[Array, ...], scale: float,
         prior: tuple[Array, Array],
@@ -88,11 +78,15 @@ class Evidence(Protocol[_P, _A_contra, _L_contra]):
     solver: Solver
     chain: ChainSettings
 
+    def hinges(self, hypothesis: Hypothesis[_P]) -> HingePrior:
+        """Return where the parts of a hypothesis meet."""
+        ...
+
     def measure(self, hypothesis: Hypothesis[_P], how: _A_contra) -> Residuals[_P]:
         """Measure the points of a hypothesis where it expects them."""
         ...
 
-    def label(self, hypothesis: Hypothesis[_P], where: _L_contra) -> Hypothesis[_P]:
+    def label(self, hypothesis: Hypothesis[_P], where: _L_contra, /) -> Hypothesis[_P]:
         """Label points by the motion of a hypothesis, and find its cost (E-step)."""
         ...
 
@@ -101,11 +95,10 @@ def adjust(evidence: Evidence[_P, _A, _L], hypothesis: Hypothesis[_P], how: _A) 
     """Adjust displacements, axes and points of a hypothesis to what is measured of the points, by
     damped Gauss-Newton (M-step)."""
     state, equations = hypothesis.state, hypothesis.equations
-    residuals = evidence.measure(hypothesis, how)
-    near, hinges = residuals.near, residuals.hinges
+    residuals, hinges = evidence.measure(hypothesis, how), evidence.hinges(hypothesis)
     axis_dof = 0 if how.newest or how.fixed_axes else evidence.priors.axis_dof
     for scale in how.scales:
-        basis = axis_bases(state, near, axis_dof)
+        basis = axis_bases(state, hinges.near, axis_dof)
         matrix, vector = prior_equations(state, basis, hinges, evidence.chain)
         equations, after = residuals.linearize(
             state, basis, scale, (how.prior * matrix, how.prior * vector))

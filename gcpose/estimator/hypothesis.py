@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -83,6 +83,22 @@ def calibrate_deviation(formal: Array, factor: float, floor: Array | float, most
     """
     sigma = np.minimum(np.hypot(factor * formal, floor), most)
     return np.concatenate([0 * sigma[:1], sigma])
+
+
+def spread_of_motions(
+    best: Articulation, others: Iterable[tuple[Articulation, float]], excess: float
+) -> Array:
+    """Return the standard deviation [T-1 J] of other motions about the best one.
+
+    Each comes with its score above the best of its stage: its weight is 1/e at an `excess`.
+    """
+    total, square = 1.0, np.zeros_like(best.angle[1:])
+    for other, above in others:
+        weight = np.exp(-above / excess)
+        away = align_displacements(best, other) - best.angle
+        total += weight
+        square += weight * away[1:] ** 2
+    return np.asarray(np.sqrt(square / total), np.float64)
 
 
 def label_difference(one: Hypothesis[_P], two: Hypothesis[_P]) -> float:

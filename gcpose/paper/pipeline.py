@@ -25,7 +25,6 @@ from ..images import (
     Depth,
     Flow,
     FrontEnd,
-    VideoEvidence,
     find_depth,
     find_flow,
     for_cuts_of,
@@ -194,19 +193,15 @@ class _Video:
     """[3] of each frame, at depth 1"""
     settings: PublishedSettings
 
-    @property
-    def images(self) -> VideoEvidence:
-        return self.evidence.video
-
     def match(self, k: int, flow: Image) -> MatchedParts | None:
         """Parts between frame k and the next."""
-        matcher = PartMatcher(float(self.images.intrinsics[0, 0]), self.evidence.joints,
+        matcher = PartMatcher(float(self.evidence.video.intrinsics[0, 0]), self.evidence.joints,
                               self.settings.paper, self.settings.images)
         return matcher.match(self.points[k], self.bases[k], flow)
 
     def match_all(self) -> list[MatchedParts | None]:
         """The same for all frames, by the flow of the video."""
-        return [self.match(k, flow) for k, flow in enumerate(self.images.flow)]
+        return [self.match(k, flow) for k, flow in enumerate(self.evidence.video.flow)]
 
 
 def _observe(
@@ -236,7 +231,7 @@ def _tune(video: _Video | None, network: Any) -> _Video | None:
 
     if video is None or video.observation.rgb is None or video.observation.flow is not None:
         return video
-    rgb, measured = video.observation.rgb, video.images
+    rgb, measured = video.observation.rgb, video.evidence.video
     height, width = measured.moving.shape[1:]
     left, top = measured.corner
     crop = np.ascontiguousarray(rgb[:, top : top + height, left : left + width])

@@ -6,8 +6,8 @@ from .evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from .labels import SampledPixels
 from .pipeline import estimate_rgb
 from .points import InverseDepthPoints
+from .search import base_candidates
 from .settings import RgbSettings
-from .strategies import base_candidates
 
 __all__ = [
     "InverseDepthPoints", "RgbEvidence", "RgbSettings", "SampledPixels", "VideoAdjustment",

@@ -78,9 +78,8 @@ class RgbEvidence:
                 (frames, most), sample_pixels(self.video, frames, most, self.settings))
         return self._samples[frames, most]
 
-    def label(self, hypothesis: VideoHypothesis, where: SampledPixels) -> VideoHypothesis:
+    def label(self, hypothesis: VideoHypothesis, points: SampledPixels) -> VideoHypothesis:
         """Label pixels, which need not be the hypothesis' own (E-step)."""
-        points = where
         own = hypothesis.points.ray is points.ray
         keys, key = np.unique(points.frame, return_inverse=True)
         k = self.video.intrinsics
@@ -110,11 +109,11 @@ class RgbEvidence:
         labeled = replace(
             hypothesis.points, frame=points.frame, ray=points.ray, label=label + 1,
             inverse_depth=depth[mine], expected=points.expected, neighbors=points.neighbors)
-        s, out = self.settings, replace(
-            hypothesis, points=labeled, cost=float(cost[mine].mean()))
-        order = s.score_inversions * label_inversions(label, rank, points.frame)
-        return replace(out, penalty=s.score_flow * float(by_flow[mine].mean()) + order
-                       + s.score_offset * self.axis_offset(out))
+        s, out = self.settings, replace(hypothesis, points=labeled, cost=float(cost[mine].mean()))
+        penalty = (s.score_flow * float(by_flow[mine].mean())
+                   + s.score_inversions * label_inversions(label, rank, points.frame)
+                   + s.score_offset * self.axis_offset(out))
+        return replace(out, penalty=penalty)
 
     def axis_offset(self, hypothesis: VideoHypothesis) -> float:
         """Return the number of axes far from their hinges, of joints that a part carries.
@@ -133,8 +132,7 @@ class RgbEvidence:
             out = np.zeros(len(points.frame))
             for f in np.unique(points.frame):
                 mine = points.frame == f
-                out[mine] = geodesic_rank(
-                    points.ray[mine], base[None], self.video.settings)
+                out[mine] = geodesic_rank(points.ray[mine], base[None], self.video.settings)
             self._ranks[name] = out
         return self._ranks[name]
 
@@ -145,7 +143,7 @@ class RgbEvidence:
         meet = locate_hinges(
             places_at_start(hypothesis, first), points.label[points.frame == first],
             hypothesis.base, self.priors.parent, self.settings.chain)
-        return HingePrior(meet, self.settings.hinge_slack)
+        return HingePrior(meet, self.settings.hinge_slack, meet)
 
     def measure(self, hypothesis: VideoHypothesis, how: VideoAdjustment) -> RayResiduals:
         """Measure the points of a hypothesis by flow, or by patches, which do not drift, and by
@@ -156,8 +154,8 @@ class RgbEvidence:
         else:
             points = measure_patches(self.video, state, points, *how.patches, s)
             points = add_tracks(self.video, points, s)
-        return RayResiduals(points, self.hinges(hypothesis), self.video.intrinsics,
-                            how.depth_sigma, smoothness_blocks(points, s), s)
+        return RayResiduals(points, self.video.intrinsics, how.depth_sigma,
+                            smoothness_blocks(points, s), s)
 
     def refine_by_patches(
         self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float

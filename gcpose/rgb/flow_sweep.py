@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Beam, JointPriors, StepGrid, beam_search, spread_places, subsample
+from ..chain import Beam, JointPriors, StepCosts, StepGrid, beam_search, spread_places, subsample
 from ..images import VideoEvidence
 from ..numerics import Image, compiled
 from .labels import SampledPixels
@@ -37,7 +35,7 @@ def places_at_depths(rays: Array, depths: tuple[float, ...]) -> Array:
 
 def accumulate_flow(
     evidence: VideoEvidence, points: SampledPixels, to: int, settings: RgbSettings
-) -> FlowStepCosts:
+) -> StepCosts:
     """Follow points of frame 0 along the flow to frame `to`, and sum its covariances."""
     height, width = evidence.moving.shape[1:]
     at = points.pixel.astype(np.float64)
@@ -59,38 +57,29 @@ def accumulate_flow(
     column = np.concatenate(
         [points.ray[:, :2], at, information.reshape(-1, 4)[:, [0, 1, 3]]], axis=1)
     camera = (float(k[0, 0]), float(k[0, 2]), float(k[1, 2]))
-    return FlowStepCosts(evidence.moving[to], camera, column, settings)
+    return flow_step_costs(evidence.moving[to], camera, column, settings)
 
 
-@dataclass(frozen=True)
-class FlowStepCosts:
-    """Scores where points of frame 0 are in another frame (a `chain.StepCosts`)."""
+def flow_step_costs(
+    moving: NDArray[np.bool_], camera: tuple[float, float, float], column: Array,
+    settings: RgbSettings,
+) -> StepCosts:
+    """Return the costs of points of frame 0 in another frame with a foreground [h w].
 
-    moving: NDArray[np.bool_]
-    """[h w] foreground of the other frame"""
-    camera: tuple[float, float, float]
-    """Focal length and principal point, px"""
-    column: Array
-    """[N 7] ray at depth 1 (2), place by flow (2) px, its information uu, uv, vv"""
-    settings: RgbSettings
+    Columns [N 7] are the ray at depth 1 (2), the place by flow (2), px, and its information uu, uv,
+    vv; the camera is the focal length and the principal point, px.
+    """
+    s = settings
+    numbers = (s.sweep_limit, s.outside_cost, s.background_cost, s.depth_sigma,
+               s.min_sweep_inverse_depth - 1.0, s.max_sweep_inverse_depth - 1.0)
 
-    def costs(self, motion: Array) -> Image:
-        """Return the cost [M N] of each point under each of motion [M 4 4]."""
-        out = np.empty((len(motion), len(self.column)), np.float32)
-        _fill_costs(self.moving, self.camera, motion, self.column, self._numbers(), out)
-        return out
+    def fill_costs(motion: Array, out: Image) -> None:
+        _fill_costs(moving, camera, motion, column, numbers, out)
 
-    def means(self, motion: Array, turn: Array, before: Image) -> Image:
-        """Return the mean cost [M P] of chains with one more part (see `chain.StepCosts`)."""
-        out = np.empty((len(motion), len(turn)), np.float32)
-        _fill_means(self.moving, self.camera, motion, turn, before, self.column, self._numbers(),
-                    out)
-        return out
+    def fill_means(motion: Array, turn: Array, before: Image, out: Image) -> None:
+        _fill_means(moving, camera, motion, turn, before, column, numbers, out)
 
-    def _numbers(self) -> tuple[float, float, float, float, float, float]:
-        s = self.settings
-        return (s.sweep_limit, s.outside_cost, s.background_cost, s.depth_sigma,
-                s.min_sweep_inverse_depth - 1.0, s.max_sweep_inverse_depth - 1.0)
+    return StepCosts(len(column), fill_costs, fill_means)
 
 
 @compiled

@@ -17,12 +17,12 @@ from ...errors import MethodError
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array, pinhole
 from ..chain import JointPriors, screws_of
+from ..estimator import calibrate_deviation, spread_of_motions
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .evidence import RgbEvidence, VideoHypothesis
 from .points import predict_places
-from .search import search_video
+from .search import Alternatives, search_video
 from .settings import RgbSettings
-from .uncertainty import reported_deviation
 
 
 def estimate_rgb(
@@ -51,11 +51,25 @@ def estimate_rgb(
     angle, sigma = unit * best.state.angle, unit * reported_deviation(best, others, settings)
     if known.line is None or known.prismatic.all():  # lengths are in units of the distance
         sigma[1:, known.prismatic] = settings.sigma_unknown
-    if not (np.isfinite(angle).all() and np.isfinite(sigma).all()):
-        return None
     screw = None if known.line is None else screws_of(known.line, known.prismatic)
     part = label_video(evidence, best, rgb.shape[:3], settings.part_stride)
     return Estimate(angle, screw, part, sigma)
+
+
+def reported_deviation(
+    best: VideoHypothesis, others: Alternatives, settings: RgbSettings
+) -> Array:
+    """Return standard deviations [T J] within which two thirds of the errors lie.
+
+    Errors are seldom noise: parts or the foreground are wrong, or another motion explains the
+    images nearly as well. So the deviation by the residuals, which shows how well each joint is
+    seen, grows with the misfit of the patches, and the spread of other motions is added.
+    """
+    s = settings
+    factor = s.sigma_factor * np.exp(s.sigma_misfit * (best.cost - s.sigma_cost))
+    spread = s.sigma_spread * spread_of_motions(best.state, others, s.sigma_excess)
+    return calibrate_deviation(
+        best.deviation(), factor, np.hypot(s.sigma_floor, spread), s.sigma_unknown)
 
 
 def object_distance(known: JointPriors, evidence: VideoEvidence) -> float:

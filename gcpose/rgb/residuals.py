@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Articulation, HingePrior, relative_derivatives
+from ..chain import Articulation, relative_derivatives
 from ..estimator import BundleEquations
 from .kernels import accumulate
 from .points import InverseDepthPoints, motions_from_frames
@@ -29,7 +29,6 @@ class RayResiduals:
     from flow (see `Residuals`)."""
 
     points: InverseDepthPoints
-    hinges: HingePrior
     intrinsics: Array
     """[3 3] px"""
     depth_sigma: float
@@ -37,11 +36,6 @@ class RayResiduals:
     smoothness: list[tuple[NDArray[np.intp], Array]]
     """See `smoothness_blocks`."""
     settings: RgbSettings
-
-    @property
-    def near(self) -> Array:
-        """[J 3] the hinges."""
-        return self.hinges.point
 
     def linearize(
         self, state: Articulation, basis: tuple[Array, ...], scale: float,

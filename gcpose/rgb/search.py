@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ..estimator import refine_in_stages, run_em
+from ...robots.geometry import Array
+from ..chain import Articulation, extrapolate_to, select_by_steps, spread_places, subsample
+from ..estimator import label_difference, refine_in_stages, run_em, select_distinct
+from ..images import geodesic_rank
 from ..numerics import thread_map
-from .evidence import RgbEvidence, VideoAdjustment, VideoHypothesis, VideoRound
+from .evidence import PACE_STEPS, RgbEvidence, VideoAdjustment, VideoHypothesis, places_at_start
+from .flow_sweep import sweep_flow
 from .labels import SampledPixels
+from .parallel_axes import candidate_feet, keep_total_turn, redistribute
+from .points import InverseDepthPoints
 from .settings import RgbSettings
-from .strategies import (
-    exchange_parallel_turns,
-    initialize_by_sweeps,
-    select_hypotheses,
-    vary_door_plane,
-)
-from .uncertainty import Alternative
 
 Refine = Callable[[VideoHypothesis], VideoHypothesis]
+Alternatives = list[tuple[Articulation, float]]
+"""Other motions of the last stages, each with its score above the best of its stage."""
 
 
-def search_video(
-    evidence: RgbEvidence
-) -> tuple[VideoHypothesis, list[Alternative]] | None:
+def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] | None:
     """Return the best articulation, and the other motions of the last two stages; None where too
     few moving pixels are seen."""
     s, last = evidence.settings, evidence.video.frames - 1
@@ -47,21 +47,19 @@ def search_video(
     others = exchange_parallel_turns(
         evidence, min(found, key=lambda h: score_hypothesis(h, s)), few, s.exchanged_kept)
     settle = VideoAdjustment(s.settle_scales, depth_sigma=s.depth_sigma_bundle)
-    both: list[VideoRound] = [((), many), ((settle,), many)]
-    others = [run_em(evidence, h, both) for h in others]
+    others = [run_em(evidence, h, [((), many), ((settle,), many)]) for h in others]
     found += thread_map(refine(many, 3, s.patch_reach_first), others)
     final = [evidence.label(h, dense) for h in best(found, s.final_kept, labels=1.0)]
     final = thread_map(refine(dense, 3, s.patch_reach), final)
     chosen = min(final, key=lambda h: score_hypothesis(h, s))
     return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
-                    if other.state is not chosen.state]
+                    if other[0] is not chosen.state]
 
 
-def compare_scores(found: list[VideoHypothesis], settings: RgbSettings) -> list[Alternative]:
+def compare_scores(found: list[VideoHypothesis], settings: RgbSettings) -> Alternatives:
     """Return the motions of one stage with their scores above the best."""
     scores = [score_hypothesis(h, settings) for h in found]
-    return [Alternative(h.state, score - min(scores))
-            for h, score in zip(found, scores, strict=True)]
+    return [(h.state, score - min(scores)) for h, score in zip(found, scores, strict=True)]
 
 
 def score_hypothesis(hypothesis: VideoHypothesis, settings: RgbSettings) -> float:
@@ -74,3 +72,136 @@ def score_hypothesis(hypothesis: VideoHypothesis, settings: RgbSettings) -> floa
     s = settings
     sigma = float(np.log(np.maximum(hypothesis.deviation()[-1], s.min_sigma)).sum())
     return hypothesis.cost + hypothesis.penalty + s.score_sigma * sigma
+
+
+def initialize_by_sweeps(evidence: RgbEvidence) -> list[VideoHypothesis]:
+    """Return hypotheses from sweeps over the first frames, tracked through the video."""
+    s, last = evidence.settings, evidence.video.frames - 1
+    points = evidence.sample((0,), s.sweep_points)
+    if len(points.frame) < s.min_points:
+        return []
+    spans = sorted({min(span, last) for span in s.sweep_spans})
+    found = [h for some in thread_map(lambda span: sweep_hypotheses(evidence, points, span), spans)
+             for h in some]
+    start, first = min(max(spans) + 1, last), [evidence.tracking_round(points)]
+
+    def begin(swept: VideoHypothesis) -> VideoHypothesis:
+        state = extrapolate_to(swept.state, start, PACE_STEPS)
+        return run_em(evidence, replace(swept, state=state), first)
+
+    return refine_in_stages(
+        found, partial(select_hypotheses, settings=s, motion=s.distinct_motion_first),
+        (s.first_kept, begin),
+        (s.half_kept, lambda h: evidence.track(h, min(s.half_frame, last))),
+        (s.tracked_kept, lambda h: evidence.track(h, last)))
+
+
+def sweep_hypotheses(
+    evidence: RgbEvidence, points: SampledPixels, to: int
+) -> list[VideoHypothesis]:
+    """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
+    known, settings = evidence.priors, evidence.settings
+    beam = sweep_flow(evidence.video, known, points, to, settings)
+    beam = select_by_steps(beam, settings.sweep_kept)
+    one = np.ones(len(points.frame), np.int64)
+    start = InverseDepthPoints.without_measurements(points.frame, points.ray, one, points.expected)
+    bases = base_candidates(evidence, points, 0)
+    return [evidence.label(VideoHypothesis(state, start, base, np.inf), points)
+            for state in beam.articulations(known, to) for base in bases]
+
+
+def base_candidates(evidence: RgbEvidence, points: SampledPixels, key: int) -> list[Array]:
+    """Return points [3] at depth 1 where the chain may begin in a key frame, the slower first."""
+    if evidence.priors.base is not None:
+        return [evidence.priors.base]
+    s, (u, v) = evidence.settings, points.pixel.T
+    around = slice(max(0, key - s.base_frames), key + s.base_frames + 1)
+    speed = np.linalg.norm(evidence.video.flow[around, v, u], axis=2).mean(axis=0)
+    slow = points.average(speed[:, None])[:, 0]
+    start = points.ray[slow <= np.quantile(slow, s.base_slow_share)]
+    out: list[Array] = []
+    for _ in range(2):
+        rank = geodesic_rank(points.ray, start, evidence.video.settings)
+        out.append(points.ray[rank <= s.base_end_share].mean(axis=0))
+        start = points.ray[rank >= 1 - s.base_end_share]
+    return out
+
+
+def exchange_parallel_turns(
+    evidence: RgbEvidence, hypothesis: VideoHypothesis, points: SampledPixels, most: int
+) -> list[VideoHypothesis]:
+    """Return the best solutions that distribute turns otherwise among parallel neighbors."""
+    state, settings = hypothesis.state, evidence.settings
+    if not (len(points.frame) and (hypothesis.points.frame == points.frame[0]).any()):
+        return []
+    at = places_at_start(hypothesis, int(points.frame[0]))
+    found: list[VideoHypothesis] = []
+    for j in range(evidence.joints - 1):
+        cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
+        if abs(cosine) < settings.parallel_cosine:
+            continue
+        places = spread_places(subsample(at, settings.spread_points), settings.exchange_places)
+        feet = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *places])
+        others = [
+            keep_total_turn(state, j, hinge, foot, settings)
+            for hinge in places
+            for foot in candidate_feet(state, j, hinge, feet, settings.exchange_feet)
+        ]
+        others += [redistribute(state, j, share) for share in settings.exchange_shares]
+        found += [evidence.label(replace(hypothesis, state=other), points)
+                  for other in others if other is not None]
+    how = VideoAdjustment(settings.exchange_scales, depth_sigma=settings.depth_sigma_exchange)
+    found = [run_em(evidence, h, [((how,), points)] * 2)
+             for h in select_hypotheses(found, 4 * most, settings)]
+    return select_hypotheses(found, most, settings)
+
+
+def vary_door_plane(hypothesis: VideoHypothesis, settings: RgbSettings) -> list[VideoHypothesis]:
+    """Return the motion of a door with its points in each of several planes through its axis.
+
+    The slope of a door and its turn are ambiguous: from points at one distance the search ends in
+    the nearest of several minima.
+    """
+    state, points = hypothesis.state, hypothesis.points
+    twist, motion = state.twist[0], state.motions(len(state.angle))
+    foot = np.asarray(np.cross(twist[:3], twist[3:]), np.float64)
+    if state.prismatic[0] or len(state.twist) > 1 or not foot.any():
+        return []
+    ray = points.ray
+    out: list[VideoHypothesis] = []
+    one, other = np.linalg.svd(twist[None, :3])[2][1:]
+    for turn in (np.arange(settings.tilts) + 0.5) * np.pi / settings.tilts:
+        normal = np.cos(turn) * one + np.sin(turn) * other
+        toward = np.einsum("nab,b,na->n", motion[points.frame, 1, :3, :3], normal, ray)
+        depth = toward / (normal @ foot)
+        scale = float(depth.mean())
+        seen = np.abs(toward) > settings.min_tilt_sine * np.linalg.norm(ray, axis=1)
+        if (not settings.min_tilt_scale < scale < settings.max_tilt_scale
+                or seen.mean() < settings.min_tilt_points
+                or np.mean(depth > 0) < settings.min_tilt_in_front):
+            continue
+        line = np.concatenate([twist[:3], scale * twist[3:]])[None]
+        inverse_depth = np.clip(
+            depth / scale, settings.min_inverse_depth, settings.max_inverse_depth)
+        out.append(replace(hypothesis, state=replace(state, twist=line),
+                           points=replace(points, inverse_depth=inverse_depth)))
+    return out
+
+
+def select_hypotheses(
+    found: list[VideoHypothesis], most: int, settings: RgbSettings, *,
+    motion: float | None = None, labels: float | None = None,
+    key: Callable[[VideoHypothesis], float] = lambda h: h.cost,
+) -> list[VideoHypothesis]:
+    """Return the best few by `key` that differ in labels or in their last displacements.
+
+    `motion` and `labels` override the differences of the settings, rad or length and share.
+    """
+    apart = settings.distinct_motion if motion is None else motion
+    share = settings.distinct_labels if labels is None else labels
+
+    def differ(one: VideoHypothesis, two: VideoHypothesis) -> bool:
+        return bool(label_difference(one, two) > share
+                    or np.abs(one.state.angle[-1] - two.state.angle[-1]).max() > apart)
+
+    return select_distinct(found, most, differ, key)

@@ -26,9 +26,9 @@ from ..chain import (
 )
 from ..images import Surfaces
 from ..numerics import Solver, thread_map
-from .alignment import sort_surfels, surface_equations
 from .evidence import DepthHypothesis, RgbdEvidence
 from .labels import Clouds, part_centers
+from .residuals import sort_surfels, surface_equations
 from .settings import RgbdSettings
 
 

@@ -7,12 +7,10 @@ parts may begin, holds a start near the truth.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, StepGrid, beam_search, spread_places, subsample
+from ..chain import Articulation, StepCosts, StepGrid, beam_search, spread_places, subsample
 from ..estimator import Hypothesis
 from ..images import Surfaces, smooth_costs
 from ..numerics import Image
@@ -32,56 +30,42 @@ def sweep_depth(evidence: RgbdEvidence, to: int, most: int) -> list[DepthHypothe
     reach = min(to, tuned.max_step_frames)
     steps = StepGrid(places, places, reach * tuned.max_turn, reach * tuned.max_slide,
                      tuned.beam_width)
-    costs = DepthStepCosts(evidence.surfaces, to, columns(points[pick], normals[pick]), settings)
+    costs = depth_step_costs(evidence.surfaces, to, columns(points[pick], normals[pick]), settings)
     beam = beam_search(priors, costs, steps, settings.chain)
     found: list[DepthHypothesis] = []
-    for twist, end, cost in zip(beam.twist[:most], beam.angle[:most],
-                                beam.cost[:most].mean(axis=1), strict=True):
-        foot = np.cross(twist[0, :3], twist[0, 3:])
+    cost = beam.cost.mean(axis=1)
+    for state, own in zip(beam.articulations(priors, to)[:most], cost, strict=False):
+        foot = np.cross(state.twist[0, :3], state.twist[0, 3:])
         base = min(evidence.base_candidates, key=lambda b: float(np.linalg.norm(b - foot)))
-        state = Articulation(twist, np.linspace(0 * end, end, to + 1), priors.prismatic,
-                             priors.parent)
         clouds = Clouds([label_coarsely(evidence, state)])
-        found.append(Hypothesis(state, clouds, base, float(cost)))
+        found.append(Hypothesis(state, clouds, base, float(own)))
     return found
 
 
 def label_coarsely(evidence: RgbdEvidence, state: Articulation) -> Cloud:
     """Label the candidates of frame 0 by their distance from the surface of the last frame."""
     grid, last = evidence.grid(0), len(state.angle) - 1
-    costs = DepthStepCosts(evidence.surfaces, last, columns(grid.point, grid.normal),
-                           evidence.settings)
+    costs = depth_step_costs(evidence.surfaces, last, columns(grid.point, grid.normal),
+                             evidence.settings)
     volume = smooth_costs(costs.costs(state.motions(last + 1)[last]).T, grid)
     return Cloud(0, grid.point, grid.normal, volume.argmin(axis=1))
 
 
-@dataclass(frozen=True)
-class DepthStepCosts:
-    """Costs of points of frame 0 in another frame (see `chain.beam.StepCosts`)."""
+def depth_step_costs(
+    surfaces: Surfaces, frame: int, column: Image, settings: RgbdSettings
+) -> StepCosts:
+    """Return the costs in a frame, variances, of points of frame 0: columns [6 N] of points and
+    normals, camera frame, m."""
+    labels, sweep = settings.labels, settings.sweep
+    numbers = SweepCosts(*(np.float32(n) for n in (
+        labels.cost_seen_through, labels.cost_hidden, labels.cost_outside, sweep.pixel_sigma,
+        sweep.noise_factor * surfaces.noise)))
+    depth, camera = surfaces.depth[frame].ravel(), flat_camera(surfaces)
 
-    surfaces: Surfaces
-    frame: int
-    column: Image
-    """[6 N] points and normals, camera frame, m"""
-    settings: RgbdSettings
+    def fill_costs(motion: Array, out: Image) -> None:
+        fill_step_costs(depth, camera, motion.astype(np.float32), column, numbers, out)
 
-    def costs(self, motion: Array) -> Image:
-        """Return [M N] costs under each of motion [M 4 4], variances."""
-        out = np.empty((len(motion), self.column.shape[1]), np.float32)
-        fill_step_costs(self.surfaces.depth[self.frame].ravel(), flat_camera(self.surfaces),
-                        motion.astype(np.float32), self.column, self._numbers(), out)
-        return out
+    def fill_means(motion: Array, turn: Array, before: Image, out: Image) -> None:
+        fill_mean_costs(depth, camera, motion, turn, before, column, numbers, out)
 
-    def means(self, motion: Array, turn: Array, before: Image) -> Image:
-        """Return [M P] mean costs of chains with one more part."""
-        out = np.empty((len(motion), len(turn)), np.float32)
-        fill_mean_costs(self.surfaces.depth[self.frame].ravel(), flat_camera(self.surfaces),
-                        motion, turn, before, self.column, self._numbers(), out)
-        return out
-
-    def _numbers(self) -> SweepCosts:
-        """Return the settings in single precision."""
-        labels, sweep = self.settings.labels, self.settings.sweep
-        numbers = (labels.cost_seen_through, labels.cost_hidden, labels.cost_outside,
-                   sweep.pixel_sigma, sweep.noise_factor * self.surfaces.noise)
-        return SweepCosts(*(np.float32(n) for n in numbers))
+    return StepCosts(column.shape[1], fill_costs, fill_means)

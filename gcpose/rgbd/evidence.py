@@ -13,8 +13,16 @@ from ..chain import HingePrior, JointPriors, extent, locate_hinges
 from ..estimator import Adjustment, Hypothesis, Round, label_difference, select_distinct, track
 from ..images import Surfaces, geodesic_rank, smooth_costs
 from ..numerics import Solver
-from .labels import Candidates, Cloud, Clouds, changed_mask, label_costs, sample_candidates
-from .residuals import SurfaceResiduals, surface_residuals
+from .labels import (
+    Candidates,
+    Cloud,
+    Clouds,
+    changed_mask,
+    label_costs,
+    part_centers,
+    sample_candidates,
+)
+from .residuals import SurfaceResiduals, cloud_surfels
 from .settings import RgbdSettings
 
 DepthHypothesis = Hypothesis[Clouds]
@@ -150,8 +158,10 @@ class RgbdEvidence:
 
     def measure(self, hypothesis: DepthHypothesis, how: Adjustment) -> SurfaceResiduals:
         """Return the residuals of the points of a hypothesis; robust scales are in footprints."""
-        return surface_residuals(self.surfaces, hypothesis.points, self.hinge_prior(hypothesis),
-                                 self.settings.bundle)
+        tuned, parts = self.settings.bundle, len(hypothesis.state.parent) + 1
+        return SurfaceResiduals(self.surfaces, hypothesis.points, tuple(
+            cloud_surfels(self.surfaces, cloud, parts, tuned.min_part_points)
+            for cloud in hypothesis.points), tuned)
 
     def em_round(
         self, scales: tuple[float, ...] = (), fixed_axes: bool = False, width: float = 1.0
@@ -176,17 +186,15 @@ class RgbdEvidence:
 
         return track(self, hypothesis, until, rounds_of)
 
-    def hinge_prior(self, hypothesis: DepthHypothesis) -> HingePrior:
+    def hinges(self, hypothesis: DepthHypothesis) -> HingePrior:
         """Return where the labels of frame 0 put the hinges."""
         cloud, chain = hypothesis.points[0], self.settings.chain
         at = locate_hinges(cloud.point, cloud.label, hypothesis.base, self.priors.parent, chain)
         size = extent(cloud.point[self.moving], chain)
-        return HingePrior(at, self.settings.tracker.hinge_slack * size)
+        slack = self.settings.tracker.hinge_slack * size
+        return HingePrior(at, slack, part_centers(cloud, len(at)))
 
-
-def select_by_labels(
-    found: list[DepthHypothesis], most: int, settings: RgbdSettings
-) -> list[DepthHypothesis]:
-    """Return the `most` best whose labels differ in more than a share of the points of frame 0."""
-    share = settings.chain.distinct_labels
-    return select_distinct(found, most, lambda one, two: label_difference(one, two) > share)
+    def select(self, found: list[DepthHypothesis], most: int) -> list[DepthHypothesis]:
+        """Return the `most` best whose labels of frame 0 differ in more than a share of them."""
+        share = self.chain.distinct_labels
+        return select_distinct(found, most, lambda one, two: label_difference(one, two) > share)

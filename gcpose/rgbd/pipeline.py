@@ -37,15 +37,9 @@ def estimate_rgbd(
     scales = settings.final_scales_noisy if surfaces.noise else settings.final_scales
     final = adjust(evidence.without_flow(), best, Adjustment(scales))
     state, unreliable = final.state, is_unreliable(evidence, best)
-    sigma = calibrate_sigma(final.deviation(), evidence, unreliable)
-    if not (np.isfinite(state.angle).all() and np.isfinite(sigma).all()):
-        return None
-    return Estimate(
-        displacement=state.angle,
-        screw=screws_of(state.twist, state.prismatic),
-        part=label_frames(evidence, state),
-        sigma=sigma,
-    )
+    return Estimate(state.angle, screws_of(state.twist, state.prismatic),
+                    label_frames(evidence, state),
+                    calibrate_sigma(final.deviation(), evidence, unreliable))
 
 
 def calibrate_sigma(formal: Array, evidence: RgbdEvidence, unreliable: bool) -> Array:

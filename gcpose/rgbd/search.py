@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -14,7 +13,7 @@ from ..images import Flow
 from ..numerics import thread_map
 from .chain_from_motion import chains_from_motion
 from .depth_sweep import sweep_depth
-from .evidence import DepthHypothesis, Labeling, RgbdEvidence, select_by_labels
+from .evidence import DepthHypothesis, Labeling, RgbdEvidence
 from .settings import RgbdSettings
 from .starts import start_from_flow
 from .strategies import Stage, Strategy
@@ -32,8 +31,8 @@ def search_hypotheses(evidence: RgbdEvidence, flow: Flow) -> DepthHypothesis:
     for strategy in strategies:
         found = run_strategy(strategy, coarse, flow)
         if free:
-            best_few = select_by_labels(found, tuned.relabeled, settings)
-            found = [evidence.label(h, Labeling()) for h in best_few]
+            found = [evidence.label(h, Labeling())
+                     for h in evidence.select(found, tuned.relabeled)]
         best = refine_sharply(evidence, polish(evidence, found))
         again = bool(tried) and motion_difference(
             best, best_of(tried, settings), settings) < tuned.same_angle
@@ -49,17 +48,14 @@ def search_hypotheses(evidence: RgbdEvidence, flow: Flow) -> DepthHypothesis:
 def run_strategy(strategy: Strategy, evidence: RgbdEvidence, flow: Flow) -> list[DepthHypothesis]:
     """Make the starts of a strategy, and take the best through its stages."""
     end = evidence.surfaces.frames - 1
-    makers: list[Callable[[], list[DepthHypothesis]]] = [
-        partial(sweep_depth, evidence, min(span, end), strategy.sweep_kept)
-        for span in strategy.sweep_spans]
-    if strategy.flow_spans:
-        makers.append(partial(start_from_flow, evidence, flow, strategy))
-    found = [h for some in thread_map(lambda make: make(), makers) for h in some]
+    swept = thread_map(lambda span: sweep_depth(evidence, min(span, end), strategy.sweep_kept),
+                       strategy.sweep_spans)
+    found = [h for some in (*swept, start_from_flow(evidence, flow, strategy)) for h in some]
     if strategy.extend_to:
         to = min(strategy.extend_to, end)
         found = [replace(h, state=extrapolate_to(h.state, to)) for h in found]
     return refine_in_stages(
-        found, partial(select_by_labels, settings=evidence.settings),
+        found, evidence.select,
         *((stage.kept, partial(run_stage, evidence, stage)) for stage in strategy.stages))
 
 
@@ -132,7 +128,7 @@ def polish(evidence: RgbdEvidence, found: list[DepthHypothesis]) -> DepthHypothe
     """Track the best hypotheses to the last frame, and refine the best of them."""
     settings, tuned = evidence.settings, evidence.settings.search
     found = refine_in_stages(
-        found, partial(select_by_labels, settings=settings),
+        found, evidence.select,
         (tuned.polished, lambda h: evidence.track(h, evidence.surfaces.frames - 1)),
         (tuned.refined, lambda h: run_em(evidence, h, [evidence.em_round()])))
     return refine_until_stable(evidence, min(found, key=lambda h: h.cost), settings.refine.rounds)

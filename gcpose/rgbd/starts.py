@@ -28,7 +28,7 @@ from ..chain import (
 from ..estimator import Hypothesis
 from ..images import Flow, smooth_costs
 from ..numerics import Image, Solver, compiled, gauss_newton, thread_map, truncated_cost
-from .evidence import DepthHypothesis, RgbdEvidence, select_by_labels
+from .evidence import DepthHypothesis, RgbdEvidence
 from .labels import Cloud, Clouds
 from .settings import StartSettings
 from .strategies import Strategy
@@ -48,7 +48,7 @@ def start_from_flow(
         data = linearize_flow(evidence, flow(evidence.rgb[0], evidence.rgb[to]), to)
         for slack in slacks:
             some = thread_map(partial(solve_start, evidence, data, slack), labels)
-            found += select_by_labels(some, strategy.flow_kept, settings)
+            found += evidence.select(some, strategy.flow_kept)
     return found
 
 

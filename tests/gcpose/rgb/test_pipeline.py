@@ -23,9 +23,8 @@ from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, scale_axes
 from gcbench.gcpose.rgb.points import InverseDepthPoints
-from gcbench.gcpose.rgb.search import score_hypothesis
+from gcbench.gcpose.rgb.search import score_hypothesis, select_hypotheses, vary_door_plane
 from gcbench.gcpose.rgb.settings import RgbSettings
-from gcbench.gcpose.rgb.strategies import select_hypotheses, vary_door_plane
 from gcbench.renderer.types.observation import Observation
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door, texture

@@ -18,7 +18,7 @@ from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import appearance
 from gcbench.gcpose.numerics import Solver
 from gcbench.gcpose.rgb.evidence import VideoAdjustment, VideoHypothesis
-from gcbench.gcpose.rgb.flow_sweep import FlowStepCosts, places_at_depths
+from gcbench.gcpose.rgb.flow_sweep import flow_step_costs, places_at_depths
 from gcbench.gcpose.rgb.points import (
     InverseDepthPoints,
     inverse_depth_slopes,
@@ -42,11 +42,14 @@ class Measured:
     def __init__(self, state: Articulation, hinges: HingePrior) -> None:
         self.priors = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
         self.solver = Solver(SETTINGS.damping, 1e-6, max_step=SETTINGS.max_step, scaled=True)
-        self.chain, self.hinges = SETTINGS.chain, hinges
+        self.chain, self.prior = SETTINGS.chain, hinges
+
+    def hinges(self, hypothesis: VideoHypothesis) -> HingePrior:
+        return self.prior
 
     def measure(self, hypothesis: VideoHypothesis, how: VideoAdjustment) -> RayResiduals:
         points = hypothesis.points
-        return RayResiduals(points, self.hinges, INTRINSICS, how.depth_sigma,
+        return RayResiduals(points, INTRINSICS, how.depth_sigma,
                             smoothness_blocks(points, SETTINGS), SETTINGS)
 
     def label(self, hypothesis: VideoHypothesis, where: None) -> VideoHypothesis:
@@ -67,7 +70,7 @@ def adjusted(
     true, _ = chain(scale)
     rays = measured(true, scale, noise, steps)
     off, near = chain()
-    hinges = HingePrior(near + 0.01, 0.1)
+    hinges = HingePrior(near + 0.01, 0.1, near + 0.01)
     twist = off.twist.copy()
     twist[:, 3:] = np.cross(near + 0.01, twist[:, :3])
     state = replace(off, twist=twist, angle=0.5 * off.angle)
@@ -87,7 +90,7 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     there = rays.place[mine, 3]
     sure = np.tile([4.0, 0.0, 4.0], (len(there), 1))
     column = np.column_stack([rays.ray[mine, :2], there, sure])
-    flow = FlowStepCosts(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column, SETTINGS)
+    flow = flow_step_costs(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column, SETTINGS)
     motion = state.motions(4)[3]
     label = rays.label[mine]
     cost = flow.costs(motion)
@@ -98,7 +101,7 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     off = np.abs(beam.angle[:30] - state.angle[3]).max(axis=1)
     assert off.min() < np.radians(3.0)
     assert (np.diff(beam.cost.mean(axis=1)) >= 0).all()
-    narrow = replace(flow, moving=np.zeros((240, 320), bool))
+    narrow = flow_step_costs(np.zeros((240, 320), bool), (600.0, 160.0, 120.0), column, SETTINGS)
     assert (narrow.costs(motion) > 9.0).all()  # only background is seen there
 
 
@@ -115,7 +118,7 @@ def test_a_sweep_keeps_chains_of_unlike_steps() -> None:
 def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
     state, at = chain()
     known = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
-    flow = FlowStepCosts(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
+    flow = flow_step_costs(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
                       np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]), SETTINGS)
     twist = beam_search(known, flow, StepGrid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
     away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
@@ -140,7 +143,7 @@ def test_depths_of_neighbours_on_one_part_are_alike() -> None:
     sure = rays.place_information * 0.1**2 / 20.0**2
     rays = replace(rays, place=there + noise, place_information=sure)
     alone, together = (
-        fitted(true, replace(rays, neighbors=near), HingePrior(at, 0.1),
+        fitted(true, replace(rays, neighbors=near), HingePrior(at, 0.1, at),
                VideoAdjustment((3.0,) * 6)).points.inverse_depth
         for near in (None, neighbors(rays))
     )

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from gcbench.gcpose.chain.articulation import Articulation
-from gcbench.gcpose.estimator import BundleEquations
+from gcbench.gcpose.estimator import BundleEquations, spread_of_motions
 from gcbench.gcpose.rgb.evidence import VideoHypothesis
+from gcbench.gcpose.rgb.pipeline import reported_deviation
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.settings import RgbSettings
-from gcbench.gcpose.rgb.uncertainty import Alternative, reported_deviation, spread_of_motions
 
 from ...support.ray_scenes import chain
 
@@ -49,8 +49,8 @@ def test_patches_that_do_not_fit_raise_the_deviation() -> None:
 
 def test_other_motions_count_by_how_well_they_fit() -> None:
     state = hypothesis().state
-    same = Alternative(state, 0.0)
-    near, far = (Alternative(moved(state, 0.3), k * SETTINGS.sigma_excess) for k in (0.0, 10.0))
+    same = state, 0.0
+    near, far = ((moved(state, 0.3), k * SETTINGS.sigma_excess) for k in (0.0, 10.0))
     found = spread_of_motions(state, [same, near], SETTINGS.sigma_excess)
     assert np.isclose(found[-1, 0], 0.3 / np.sqrt(3))
     found[-1, 0] = 0.0
@@ -64,4 +64,4 @@ def test_other_motions_count_by_how_well_they_fit() -> None:
 def test_an_axis_the_other_way_round_is_the_same() -> None:
     state = hypothesis().state
     mirrored = replace(state, twist=-state.twist, angle=-state.angle)
-    assert (spread_of_motions(state, [Alternative(mirrored, 0.0)], 1.0) == 0).all()
+    assert (spread_of_motions(state, [(mirrored, 0.0)], 1.0) == 0).all()

@@ -11,7 +11,7 @@ from gcbench.gcpose.chain.kinematics import part_motions, twists_of
 from gcbench.gcpose.estimator import Hypothesis
 from gcbench.gcpose.images import ImageSettings, surfaces_from_depth
 from gcbench.gcpose.rgbd import RgbdSettings
-from gcbench.gcpose.rgbd.depth_sweep import DepthStepCosts, sweep_depth
+from gcbench.gcpose.rgbd.depth_sweep import depth_step_costs, sweep_depth
 from gcbench.gcpose.rgbd.evidence import RgbdEvidence
 from gcbench.gcpose.rgbd.kernels import columns
 from gcbench.gcpose.rgbd.labels import Clouds, moving_mask
@@ -50,7 +50,7 @@ def test_the_true_motion_costs_least_and_blocks_change_nothing() -> None:
     column = columns(surfaces.points(0, np.stack([u, v], axis=1)), surfaces.normal[0, v, u])
     some = angle[5] + np.linspace(-0.2, 0.2, 41)[:, None]
     motion = part_motions(twists_of(screw, np.zeros(2, bool)), some, np.array([-1, 0]))[:, 2]
-    judge = DepthStepCosts(surfaces, 5, column, RgbdSettings())
+    judge = depth_step_costs(surfaces, 5, column, RgbdSettings())
     cost = judge.costs(motion)
     assert abs(int(cost.mean(axis=1).argmin()) - 20) <= 1  # 0.6 deg from one to the next
     alone = np.stack([judge.costs(m[None])[0] for m in motion])

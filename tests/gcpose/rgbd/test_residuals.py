@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.surfaces import Surfaces, surfaces_from_depth
-from gcbench.gcpose.rgbd.alignment import (
+from gcbench.gcpose.rgbd.labels import Candidates, label_costs
+from gcbench.gcpose.rgbd.residuals import (
     accumulate_equations,
     flow_equations,
     sort_surfels,
     surface_equations,
     thin_surfels,
 )
-from gcbench.gcpose.rgbd.labels import Candidates, label_costs
 from gcbench.gcpose.rgbd.settings import BundleSettings, RgbdSettings
 from gcbench.robots.geometry import se3
 
