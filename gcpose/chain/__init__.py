@@ -14,12 +14,11 @@ from .beam import (
     spread_places,
 )
 from .chain_fit import Chains, Goal, fit_chains, fit_displacements, misfit
-from .hinges import extent, locate_hinges, subsample
 from .kernels import add_normal_equations
 from .kinematics import ancestors, displace_axis, relative_derivatives, screws_of
 from .priors import JointPriors, axis_from_twist, joint_priors, twist_about, twist_spaces
 from .settings import ChainSettings
-from .weak_prior import HingePrior, offset_from_axis, prior_equations
+from .weak_prior import HingePrior, extent, locate_hinges, offset_from_axis, prior_equations
 
 __all__ = [
     "Articulation", "Beam", "ChainSettings", "Chains", "Goal", "HingePrior", "JointPriors",
@@ -27,5 +26,5 @@ __all__ = [
     "axis_from_twist", "axis_twists", "beam_search", "displace_axis", "extent", "extrapolate_to",
     "fit_chains", "fit_displacements", "joint_priors", "locate_hinges", "misfit",
     "offset_from_axis", "prior_equations", "relative_derivatives", "screws_of", "select_by_steps",
-    "spread_places", "subsample", "take_step", "twist_about", "twist_spaces",
+    "spread_places", "take_step", "twist_about", "twist_spaces",
 ]

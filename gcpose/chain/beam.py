@@ -78,11 +78,11 @@ class Beam(NamedTuple):
     angle: Array
     """[M j] rad or m"""
 
-    def articulations(self, priors: JointPriors, to: int) -> list[Articulation]:
-        """Return chains of all joints that make their steps evenly from frame 0 to `to`."""
+    def articulations(self, priors: JointPriors, to: int, most: int) -> list[Articulation]:
+        """Return the best `most` chains, which make their steps evenly from frame 0 to `to`."""
         return [Articulation(twist, np.linspace(0 * end, end, to + 1), priors.prismatic,
                              priors.parent)
-                for twist, end in zip(self.twist, self.angle, strict=True)]
+                for twist, end in zip(self.twist[:most], self.angle[:most], strict=True)]
 
 
 def beam_search(
@@ -181,9 +181,11 @@ def axis_twists(priors: JointPriors, joint: int, direction: Array, places: Array
     return np.concatenate([l, np.asarray(np.cross(p, l), np.float64)], axis=1)
 
 
-def spread_places(points: Array, most: int) -> Array:
-    """Return places [P 3] spread over the points [N 3]: means of the points nearest to each of some
-    that are chosen by farthest-point sampling (Eldar et al., 1997)."""
+def spread_places(points: Array, most: int, compared: int) -> Array:
+    """Return at most `most` places [P 3] spread over the points [N 3]: means of the points nearest
+    to each of some that are chosen by farthest-point sampling (Eldar et al., 1997). About
+    `compared` points are used, evenly by index."""
+    points = points[np.linspace(0, len(points) - 1, min(len(points), compared)).astype(int)]
     apart = cdist(points, points)
     sampled = [0]
     while len(sampled) < min(most, len(points)):

@@ -1,4 +1,4 @@
-"""Weak priors on any articulated object: smooth motion, and axes near their hinges."""
+"""Weak priors on any articulated object: smooth motion, and axes near where parts meet."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from .articulation import Articulation
+from .kernels import fill_hinges
+from .kinematics import ancestors
 from .settings import ChainSettings
 
 
@@ -22,6 +25,24 @@ class HingePrior:
     """Standard deviation of the distance, m"""
     near: Array
     """[J 3] m, a point of each part, about which its axis is turned"""
+
+
+def locate_hinges(
+    points: Array, label: NDArray[np.int64], base: Array, parent: NDArray[np.int64],
+    settings: ChainSettings,
+) -> Array:
+    """Return the place [J 3] where the part of each joint meets its parent part; `base` [3] for
+    joints on the base. Points [N 3] have labels [N] 0..J."""
+    out = np.empty((len(parent), 3))
+    fill_hinges(points, label, base, parent, ancestors(parent), settings.hinge_points,
+                settings.hinge_divisor, out)
+    return out
+
+
+def extent(points: Array, settings: ChainSettings) -> float:
+    """Return the largest extent of the points [N 3] along a camera axis without outliers, m."""
+    low, high = np.quantile(points, [settings.extent_margin, 1 - settings.extent_margin], axis=0)
+    return float((high - low).max())
 
 
 def prior_equations(

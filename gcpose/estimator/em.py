@@ -103,8 +103,7 @@ def adjust(evidence: Evidence[_P, _A, _L], hypothesis: Hypothesis[_P], how: _A) 
         equations, after = residuals.linearize(
             state, basis, scale, (how.prior * matrix, how.prior * vector))
         frozen = how.newest & (np.arange(len(vector)) < state.angle[1:-1].size)
-        step = evidence.solver.step(
-            equations.matrix, equations.vector, frozen, equations.diagonal)
+        step = evidence.solver.step(equations.matrix, equations.vector, frozen, equations.diagonal)
         state, residuals = take_step(state, basis, step), after(step)
         if np.abs(step).max() < _MIN_STEP:
             break

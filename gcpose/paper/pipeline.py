@@ -239,8 +239,7 @@ def _tune(video: _Video | None, network: Any) -> _Video | None:
     flow = tune_flow(
         sized, crop, measured.moving,
         float(measured.intrinsics[0, 0]), video.match, video.settings.paper)
-    evidence = RgbEvidence(
-        replace(measured, flow=flow), video.evidence.priors, video.settings.rgb)
+    evidence = RgbEvidence(replace(measured, flow=flow), video.evidence.priors, video.settings.rgb)
     return replace(video, evidence=evidence)
 
 

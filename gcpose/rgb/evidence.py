@@ -93,8 +93,7 @@ class RgbEvidence:
             by_flow, depth = flow_costs(rays, depth, self.video, iterations, self.settings)
             if iterations:
                 depth = points.average(depth)
-        cost = by_flow
-        measured = hypothesis.points
+        cost, measured = by_flow, hypothesis.points
         if own and measured.place_information.any():
             cost = cost + self.settings.patch_label_weight * patch_costs(
                 rays, depth, measured.place, measured.place_information, self.settings)
@@ -138,8 +137,7 @@ class RgbEvidence:
 
     def hinges(self, hypothesis: VideoHypothesis) -> HingePrior:
         """Return where the parts of the first key frame meet."""
-        points = hypothesis.points
-        first = int(points.frame.min())
+        points, first = hypothesis.points, int(hypothesis.points.frame.min())
         meet = locate_hinges(
             places_at_start(hypothesis, first), points.label[points.frame == first],
             hypothesis.base, self.priors.parent, self.settings.chain)

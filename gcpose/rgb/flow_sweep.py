@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import Beam, JointPriors, StepCosts, StepGrid, beam_search, spread_places, subsample
+from ..chain import Beam, JointPriors, StepCosts, StepGrid, beam_search, spread_places
 from ..images import VideoEvidence
 from ..numerics import Image, compiled
 from .labels import SampledPixels
@@ -19,7 +19,7 @@ def sweep_flow(
 ) -> Beam:
     """Return chains over frames 0 and `to`, the best first; points are of frame 0."""
     s = settings
-    places = spread_places(subsample(points.ray, s.spread_points), s.hinge_places)
+    places = spread_places(points.ray, s.hinge_places, s.spread_points)
     roots = places if known.base is None else known.base[None]
     frames = min(to, s.max_step_frames)
     grid = StepGrid(

@@ -56,9 +56,7 @@ def estimate_rgb(
     return Estimate(angle, screw, part, sigma)
 
 
-def reported_deviation(
-    best: VideoHypothesis, others: Alternatives, settings: RgbSettings
-) -> Array:
+def reported_deviation(best: VideoHypothesis, others: Alternatives, settings: RgbSettings) -> Array:
     """Return standard deviations [T J] within which two thirds of the errors lie.
 
     Errors are seldom noise: parts or the foreground are wrong, or another motion explains the

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, extrapolate_to, select_by_steps, spread_places, subsample
+from ..chain import Articulation, extrapolate_to, select_by_steps, spread_places
 from ..estimator import label_difference, refine_in_stages, run_em, select_distinct
 from ..images import geodesic_rank
 from ..numerics import thread_map
@@ -40,18 +40,18 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     def refine(points: SampledPixels, rounds: int, reach: float) -> Refine:
         return lambda h: evidence.refine_by_patches(h, points, rounds, reach)
 
-    best = partial(select_hypotheses, settings=s, key=partial(score_hypothesis, settings=s))
+    score = partial(score_hypothesis, settings=s)
+    best = partial(select_hypotheses, settings=s, key=score)
     found += [t for h in select_hypotheses(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
     found = refine_in_stages(found, best, (0, refine(many, 2, s.patch_reach_first)),
                              (s.refined_kept, refine(many, 3, s.patch_reach)))
-    others = exchange_parallel_turns(
-        evidence, min(found, key=lambda h: score_hypothesis(h, s)), few, s.exchanged_kept)
+    others = exchange_parallel_turns(evidence, min(found, key=score), few, s.exchanged_kept)
     settle = VideoAdjustment(s.settle_scales, depth_sigma=s.depth_sigma_bundle)
     others = [run_em(evidence, h, [((), many), ((settle,), many)]) for h in others]
     found += thread_map(refine(many, 3, s.patch_reach_first), others)
     final = [evidence.label(h, dense) for h in best(found, s.final_kept, labels=1.0)]
     final = thread_map(refine(dense, 3, s.patch_reach), final)
-    chosen = min(final, key=lambda h: score_hypothesis(h, s))
+    chosen = min(final, key=score)
     return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
                     if other[0] is not chosen.state]
 
@@ -101,13 +101,13 @@ def sweep_hypotheses(
 ) -> list[VideoHypothesis]:
     """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
     known, settings = evidence.priors, evidence.settings
-    beam = sweep_flow(evidence.video, known, points, to, settings)
-    beam = select_by_steps(beam, settings.sweep_kept)
+    most = settings.sweep_kept
+    beam = select_by_steps(sweep_flow(evidence.video, known, points, to, settings), most)
     one = np.ones(len(points.frame), np.int64)
     start = InverseDepthPoints.without_measurements(points.frame, points.ray, one, points.expected)
     bases = base_candidates(evidence, points, 0)
     return [evidence.label(VideoHypothesis(state, start, base, np.inf), points)
-            for state in beam.articulations(known, to) for base in bases]
+            for state in beam.articulations(known, to, most) for base in bases]
 
 
 def base_candidates(evidence: RgbEvidence, points: SampledPixels, key: int) -> list[Array]:
@@ -140,7 +140,7 @@ def exchange_parallel_turns(
         cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
         if abs(cosine) < settings.parallel_cosine:
             continue
-        places = spread_places(subsample(at, settings.spread_points), settings.exchange_places)
+        places = spread_places(at, settings.exchange_places, settings.spread_points)
         feet = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *places])
         others = [
             keep_total_turn(state, j, hinge, foot, settings)

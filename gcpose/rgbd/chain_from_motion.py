@@ -22,7 +22,6 @@ from ..chain import (
     fit_displacements,
     misfit,
     spread_places,
-    subsample,
 )
 from ..images import Surfaces
 from ..numerics import Solver, thread_map
@@ -147,7 +146,7 @@ def random_axes(evidence: RgbdEvidence, state: Articulation, rng: np.random.Gene
     """
     tuned = evidence.settings.motion
     moving = evidence.grid(0).point[evidence.moving]
-    places = spread_places(subsample(moving, evidence.settings.sweep.spread_points), tuned.places)
+    places = spread_places(moving, tuned.places, evidence.settings.sweep.spread_points)
     out = np.zeros((tuned.starts, len(state.twist), 6))
     for s in range(tuned.starts):
         before = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, StepCosts, StepGrid, beam_search, spread_places, subsample
+from ..chain import Articulation, StepCosts, StepGrid, beam_search, spread_places
 from ..estimator import Hypothesis
 from ..images import Surfaces, smooth_costs
 from ..numerics import Image
@@ -26,15 +26,15 @@ def sweep_depth(evidence: RgbdEvidence, to: int, most: int) -> list[DepthHypothe
     tuned = settings.sweep
     points, normals = grid.point[evidence.moving], grid.normal[evidence.moving]
     pick = np.linspace(0, len(points) - 1, min(len(points), tuned.points)).astype(int)
-    places = spread_places(subsample(points, tuned.spread_points), tuned.places)
+    places = spread_places(points, tuned.places, tuned.spread_points)
     reach = min(to, tuned.max_step_frames)
     steps = StepGrid(places, places, reach * tuned.max_turn, reach * tuned.max_slide,
                      tuned.beam_width)
     costs = depth_step_costs(evidence.surfaces, to, columns(points[pick], normals[pick]), settings)
     beam = beam_search(priors, costs, steps, settings.chain)
     found: list[DepthHypothesis] = []
-    cost = beam.cost.mean(axis=1)
-    for state, own in zip(beam.articulations(priors, to)[:most], cost, strict=False):
+    cost = beam.cost[:most].mean(axis=1)
+    for state, own in zip(beam.articulations(priors, to, most), cost, strict=True):
         foot = np.cross(state.twist[0, :3], state.twist[0, 3:])
         base = min(evidence.base_candidates, key=lambda b: float(np.linalg.norm(b - foot)))
         clouds = Clouds([label_coarsely(evidence, state)])

@@ -54,9 +54,8 @@ def run_strategy(strategy: Strategy, evidence: RgbdEvidence, flow: Flow) -> list
     if strategy.extend_to:
         to = min(strategy.extend_to, end)
         found = [replace(h, state=extrapolate_to(h.state, to)) for h in found]
-    return refine_in_stages(
-        found, evidence.select,
-        *((stage.kept, partial(run_stage, evidence, stage)) for stage in strategy.stages))
+    stages = ((stage.kept, partial(run_stage, evidence, stage)) for stage in strategy.stages)
+    return refine_in_stages(found, evidence.select, *stages)
 
 
 def run_stage(evidence: RgbdEvidence, stage: Stage, hypothesis: DepthHypothesis) -> DepthHypothesis:

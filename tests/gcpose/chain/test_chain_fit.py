@@ -67,8 +67,8 @@ def test_a_hinge_is_where_a_part_is_nearest_to_what_carries_it() -> None:
 
 def test_places_are_spread_and_threads_keep_the_order() -> None:
     points = np.random.default_rng(0).random((200, 3))
-    places = spread_places(points, 10)
+    places = spread_places(points, 10, 1000)
     assert places.shape == (10, 3)
     apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(10)
-    assert apart.min() > 0.15 and spread_places(points[:3], 10).shape == (3, 3)
+    assert apart.min() > 0.15 and spread_places(points[:3], 10, 1000).shape == (3, 3)
     assert thread_map(lambda i: i * i, range(20)) == [i * i for i in range(20)]
