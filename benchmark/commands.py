@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .results import Results
 
 _GROUPS = {
-    "options": "--help --method --suite --data --inputs --knowledge --limit --shard --workers "
+    "options": "--help --method --suite --datasets --data --inputs --knowledge --limit --shard --workers "
                "--results --quiet --json",
     "method": "--set --flow --depth --foreground --weights",
     "cluster": "--executor --address --gpus",
@@ -33,6 +33,7 @@ def evaluate(args: Sequence[str]) -> tuple[object, int]:
       gcbench eval --method gcpose
       gcbench eval --method icp icp@true-parts hold-still --data data/ur5 --inputs rgbd
       gcbench eval --method my_method.py:MyMethod --suite my_suite.toml --knowledge free
+      gcbench eval --method abbatematteo --weights oven --suite standard --datasets oven
       gcbench eval --method gcpose --set rgbd.candidates=800 --data data/ur5 --limit 5
       gcbench eval --method gcpose --data /shared/ur5 --results /shared/results --shard 3/64
     """

@@ -29,13 +29,16 @@ SUITES = Path("data") / "suites"
 
 @dataclass(frozen=True)
 class Selection:
-    """The sequences of each dataset to evaluate: of those named, the first observable ones."""
+    """The datasets of a suite to evaluate, and the sequences of each dataset: of those named, the
+    first observable ones."""
 
     sequences: str = ""
     """Numbers, such as 0-9,15; empty: all."""
     limit: int = 0
     """Largest number of them; 0: all."""
     keep_unobservable: bool = False
+    datasets: tuple[str, ...] = ()
+    """Names of datasets of a suite; empty: all."""
 
 
 ALL = Selection()
@@ -71,8 +74,11 @@ def from_folders(
     """Open datasets; two folders of one name get their seeds as a part of the name.
 
     Raises DatasetError if a folder is not a dataset, or two have the same name and seed, and
-    ConfigError if one lacks a selected sequence.
+    ConfigError if one lacks a selected sequence, or datasets of a suite are selected.
     """
+    if selection.datasets:
+        raise ConfigError("--datasets chooses from a suite; with --data, name only the folders to "
+                          "use")
     out = [select(folder.resolve().name, folder, selection, allow_model) for folder in folders]
     plain = [data.name for data in out]
     out = [replace(data, name=f"{data.name}-seed-{data.dataset.config.seed}")
@@ -89,13 +95,14 @@ def from_suite(
 ) -> list[Data]:
     """Open the datasets of a suite, in FOLDER/SUITE/NAME; missing sequences are rendered first.
 
-    Raises DatasetError if a folder holds another dataset, or rendering fails, and ConfigError if a
-    dataset lacks a selected sequence, or one is missing that may not be rendered.
+    Raises DatasetError if a folder holds another dataset, or rendering fails, and ConfigError if
+    the suite lacks a selected dataset, a dataset lacks a selected sequence, or a sequence is
+    missing that may not be rendered.
     """
     from ...renderer.generate import render_dataset
 
     out: list[Data] = []
-    for entry in suite.datasets:
+    for entry in suite.choose(selection.datasets).datasets:
         name, path = f"{suite.title}/{entry.name}", folder / suite.title / entry.name
         ranges = [range(min(entry.n, selection.limit or entry.n))]
         if selection.sequences:

@@ -66,6 +66,8 @@ class EvalConfig(ExecutorOptions):
     """Settings of the method as NAME=VALUE, e.g. rgbd.candidates=800; part of the row's name."""
     suite: str = "mini"
     """Name or TOML file of a suite. Missing sequences are rendered first."""
+    datasets: tuple[str, ...] = ()
+    """Datasets of the suite to evaluate on, such as oven. Default: all."""
     data: tuple[Path, ...] = ()
     """Dataset folders to use instead of a suite."""
     inputs: tuple[Inputs, ...] = ()
@@ -151,7 +153,8 @@ def _evaluate(
 ) -> Results:
     """Make what is missing, here or on a cluster, and return the results."""
     declared, rows, refused = _plan(config, limits)
-    selection = Selection(config.sequences, config.limit, config.keep_unobservable)
+    selection = Selection(config.sequences, config.limit, config.keep_unobservable,
+                          config.datasets)
     if config.data:
         data = from_folders(config.data, selection, config.allow_model)
     else:

@@ -129,7 +129,8 @@ def _command(run: Run) -> str:
     words = ["gcbench", "eval", "--method", source + "".join(row.name.partition("@")[1:])]
     for name, value in parse_qsl(query):
         words += [f"--{name}", *value.split()]
-    words += ["--suite", run.dataset.rpartition("/")[0].partition("-")[0]]
+    suite, _, dataset = run.dataset.rpartition("/")
+    words += ["--suite", suite.partition("-")[0], "--datasets", dataset]
     words += ["--inputs", row.inputs, "--knowledge", row.knowledge]
     return shlex.join([*words, "--sequences", _ranges([int(name) for name in run.sequences])])
 

@@ -107,6 +107,8 @@ class ScoreConfig:
     """Write a CSV with every target into the file of --predictions, to be filled in."""
     suite: str = "mini"
     """Name or TOML file of the predicted suite. Missing sequences are rendered first."""
+    datasets: tuple[str, ...] = ()
+    """Datasets of the suite to score, such as oven. Default: all."""
     data: tuple[Path, ...] = ()
     """Dataset folders to use instead of a suite."""
     results: Path = Path("results")
@@ -153,7 +155,7 @@ def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
     file, results = config.predictions, config.results
     if file.exists() == config.template:
         raise DatasetError(f"{file}: {'exists' if config.template else 'no such file'}")
-    selection = Selection(keep_unobservable=config.keep_unobservable)
+    selection = Selection(keep_unobservable=config.keep_unobservable, datasets=config.datasets)
     if config.data:
         data = from_folders(config.data, selection)
     else:

@@ -17,7 +17,8 @@ The TOML format:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -72,6 +73,19 @@ class Suite:
     def title(self) -> str:
         """Name in folders and results, such as "mini-2": versions are different suites there."""
         return self.name if self.version == 1 else f"{self.name}-{self.version}"
+
+    def choose(self, names: Sequence[str]) -> Suite:
+        """Return the suite with the datasets of these names only; with all, if no name is given.
+
+        Raises ConfigError for a name that no dataset has.
+        """
+        known = [dataset.name for dataset in self.datasets]
+        for name in names:
+            if name not in known:
+                raise ConfigError(f"suite {self.name} has no dataset {name!r}"
+                                  f"{suggestion(name, known)}; there are {', '.join(known)}")
+        chosen = tuple(d for d in self.datasets if not names or d.name in names)
+        return replace(self, datasets=chosen)
 
 
 def builtin_suites() -> tuple[str, ...]:

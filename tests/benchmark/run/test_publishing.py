@@ -106,7 +106,7 @@ def test_sequences_are_added_to_a_row_of_the_same_version(
     parts, whole = tmp_path / "parts", tmp_path / "whole"
     (path,) = publish([tmp_path / "a"], parts)
     assert read_row(path, parts, {}).command.endswith(
-        "--suite small --inputs none --knowledge none --sequences 0-2")
+        "--suite small --datasets arm --inputs none --knowledge none --sequences 0-2")
     publish([tmp_path / "b"], parts)
     row = read_row(path, parts, {})
     assert [int(name) for name in row.run.sequences] == [0, 1, 2, 4, 5]
