@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from .results import Results
 
 _GROUPS = {
-    "options": "--help --method --suite --datasets --data --inputs --knowledge --limit --shard --workers "
-               "--results --quiet --json",
+    "options": "--help --method --suite --datasets --data --inputs --knowledge --limit --shard "
+               "--workers --results --quiet --json",
     "method": "--set --flow --depth --foreground --weights",
     "cluster": "--executor --address --gpus",
     "limit": "--timeout --memory --retry --python",

@@ -40,7 +40,8 @@ class AbbatematteoTask(ObjectTask):
         return MixtureDensityNetwork(self.config.width, self.config.dropout)
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> JointImages:
-        samples = JointImages(folders, self.config.seed, self.config.dropped)
+        c = self.config
+        samples = JointImages(folders, c.seed, c.dropped, c.views)
         bounds = cast("MixtureDensityNetwork", network).bounds
         bounds.copy_(torch.from_numpy(samples.bounds()))
         return samples

@@ -42,6 +42,15 @@ class AugmentationConfig:
 
 
 @dataclass(frozen=True)
+class ViewConfig:
+    """Other views of the depth videos that a network learns from; they are exact."""
+
+    turn: float = 0.0  # Largest turn of the camera about each of its axes, deg.
+    scale: tuple[float, float] = (1.0, 1.0)  # Range of the factor of all lengths.
+    mirror: float = 0.0  # Share of the samples that are mirrored.
+
+
+@dataclass(frozen=True)
 class RecipeConfig:
     """Datasets that are rendered if none are given; pairs are ranges."""
 
@@ -169,6 +178,7 @@ class ObjectTraining(TrainConfig):
     rate_decay: float = 0.0
     """Share of the steps, at the end, in which the learning rate falls to 0 (cosine); 0: the rates
     of the network's authors."""
+    views: ViewConfig = field(default_factory=ViewConfig)
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,26 @@ from numpy.typing import NDArray
 from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
 from ...renderer.types import Sequence, Stack
-from ...robots.geometry import Array, inverse, move_screw, quaternion_from_rotation
+from ...robots.geometry import (
+    Array,
+    inverse,
+    move_screw,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
+from ..networks.abbatematteo import AXIS, CONFIGURATION, GEOMETRY, POSE, RADIUS
 from ..networks.depth_images import fit_depth
+from .config import ViewConfig
 from .data import draw_place
+from .depth_views import (
+    MIRROR,
+    SAME_VIEW,
+    View,
+    draw_view,
+    fitted_intrinsics,
+    joint_slides,
+    view_depth,
+)
 
 _ALONG = 0.9  # cosine from which a direction is too near an axis
 _ROUNDING = 1e-9  # a larger number of a quaternion has a sign
@@ -56,8 +73,7 @@ def joint_numbers(sequence: Sequence) -> Array:
     size = state.coordinate_box[:, 1] - state.coordinate_box[:, 0]
     cam_from_body = state.cam_from_world @ state.world_from_part[:, body]
     cam_from_part = state.cam_from_world @ state.world_from_part[:, part]
-    slides = meta.joint_types[j] == "prismatic"
-    axis = move_screw(inverse(cam_from_body), state.joint_screw[:, j], slides)
+    axis = move_screw(inverse(cam_from_body), state.joint_screw[:, j], joint_slides(sequence))
     direction = axis[:, :3]
     point = np.cross(direction, axis[:, 3:])
     from_part = inverse(cam_from_part) @ cam_from_body
@@ -69,6 +85,25 @@ def joint_numbers(sequence: Sequence) -> Array:
         np.tile(np.append(size[body], size[part].min()), (frames, 1)),
         cam_from_body[:, :3, 3], _quaternion(cam_from_body[:, :3, :3]),
     ], axis=1)
+
+
+def view_numbers(numbers: Array, view: View, slides: bool) -> Array:
+    """Return the numbers [22] (see `joint_numbers`) in another view; the joint slides or turns.
+
+    A mirror makes another object: it exchanges left and right of the body, too.
+    """
+    axis, pose = numbers[AXIS], numbers[POSE]
+    direction, from_body = (rotation_from_quaternion(q) for q in (axis[3:], pose[3:]))
+    mirror = MIRROR if view.mirrors else np.eye(3)
+    along = mirror @ direction[:, 0] * (-1.0 if view.mirrors and not slides else 1.0)
+    out = np.array(numbers, np.float64)
+    out[CONFIGURATION] *= view.scale if slides else 1.0
+    out[AXIS] = *view.scale * mirror @ axis[:3], *_quaternion(_turn_x_to(along[None]))[0]
+    out[RADIUS] = view.scale * mirror @ numbers[RADIUS]
+    out[GEOMETRY] *= view.scale
+    turned = view.turn @ from_body @ mirror
+    out[POSE] = *view.scale * view.turn @ pose[:3], *_quaternion(turned[None])[0]
+    return out
 
 
 def _turn_x_to(direction: Array) -> Array:
@@ -94,18 +129,24 @@ def _quaternion(rotation: Array) -> Array:
 class JointImages:
     """Images of datasets; each epoch has every image once, in another order."""
 
-    def __init__(self, folders: Row[Path], seed: int, dropped: float) -> None:
+    def __init__(
+        self, folders: Row[Path], seed: int, dropped: float, views: ViewConfig = SAME_VIEW
+    ) -> None:
         """Open datasets; `dropped` is the share of the pixels that are set to zero.
 
         Raises:
             DatasetError: If a sequence cannot be learned from (see `joint_numbers`).
         """
-        self.seed, self.dropped = seed, dropped
+        self.seed, self.dropped, self.views = seed, dropped, views
         self._depth: list[Stack[np.float32]] = []  # decoded when indexed
+        self._cameras: list[Array] = []
+        self._slides: list[bool] = []
         self.numbers: list[NDArray[np.float32]] = []
         """[T 22] of each sequence"""
         for sequence in (s for folder in folders for s in open_dataset(folder)):
             self._depth.append(sequence.depth)
+            self._cameras.append(fitted_intrinsics(sequence))
+            self._slides.append(joint_slides(sequence))
             self.numbers.append(joint_numbers(sequence).astype(np.float32))
         starts = np.cumsum([0, *(len(n) for n in self.numbers)])
         self._starts, self._count = starts[:-1], int(starts[-1])
@@ -123,6 +164,10 @@ class JointImages:
         rng, image = draw_place(self.seed, number, len(self))
         k = int(np.searchsorted(self._starts, image, side="right")) - 1
         frame = image - int(self._starts[k])
-        depth = fit_depth(self._depth[k][frame : frame + 1])[0]
-        kept = rng.random(depth.shape) >= self.dropped
-        return JointSample(depth * kept, self.numbers[k][frame])
+        depth, numbers = fit_depth(self._depth[k][frame : frame + 1]), self.numbers[k][frame]
+        kept = rng.random(depth.shape[1:]) >= self.dropped
+        if self.views != SAME_VIEW:
+            view = draw_view(rng, self.views)
+            depth = view_depth(depth, self._cameras[k], view)
+            numbers = view_numbers(numbers, view, self._slides[k]).astype(np.float32)
+        return JointSample(depth[0] * kept, numbers)

@@ -43,6 +43,12 @@ class ObjectTask(TrainingTask):
             raise ConfigError(f"--dropped {c.dropped}: give a share from 0 to 1")
         if not 0 <= c.rate_decay <= 1:
             raise ConfigError(f"--rate-decay {c.rate_decay}: give a share from 0 to 1")
+        if not 0 <= c.views.turn <= 30:
+            raise ConfigError(f"--views.turn {c.views.turn}: give degrees from 0 to 30")
+        if not 0.1 <= c.views.scale[0] <= c.views.scale[1] <= 10:
+            raise ConfigError("--views.scale: give two factors from 0.1 to 10, the lesser first")
+        if not 0 <= c.views.mirror <= 1:
+            raise ConfigError(f"--views.mirror {c.views.mirror}: give a share from 0 to 1")
 
     def notes(self) -> Mapping[str, str]:
         """Return what the network has learned from, also before this run."""

@@ -59,7 +59,8 @@ class ScrewNetTask(ObjectTask):
         network.load_state_dict(read_weights(path, features, self.name), strict=False)
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
-        return DepthVideos(folders, self.config.frames, self.config.seed, self.config.dropped)
+        c = self.config
+        return DepthVideos(folders, c.frames, c.seed, c.dropped, c.views)
 
     def rate(self, progress: float) -> float:
         """Return the learning rate: by default a tenth after each 30 % of the steps."""
@@ -77,7 +78,7 @@ class ScrewNetTask(ObjectTask):
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the mean errors, and the mean motion: the error of an estimate of none."""
         frames = min(self.config.frames, open_dataset(folder).config.frames)
-        videos = DepthVideos([folder], frames, self.config.seed, 0.0)
+        videos = DepthVideos([folder], frames, self.config.seed)
         device = next(network.parameters()).device
         rows: list[np.ndarray] = []
         with torch.no_grad():

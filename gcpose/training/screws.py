@@ -17,7 +17,16 @@ from ...renderer.types import Sequence
 from ...robots.geometry import Array
 from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import Tensor, torch
+from .config import ViewConfig
 from .data import draw_place
+from .depth_views import (
+    SAME_VIEW,
+    draw_view,
+    fitted_intrinsics,
+    joint_slides,
+    view_depth,
+    view_screws,
+)
 
 _PARALLEL = 1e-4  # sine of the angle below which lines count as parallel
 
@@ -47,7 +56,7 @@ def relative_screws(sequence: Sequence, first: int, last: int) -> Array:
                            "screwnet learns from objects with one")
     j = meta.joint_names.index(meta.scored_joints[0])
     moved = state.joint_positions[first + 1 : last + 1, j] - state.joint_positions[first, j]
-    slides = meta.joint_types[j] == "prismatic"
+    slides = joint_slides(sequence)
     if not slides:
         moved = np.pi - np.mod(np.pi - moved, 2 * np.pi)
     sign = np.where(moved < 0, -1.0, 1.0)[:, None]
@@ -58,14 +67,17 @@ def relative_screws(sequence: Sequence, first: int, last: int) -> Array:
 class DepthVideos:
     """Windows of frames of datasets; each epoch has every sequence once, in another order."""
 
-    def __init__(self, folders: Row[Path], frames: int, seed: int, dropped: float) -> None:
+    def __init__(
+        self, folders: Row[Path], frames: int, seed: int, dropped: float = 0.0,
+        views: ViewConfig = SAME_VIEW,
+    ) -> None:
         """Open datasets; `dropped` is the share of the pixels that are set to zero.
 
         Raises:
             DatasetError: If a dataset has too few frames.
         """
         self.datasets = [open_dataset(folder) for folder in folders]
-        self.frames, self.seed, self.dropped = frames, seed, dropped
+        self.frames, self.seed, self.dropped, self.views = frames, seed, dropped, views
         for folder, dataset in zip(folders, self.datasets, strict=True):
             if dataset.config.frames < frames:
                 raise DatasetError(f"{address(folder)} has {dataset.config.frames} frames in a "
@@ -84,6 +96,10 @@ class DepthVideos:
         depth = fit_depth(sequence.depth[first : first + self.frames])
         kept = rng.random(depth.shape[1:]) >= self.dropped  # the same pixels in all frames
         screw = relative_screws(sequence, first, first + self.frames - 1)
+        if self.views != SAME_VIEW:
+            view = draw_view(rng, self.views)
+            depth = view_depth(depth, fitted_intrinsics(sequence), view)
+            screw = view_screws(screw, view, joint_slides(sequence))
         return ScrewSample(depth * kept, screw.astype(np.float32))
 
 

@@ -142,7 +142,7 @@ def test_what_is_missing_is_rendered_first(
     assert chosen[0].sequences == ("000002",) and asked[-1] == ("iiwa14", 1)
     with pytest.raises(GcbenchError, match="mine/one has no sequence 2; there are 0 to 1"):
         datasets.from_suite(suite, tmp_path, datasets.Selection("0-2"))
-    with pytest.raises(GcbenchError, match="mine has no dataset 'tow' .perhaps you meant two"):
+    with pytest.raises(GcbenchError, match=r"no dataset 'tow' \(perhaps you meant two\)"):
         datasets.from_suite(suite, tmp_path, datasets.Selection(datasets=("one", "tow")))
     with pytest.raises(GcbenchError, match="--datasets chooses from a suite; with --data"):
         datasets.from_folders([tmp_path / "mine/one"], datasets.Selection(datasets=("one",)))

@@ -383,6 +383,7 @@ def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
 
 
 @pytest.mark.parametrize(("args", "said"), [
+    ("--views.mirror 2", "share"), ("--views.turn 90", "degrees"), ("--views.scale 2 1", "lesser"),
     ("--width 20", "multiple of 8"), ("--classes fridge", "there are"), ("--dropped 1", "share"),
     ("--rate-decay 1.5", "share"), ("--freeze-features 2", "share"),
     ("--frames 1", "--frames 2 or more"), ("--epochs 0", "--epochs must be"),

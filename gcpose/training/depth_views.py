@@ -1,0 +1,81 @@
+"""Other views of depth videos: the camera turns, lengths change, and a mirror. Labels follow.
+
+With depth, these are exact: a camera that turns about its centre sees the same surfaces, and so
+does one of a larger object further away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...renderer.types import Sequence
+from ...robots.geometry import Array, pinhole, se3
+from ..networks.depth_images import fit_intrinsics
+from .config import ViewConfig
+
+SAME_VIEW = ViewConfig()
+"""No other views."""
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+"""Mirrors a frame whose x axis is lateral: that of the camera, and that of an appliance."""
+_LEAST_AHEAD = 0.1  # depth of a ray of unit depth in the other view
+
+
+@dataclass(frozen=True)
+class View:
+    """Points x of the camera's frame go to `scale` times `turn` x."""
+
+    turn: Array
+    """[3 3], with determinant -1 where it mirrors"""
+    scale: float
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether left and right are exchanged."""
+        return bool(np.linalg.det(self.turn) < 0)
+
+
+def fitted_intrinsics(sequence: Sequence) -> Array:
+    """Return the intrinsics [3 3] of the images of a sequence after `fit_depth`."""
+    meta = sequence.meta
+    return fit_intrinsics(sequence.state.intrinsics, meta.width, meta.height)
+
+
+def joint_slides(sequence: Sequence) -> bool:
+    """Return whether the scored joint of a sequence slides."""
+    meta = sequence.meta
+    return meta.joint_types[meta.joint_names.index(meta.scored_joints[0])] == "prismatic"
+
+
+def draw_view(rng: np.random.Generator, config: ViewConfig) -> View:
+    """Return a random view."""
+    turn = se3.so3_exp(np.radians(rng.uniform(-config.turn, config.turn, 3)))
+    mirror = MIRROR if rng.random() < config.mirror else np.eye(3)
+    return View(turn @ mirror, float(np.exp(rng.uniform(*np.log(config.scale)))))
+
+
+def view_depth(
+    depth: NDArray[np.float32], intrinsics: Array, view: View
+) -> NDArray[np.float32]:
+    """Return depth images [T H W] in another view, of the same size and intrinsics [3 3].
+
+    Pixels are the nearest ones; zero is what the images do not show.
+    """
+    pixel = pinhole.pixel_grid(*depth.shape[1:])
+    ray = pinhole.pixel_rays(intrinsics, pixel) @ view.turn  # in the frame of the images
+    ahead = np.maximum(ray[..., 2:], _LEAST_AHEAD)
+    at = pinhole.project(intrinsics, np.concatenate([ray[..., :2], ahead], axis=-1))
+    at = at[..., :2].astype(np.float32)
+    factor = (view.scale / ahead[..., 0]).astype(np.float32)
+    return np.stack([cv2.remap(image, at, None, cv2.INTER_NEAREST) * factor for image in depth])
+
+
+def view_screws(screw: Array, view: View, slides: bool) -> Array:
+    """Return relative screws [K 8] (see `screws.relative_screws`) in another view."""
+    l, m, theta, d = np.split(screw, [3, 6, 7], axis=1)
+    sign = -1.0 if view.mirrors and not slides else 1.0  # a mirror reverses turns
+    return np.concatenate([sign * l @ view.turn.T, view.scale * m @ view.turn.T, theta,
+                           view.scale * d], axis=1)
