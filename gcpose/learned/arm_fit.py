@@ -20,6 +20,7 @@ _GOOD = 1.0  # root mean square of residuals that ends the search
 _REFINEMENTS = 2  # fits in which keypoints that are far away count less
 _LIMIT = 20.0  # residual of an angle 1 rad beyond its limit
 _NEAREST = 0.02  # m before the camera
+_UPRIGHT = 10.0  # residual of a camera that rolls, or looks up, by 1 rad
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ class _Problem:
     def residuals(self, x: Array) -> Array:
         points, _ = self.fit.linearize(x[6:], self.used)
         error, _, _ = self._errors(apply(_camera(x), points))
-        return np.concatenate([_soften(error)[0], _LIMIT * self._beyond(x)])
+        return np.concatenate([_soften(error)[0], _LIMIT * self._beyond(x), _lean(x)[0]])
 
     def jacobian(self, x: Array) -> Array:
         points, moved = self.fit.linearize(x[6:], self.used)
@@ -184,7 +185,9 @@ class _Problem:
         rows = (slope @ inner).reshape(-1, len(x)) * _soften(error)[1][:, None]
         limits = np.zeros((len(x) - 6, len(x)))
         limits[:, 6:] = np.diag(_LIMIT * (self._beyond(x) != 0))
-        return np.concatenate([rows, limits])
+        lean = np.zeros((2, len(x)))
+        lean[:, :3] = _lean(x)[1]
+        return np.concatenate([rows, limits, lean])
 
     def _errors(self, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Weighted residuals [2N], derivatives by the points [N 2 3], and whether depth is free."""
@@ -208,6 +211,16 @@ def _soften(error: Array) -> tuple[Array, Array]:
     root = np.sqrt(1.0 + error**2)
     soft = np.sign(error) * np.sqrt(2.0 * error**2 / (1.0 + root))
     return soft, np.sqrt((1.0 + root) / 2.0) / root
+
+
+def _lean(x: Array) -> tuple[Array, Array]:
+    """Robust residuals [2] of a camera that rolls or looks up, and their derivatives [2 3] by its
+    rotation vector: among poses that explain the keypoints alike, an upright camera is likelier."""
+    up = se3.so3_exp(x[:3])[:, 2]
+    slope = -se3.hat(up) @ se3.left_jacobian(x[:3])
+    looks_up = up[2] > 0
+    lean, by_lean = _soften(_UPRIGHT * np.array([up[0], up[2] * looks_up]))
+    return lean, (_UPRIGHT * by_lean)[:, None] * np.stack([slope[0], slope[2] * looks_up])
 
 
 def _camera(x: Array) -> Array:

@@ -7,7 +7,8 @@ is found from the whole image.
 # pyright: basic
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,19 @@ _SURE = 0.15  # heights of peaks that count
 _FEWEST = 12  # keypoints of a fit
 _PASSES = 2  # times that crops are placed about the keypoints of those before
 _SIDES = 0.8, 1.0, 1.3, 1.7  # of these crops, in sides of the first
+_ALIKE = 4.0  # cells of a heat map within which crops show the same peak
+
+
+@dataclass(frozen=True)
+class Look:
+    """The keypoints as one crop shows them."""
+
+    pixels: Array
+    """[17 2] px of the image"""
+    score: Array
+    """[17] heights of the peaks"""
+    cell: float
+    """Side of a cell of the heat maps, px of the image"""
 
 
 class Craves:
@@ -42,7 +56,7 @@ class Craves:
     name = "craves"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("model",)
-    version = "2"
+    version = "3"
     authors = "Y. Zuo, W. Qiu, L. Xie, F. Zhong, Y. Wang, A. Yuille"
     link = "https://arxiv.org/abs/1812.00725"
     date = "2018-12"
@@ -88,36 +102,35 @@ class Craves:
         for image in images:
             pixels, score = self.keypoints(image, pixels)
             used = choose_keypoints(score)
-            pose = fit.solve(pixels, np.where(used, np.clip(score, 0.01, 1.0), 0.0), intrinsics,
-                             pose, camera)
+            weight = np.where(used, np.clip(score, 0.01, 1.0) ** 2, 0.0)
+            pose = fit.solve(pixels, weight, intrinsics, pose, camera)
             yield pixels, pose
 
     def keypoints(self, image: NDArray[np.uint8], near: Array | None = None) -> tuple[Array, Array]:
         """Return the keypoints [17 2] px of an image [H W 3] and their scores [17].
 
-        `near` [17 2] px are keypoints of an image before; they say where to look first. Each
-        keypoint is from the crop in which its score is highest: a crop of the wrong size misses
-        some.
+        `near` [17 2] px are keypoints of an image before; they say where to look first. A crop of
+        the wrong size misses some keypoints, so there are several crops (see `merge_looks`).
         """
         height, width = image.shape[:2]
-        looks, around = list[tuple[Array, Array]](), near
+        looks, around = list[Look](), near
         if near is None:
             centre = np.array([width - 1, height - 1]) / 2
             looks.append(self._look(image, centre, float(max(width, height))))
         for _ in range(_PASSES if near is None else 1):
             if looks:
-                found, score = choose_looks(looks)
+                found, score = merge_looks(looks)
                 around = found[score >= np.sort(score)[-_FEWEST]]
             assert around is not None
             centre, side = frame_keypoints(around)
             looks += [self._look(image, centre, share * side) for share in _SIDES]
-        found, score = choose_looks(looks)
+        found, score = merge_looks(looks)
         if near is not None and (score > _SURE).sum() < _FEWEST:
             return self.keypoints(image)
         return found, score
 
-    def _look(self, image: NDArray[np.uint8], centre: Array, side: float) -> tuple[Array, Array]:
-        """Keypoints [17 2] px and scores [17] in a square of the image."""
+    def _look(self, image: NDArray[np.uint8], centre: Array, side: float) -> Look:
+        """Look for the keypoints in a square of the image."""
         image_from_crop = place_crop(centre, side)
         crop = network_input(cut_crop(image, image_from_crop))
         with torch.no_grad():
@@ -126,14 +139,21 @@ class Craves:
         if not np.isfinite(maps).all():
             raise MethodError("craves returned numbers that are not finite")
         position, score = find_peaks(maps)
-        return to_image(image_from_crop, position), score
+        return Look(to_image(image_from_crop, position), score, side / maps.shape[-1])
 
 
-def choose_looks(looks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Return of each keypoint the position [17 2] px and score [17] with the highest score."""
-    pixels, score = (np.stack(x) for x in zip(*looks, strict=True))
-    best = score.argmax(axis=0), np.arange(score.shape[1])
-    return pixels[best], score[best]
+def merge_looks(looks: Sequence[Look]) -> tuple[Array, Array]:
+    """Return positions [17 2] px and scores [17] of the keypoints of all looks.
+
+    The look with the highest score decides where a keypoint is; the position is the mean over the
+    looks that agree, by their scores, as the errors of the looks differ.
+    """
+    pixels, score = (np.stack(x) for x in zip(*((k.pixels, k.score) for k in looks), strict=True))
+    best, each = score.argmax(axis=0), np.arange(score.shape[1])
+    reach = _ALIKE * np.array([look.cell for look in looks])[best]
+    alike = np.linalg.norm(pixels - pixels[best, each], axis=2) <= reach
+    weight = alike * np.clip(score, 1e-6, None)
+    return np.einsum("kn,knd->nd", weight / weight.sum(axis=0), pixels), score[best, each]
 
 
 def choose_keypoints(score: Array) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from gcbench.gcpose.training.config import CravesTraining
 from gcbench.renderer.types.camera import look_at
 from gcbench.renderer.types.observation import Observation
 from gcbench.robots.catalog import load_robot
-from gcbench.robots.geometry import apply, inverse, pinhole
+from gcbench.robots.geometry import apply, inverse, pinhole, se3, transform
 from gcbench.robots.model import forward_kinematics, joint_screws
 
 from ...support import analytic, bench_data
@@ -171,6 +171,15 @@ def test_the_fit_returns_the_angles_of_exact_keypoints() -> None:
     assert np.degrees(np.abs(far.angles - angles)).max() < 3
 
 
+def test_a_camera_that_rolls_changes_the_angles_little() -> None:
+    fit = ArmFit(load_robot("owi535"))
+    angles, camera, _ = pictured(0, fit)
+    roll = transform(se3.so3_exp(np.array([0.0, 0.0, 0.3])), np.zeros(3))
+    pixels = pinhole.project(INTRINSICS, apply(roll @ camera, fit.points(angles)))[:, :2]
+    found = fit.solve(pixels, np.ones(17), INTRINSICS)
+    assert np.degrees(np.abs(found.angles - angles)).max() < 2
+
+
 def test_derivatives_of_the_fit_are_differences() -> None:
     fit = ArmFit(load_robot("owi535"))
     angles, _, pixels = pictured(1, fit)
@@ -196,10 +205,10 @@ def test_perfect_maps_give_the_displacement(
     method: Any = load_method(with_options("craves", {"weights": str(tmp_path / "w.safetensors")}))
     assert method.name == "craves owi535 width=16"
 
-    def look(image: np.ndarray, centre: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
+    def look(image: np.ndarray, centre: np.ndarray, side: float) -> craves.Look:
         crop = place_crop(centre, side)
         position, score = find_peaks(draw_maps(to_crop(crop, pixels[image[0, 0, 0]])))
-        return to_image(crop, position), score
+        return craves.Look(to_image(crop, position), score, side / 64)
 
     monkeypatch.setattr(method, "_look", look)
     rgb = np.zeros((4, 240, 320, 3), np.uint8)
@@ -224,11 +233,15 @@ def test_at_least_twelve_keypoints_take_part() -> None:
     assert craves.choose_keypoints(score + 0.12).sum() == 16
 
 
-def test_each_keypoint_is_of_the_crop_with_its_highest_score() -> None:
-    looks = [(np.full((17, 2), k), np.where(np.arange(17) % 3 == k, 0.9, 0.1)) for k in range(3)]
-    pixels, score = craves.choose_looks(looks)
-    assert np.array_equal(pixels, np.repeat(np.arange(17)[:, None] % 3, 2, axis=1))
+def test_each_keypoint_is_where_the_crop_with_its_highest_score_shows_it() -> None:
+    best = [np.where(np.arange(17) % 3 == k, 0.9, 0.3) for k in range(3)]
+    far = [craves.Look(np.full((17, 2), 50.0 * k), best[k], 5.0) for k in range(3)]
+    pixels, score = craves.merge_looks(far)
+    assert np.array_equal(pixels, np.repeat(50.0 * (np.arange(17)[:, None] % 3), 2, axis=1))
     assert (score == 0.9).all()
+    near = [dataclasses.replace(look, pixels=look.pixels / 10) for look in far]
+    pixels, _ = craves.merge_looks(near)  # two crops at most agree within 4 cells of 5 px
+    assert pixels[0] == pytest.approx([(0.3 * 5 + 0.3 * 10) / 1.5] * 2)
 
 
 # -- runs -------------------------------------------------------------------------------------
