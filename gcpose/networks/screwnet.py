@@ -35,12 +35,18 @@ class ScrewNet(nn.Module):
 
     def forward(self, depth: Tensor) -> Tensor:
         """Return the screws [B T-1 8] of depth videos [B T H W] (see `depth_images.fit_depth`)."""
-        batch, frames = depth.shape[:2]
+        return self.screws(self.image_features(depth))
+
+    def image_features(self, depth: Tensor) -> Tensor:
+        """Return the features [B T F] of each image of depth videos [B T H W]."""
         images = depth.flatten(0, 1)[:, None].expand(-1, 3, -1, -1)
-        x = self.features(self.encoder(images)[-1].mean((2, 3)))
-        x = self.restored(self.reduced(x)).unflatten(0, (batch, frames))
+        return self.features(self.encoder(images)[-1].mean((2, 3))).unflatten(0, depth.shape[:2])
+
+    def screws(self, features: Tensor) -> Tensor:
+        """Return the screws [B T-1 8] of videos with these features [B T F] of their images."""
+        x = self.restored(self.reduced(features.flatten(0, 1))).unflatten(0, features.shape[:2])
         x = self.memory(x)[0].flatten(0, 1)
-        return self.head(x).unflatten(0, (batch, frames))[:, 1:]
+        return self.head(x).unflatten(0, features.shape[:2])[:, 1:]
 
     def freeze_features(self, frozen: bool) -> None:
         """Keep the features of an image as they are, statistics too; or learn them."""

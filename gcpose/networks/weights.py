@@ -118,9 +118,9 @@ class Checkpoint:
 
 
 def _moments(optimizer: torch.optim.Optimizer) -> tuple[str, ...]:
-    """Return what an optimizer keeps of each parameter beside the number of steps."""
+    """Return what an optimizer keeps of each parameter that has learned."""
     rms = isinstance(optimizer, torch.optim.RMSprop)
-    return ("square_avg",) if rms else ("exp_avg", "exp_avg_sq")
+    return ("step", "square_avg") if rms else ("step", "exp_avg", "exp_avg_sq")
 
 
 def write_checkpoint(
@@ -129,7 +129,7 @@ def write_checkpoint(
     """Write the state of a network and of Adam, AdamW or RMSprop."""
     tensors = {f"network/{key}": value for key, value in network.state_dict().items()}
     for name, parameter in network.named_parameters():
-        state = optimizer.state[parameter]
+        state = optimizer.state.get(parameter, {})  # none while the parameter is kept as it is
         tensors |= {f"{key}/{name}": state[key] for key in _moments(optimizer) if key in state}
     tensors["at"] = torch.tensor([at.step, at.seconds], dtype=torch.float64)
     _write_tensors(folder / _CHECKPOINT, tensors)
@@ -147,17 +147,21 @@ def read_checkpoint(
     if not path.exists():
         return Checkpoint(0, 0.0)
     like = {f"network/{key}": value for key, value in network.state_dict().items()}
-    named = dict(network.named_parameters())
-    like |= {f"{key}/{name}": p for name, p in named.items() for key in _moments(optimizer)}
+    there = read_tensors(path)
+    learned = {name: p for name, p in network.named_parameters() if f"step/{name}" in there}
+    like |= {f"{key}/{name}": torch.zeros(()) if key == "step" else p
+             for name, p in learned.items() for key in _moments(optimizer)}
     like["at"] = torch.zeros(2, dtype=torch.float64)
     found = read_weights(path, like, "this training")
     step, seconds = found["at"].tolist()
     if step < 0 or step != int(step):
         raise ConfigError(f"{path}: step {step} is not a number of steps")
+    if step and not learned:
+        raise ConfigError(f"{path}: no state of this optimizer; start in another folder")
     network.load_state_dict({k[8:]: v for k, v in found.items() if k.startswith("network/")})
-    for name, parameter in named.items():
+    for name, parameter in learned.items():
         optimizer.state[parameter] = {
-            "step": torch.tensor(float(step)),
-            **{key: found[f"{key}/{name}"].to(parameter.device) for key in _moments(optimizer)},
+            key: found[f"{key}/{name}"].to("cpu" if key == "step" else parameter.device)
+            for key in _moments(optimizer)
         }
     return Checkpoint(int(step), seconds)

@@ -202,6 +202,9 @@ class ScrewNetTraining(ObjectTraining):
     freeze_features: float = 0.0
     """Share of the steps, at the beginning, in which the features of an image stay as they are in
     --start-from."""
+    feature_views: int = 0
+    """Samples of each sequence whose features are computed once, before the first step; steps then
+    cost little. It needs --freeze-features 1. 0: each step computes features of new samples."""
 
 
 @dataclass(frozen=True)

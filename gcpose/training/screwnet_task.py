@@ -20,6 +20,7 @@ from .config import ScrewNetTraining
 from .object_task import ObjectTask
 from .screws import DepthVideos, line_distance, screw_loss
 from .task import Samples, Scores, reduce_precision
+from .video_features import VideoFeatures
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,11 @@ class ScrewNetTask(ObjectTask):
             raise ConfigError(f"--freeze-features {frozen}: give a share from 0 to 1")
         if frozen and self.config.start_from is None:
             raise ConfigError("--freeze-features: give weights with --start-from")
+        if not 0 <= self.config.feature_views <= 100:
+            raise ConfigError(f"--feature-views {self.config.feature_views}: give 0 to 100")
+        if self.config.feature_views and frozen < 1:
+            raise ConfigError("--feature-views: features that are computed once cannot learn; add "
+                              "--freeze-features 1")
 
     def make_network(self) -> nn.Module:
         return ScrewNet(self.config.width)
@@ -60,7 +66,10 @@ class ScrewNetTask(ObjectTask):
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         c = self.config
-        return DepthVideos(folders, c.frames, c.seed, c.dropped, c.views)
+        videos = DepthVideos(folders, c.frames, c.seed, c.dropped, c.views)
+        if not c.feature_views:
+            return videos
+        return VideoFeatures(videos, c.feature_views, cast("ScrewNet", network), c)
 
     def rate(self, progress: float) -> float:
         """Return the learning rate: by default a tenth after each 30 % of the steps."""
@@ -69,10 +78,11 @@ class ScrewNetTask(ObjectTask):
         return self.config.rate * 0.1 ** int(progress / 0.3)
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
-        depth, screw = batch
-        cast("ScrewNet", network).freeze_features(progress < self.config.freeze_features)
-        with reduce_precision(self.config, depth.device):
-            found = network(depth)
+        seen, screw = batch
+        screwnet = cast("ScrewNet", network)
+        screwnet.freeze_features(progress < self.config.freeze_features)
+        with reduce_precision(self.config, seen.device):
+            found = screwnet.screws(seen) if self.config.feature_views else screwnet(seen)
         return screw_loss(found.float(), screw)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:

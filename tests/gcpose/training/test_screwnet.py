@@ -38,6 +38,7 @@ from gcbench.gcpose.training.screws import (  # noqa: E402
     rotations_about,
     screw_loss,
 )
+from gcbench.gcpose.training.video_features import VideoFeatures  # noqa: E402
 
 
 def options(data: Path, out: Path, steps: int = 3) -> ScrewNetTraining:
@@ -327,17 +328,61 @@ def test_a_training_begins_with_the_features_of_an_abbatematteo_network(tmp_path
         kept = [torch.equal(tensors[name], tensor) for name, tensor in other.state_dict().items()
                 if name.startswith(("encoder.", "features."))]
         assert all(kept) if same else not any(kept[:2])
+        again = replace(config, out=tmp_path / f"{share} again", steps=4)  # stopped while frozen
+        loop.train(DoorTask(replace(again, steps=1, freeze_features=1.0)))
+        loop.train(DoorTask(again))
+        loop.train(DoorTask(replace(again, out=tmp_path / f"{share} at once")))
+        parts, whole = (read_tensors(tmp_path / folder / "screwnet.safetensors")
+                        for folder in (f"{share} again", f"{share} at once"))
+        assert all(torch.equal(parts[name], whole[name]) for name in whole)
     with pytest.raises(GcbenchError, match="give weights with --start-from"):
         loop.train(DoorTask(replace(frozen, start_from=None)))
+    with pytest.raises(GcbenchError, match="add --freeze-features 1"):
+        loop.train(DoorTask(replace(frozen, freeze_features=0.5, feature_views=2)))
     wide = ScrewNetTraining(out=tmp_path / "wide", start_from=start, width=16, steps=1)
     with pytest.raises(GcbenchError, match=r"no weights of screwnet: .* expected \[16, 3, 7, 7\]"):
         loop.train(DoorTask(wide))
 
 
+def test_features_that_are_computed_once_train_as_those_of_each_step(tmp_path: Path) -> None:
+    data = dataset(tmp_path / "d")
+    start = tmp_path / "start.safetensors"
+    torch.manual_seed(3)
+    write_weights(start, ScrewNet(8))
+    each = replace(options(data, tmp_path / "each"), start_from=start, freeze_features=1.0,
+                   precision="float32", rate=0.01)
+    once = replace(each, out=tmp_path / "once", feature_views=2)
+    network = ScrewNet(8).eval()
+    network.load_state_dict(read_tensors(start))
+    cached = VideoFeatures(DepthVideos([data], 4, 1), 2, network, once)
+    assert len(cached) == 8
+    videos = DepthVideos([data], 4, 1)
+    whole = [videos.sample(n) for n in range(8)]
+    with torch.no_grad():
+        expected = [network.image_features(torch.from_numpy(s.depth)[None])[0] for s in whole]
+    for number in range(8):  # an epoch has each of the first samples once
+        found = cached.sample(number)
+        place = next(k for k, s in enumerate(whole) if np.array_equal(s.screw, found.screw)
+                     and np.allclose(expected[k], found.features, atol=2e-3))
+        whole[place] = replace(whole[place], screw=np.zeros_like(found.screw))
+
+    for config in (each, once):
+        loop.train(ScrewNetTask(config))
+    found = [read_tensors(c.out / "screwnet.safetensors") for c in (each, once)]
+    for name, tensor in network.state_dict().items():
+        same = [torch.equal(tensors[name], tensor) for tensors in found]
+        assert same == [name.startswith(("encoder.", "features."))] * 2 or "num_batches" in name
+    whole_run = (once.out / "screwnet.safetensors").read_bytes()
+    again = replace(once, out=tmp_path / "again")
+    loop.train(ScrewNetTask(replace(again, steps=2)))
+    loop.train(ScrewNetTask(again))
+    assert (again.out / "screwnet.safetensors").read_bytes() == whole_run
+
+
 def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     from gcbench.gcpose.images.network_flow import SHIPPED
 
-    listed = "needs weights: --weights microwave, or your own: gcbench train screwnet"
+    listed = "--weights dishwasher or microwave or oven, or your own: gcbench train screwnet"
     with pytest.raises(GcbenchError, match=listed):
         load_method("screwnet")
     none = tmp_path / "none.safetensors"
@@ -386,6 +431,7 @@ def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
     ("--views.mirror 2", "share"), ("--views.turn 90", "degrees"), ("--views.scale 2 1", "lesser"),
     ("--width 20", "multiple of 8"), ("--classes fridge", "there are"), ("--dropped 1", "share"),
     ("--rate-decay 1.5", "share"), ("--freeze-features 2", "share"),
+    ("--feature-views 2", "add --freeze-features 1"),
     ("--frames 1", "--frames 2 or more"), ("--epochs 0", "--epochs must be"),
 ])
 def test_wrong_options_are_refused(
