@@ -20,7 +20,7 @@ class ScrewNetMethod:
     name = "screwnet"
     inputs: tuple[Inputs, ...] = ("rgbd",)
     knowledge: tuple[Knowledge, ...] = ("free",)
-    version = "1"
+    version = "2"
     authors = "A. Jain, R. Lioutikov, C. Chuck, S. Niekum"
     link = "https://arxiv.org/abs/2008.10518"
     date = "2020-08"

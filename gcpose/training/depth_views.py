@@ -68,9 +68,9 @@ def view_depth(
     ray = pinhole.pixel_rays(intrinsics, pixel) @ view.turn  # in the frame of the images
     ahead = np.maximum(ray[..., 2:], _LEAST_AHEAD)
     at = pinhole.project(intrinsics, np.concatenate([ray[..., :2], ahead], axis=-1))
-    at = at[..., :2].astype(np.float32)
+    u, v = at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
     factor = (view.scale / ahead[..., 0]).astype(np.float32)
-    return np.stack([cv2.remap(image, at, None, cv2.INTER_NEAREST) * factor for image in depth])
+    return np.stack([cv2.remap(image, u, v, cv2.INTER_NEAREST) * factor for image in depth])
 
 
 def view_screws(screw: Array, view: View, slides: bool) -> Array:
