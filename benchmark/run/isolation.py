@@ -33,8 +33,9 @@ _LIFETIME = 200
 """Sequences per process, because methods may leak memory."""
 _MAX_ANSWER = 2**28
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_WAIT_ASLEEP = {"OMP_WAIT_POLICY": "PASSIVE"}
-"""Threads of OpenMP that wait awake slow a method down tenfold where other programs run."""
+_WAIT_BRIEFLY = {"GOMP_SPINCOUNT": "1000"}
+"""Threads of OpenMP that wait awake for long slow a method down tenfold where other programs run;
+threads that sleep at once slow it down where none do."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def _settings(source: str, limits: Limits) -> WorkerSettings:
     return WorkerSettings(
         "gcbench.benchmark.run.method_worker:serve", (source, limits.threads, python),
         limits.workers, _LIFETIME, START_LIMIT,
-        {**dict.fromkeys(_THREADS, str(limits.threads)), **_WAIT_ASLEEP},
+        {**dict.fromkeys(_THREADS, str(limits.threads)), **_WAIT_BRIEFLY},
         foreign=True, memory=int(limits.memory * 2**30) or None,
     )
 

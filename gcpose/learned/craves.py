@@ -148,7 +148,7 @@ def merge_looks(looks: Sequence[Look]) -> tuple[Array, Array]:
     The look with the highest score decides where a keypoint is; the position is the mean over the
     looks that agree, by their scores, as the errors of the looks differ.
     """
-    pixels, score = (np.stack(x) for x in zip(*((k.pixels, k.score) for k in looks), strict=True))
+    pixels, score = np.stack([k.pixels for k in looks]), np.stack([k.score for k in looks])
     best, each = score.argmax(axis=0), np.arange(score.shape[1])
     reach = _ALIKE * np.array([look.cell for look in looks])[best]
     alike = np.linalg.norm(pixels - pixels[best, each], axis=2) <= reach

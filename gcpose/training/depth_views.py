@@ -1,7 +1,7 @@
 """Other views of depth videos: the camera turns, lengths change, and a mirror. Labels follow.
 
-With depth, these are exact: a camera that turns about its centre sees the same surfaces, and so
-does one of a larger object further away.
+With depth, these are exact: a camera that turns about its centre sees the same surfaces, and a
+larger object that is further away has the same image with larger depths.
 """
 
 from __future__ import annotations
