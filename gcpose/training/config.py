@@ -95,8 +95,9 @@ class TrainConfig:
     """Processes that prepare samples (a GPU needs 8 and more) and that render; 0: samples in the
     training process, and one renderer for each core."""
     threads: int = 0  # Threads of the arithmetic on a CPU; default: all cores.
-    precision: Literal["bfloat16", "float32"] = "bfloat16"
-    """Precision of the arithmetic in training; weights are float32."""
+    precision: Literal["auto", "bfloat16", "float32"] = "auto"
+    """Precision of the arithmetic in training; weights are float32. auto: bfloat16 on a GPU or CPU
+    with instructions for it; on other CPUs, bfloat16 takes ten times as long as float32."""
     half: bool = False  # Write the file of weights in half precision (the checkpoint is not).
     every: int = 1000  # Steps between two checks on the held-out data.
     minutes: float = 3.0  # Time between two checkpoints.

@@ -20,7 +20,18 @@ Scores = dict[str, dict[str, float]]
 
 def reduce_precision(config: TrainConfig, device: torch.device) -> torch.autocast:
     """Return the context in which a network computes in training."""
-    return torch.autocast(device.type, torch.bfloat16, enabled=config.precision == "bfloat16")
+    reduced = config.precision == "bfloat16" or (
+        config.precision == "auto" and has_bfloat16(device.type))
+    return torch.autocast(device.type, torch.bfloat16, enabled=reduced)
+
+
+def has_bfloat16(device: str) -> bool:
+    """Return whether a device, such as "cpu", has instructions for bfloat16."""
+    if device == "cuda":
+        return torch.cuda.is_bf16_supported()
+    instructions = "_is_avx512_bf16_supported", "_is_amx_tile_supported"  # not in early versions
+    return device == "cpu" and any(
+        getattr(torch.cpu, name, lambda: False)() for name in instructions)
 
 
 class Samples(Protocol):

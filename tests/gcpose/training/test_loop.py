@@ -178,6 +178,20 @@ def config(folder: Path, out: Path, steps: int) -> FlowTraining:
     )
 
 
+@pytest.mark.parametrize("instructions", [(), ("avx512_bf16",), ("amx_tile",)])
+def test_precision_follows_the_instructions_of_the_cpu(
+    torch, monkeypatch: pytest.MonkeyPatch, instructions: tuple[str, ...]
+) -> None:
+    from gcbench.gcpose.training.task import reduce_precision
+
+    for name in ("avx512_bf16", "amx_tile"):
+        monkeypatch.setattr(torch.cpu, f"_is_{name}_supported",
+                            lambda name=name: name in instructions, raising=False)
+    with reduce_precision(FlowTraining(), torch.device("cpu")):
+        product = torch.ones(2, 2) @ torch.ones(2, 2)
+    assert product.dtype == (torch.bfloat16 if instructions else torch.float32)
+
+
 def test_the_loss_is_least_at_the_truth(torch) -> None:
     from gcbench.gcpose.networks.raft import REACH, RaftOutput
     from gcbench.gcpose.training.loss import coarse_flow, flow_loss, part_bias
