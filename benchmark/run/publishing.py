@@ -78,6 +78,10 @@ def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
                            "evaluate on the folder")
     data = select(run.dataset, Path(run.data), ALL).dataset
     run = replace(run, sequences=tuple(sorted(run.sequences, key=int)))
+    if missing := [name for name in run.sequences if not found.estimate_path(name).exists()]:
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        raise DatasetError(f"{found.path}: not finished, no estimates of {', '.join(missing[:3])}"
+                           f"{more}; continue with the same `gcbench eval`, then publish")
     stored = [read_stored(found.estimate_path(name), shape_of(data[name]))
               for name in run.sequences]
     truth = _add_truth(found, data, folder)
