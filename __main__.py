@@ -34,7 +34,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     "more": {
         "doctor": renderer.doctor, "train flow": gcpose.train_flow,
         "train foreground": gcpose.train_foreground, "train screwnet": gcpose.train_screwnet,
-        "train abbatematteo": gcpose.train_abbatematteo,
+        "train abbatematteo": gcpose.train_abbatematteo, "train dustnet": gcpose.train_dustnet,
         "train craves": gcpose.train_craves, "craves-images": gcpose.craves_images,
     },
 }

@@ -24,6 +24,11 @@ def train_abbatematteo(args: Sequence[str]) -> tuple[object, int]:
     return _train("abbatematteo", args)
 
 
+def train_dustnet(args: Sequence[str]) -> tuple[object, int]:
+    """Train DUST-net, a baseline: a distribution of one joint's motion from depth video."""
+    return _train("dustnet", args)
+
+
 def train_craves(args: Sequence[str]) -> tuple[object, int]:
     """Train CRAVES, a baseline: keypoints of the OWI-535 in an image."""
     return _train("craves", args)

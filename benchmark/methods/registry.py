@@ -33,6 +33,7 @@ METHODS = {
     "gcpose-depth": "gcbench.gcpose.paper.pipeline:WithDepth",
     "screwnet": "gcbench.gcpose.learned.screwnet:ScrewNetMethod",
     "abbatematteo": "gcbench.gcpose.learned.abbatematteo:Abbatematteo",
+    "dustnet": "gcbench.gcpose.learned.dustnet:DustNetMethod",
     "craves": "gcbench.gcpose.learned.craves:Craves",
     "icp": "gcbench.benchmark.methods.icp:Icp",
     "icp-first": "gcbench.benchmark.methods.icp:IcpFirst",

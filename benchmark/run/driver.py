@@ -59,9 +59,9 @@ class EvalConfig(ExecutorOptions):
     """What finds the moving pixels of plain video, for methods with this option: network,
     network:WEIGHTS or background. Default: chosen by the method. Becomes part of the row's name."""
     weights: tuple[str, ...] = ()
-    """Trained weights, for methods with this option (screwnet, abbatematteo, craves): a file
-    that gcbench train wrote, or the name of weights that come with gcbench. METHOD=WEIGHTS is for
-    one of the methods. Each makes a row."""
+    """Trained weights, for methods with this option (screwnet, abbatematteo, dustnet,
+    craves): a file that gcbench train wrote, or the name of weights that come with gcbench.
+    METHOD=WEIGHTS is for one of the methods. Each makes a row."""
     set: tuple[str, ...] = ()
     """Settings of the method as NAME=VALUE, e.g. rgbd.candidates=800; part of the row's name."""
     suite: str = "mini"

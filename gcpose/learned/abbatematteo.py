@@ -32,7 +32,8 @@ class Abbatematteo:
             ConfigError: If the file is missing or has no weights of this network.
         """
         self.trained = load_trained(
-            "abbatematteo", weights, device, mixture_width, MixtureDensityNetwork)
+            "abbatematteo", weights, device, mixture_width,
+            lambda width, _: MixtureDensityNetwork(width))
         self.training = f"supervised: depth images of {self.trained.objects}"
         self.name += f" {self.trained.label}"
 

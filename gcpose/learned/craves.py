@@ -68,7 +68,8 @@ class Craves:
             ConfigError: If the file is missing or has no weights of this network.
         """
         self.trained = load_trained(
-            "craves", weights, device, hourglass_width, StackedHourglass, _PUBLISHED_WIDTH)
+            "craves", weights, device, hourglass_width,
+            lambda width, _: StackedHourglass(width), _PUBLISHED_WIDTH)
         self.training = f"supervised: images of {self.trained.objects}"
         self.name += f" {self.trained.label}"
 

@@ -9,7 +9,8 @@ from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
 from ..networks.depth_images import fit_depth
-from ..networks.screwnet import ScrewNet, screwnet_width
+from ..networks.depth_video import encoder_width
+from ..networks.screwnet import ScrewNet
 from ..networks.torch_runtime import torch
 from .trained import depth_of_one_joint, load_trained
 
@@ -31,7 +32,8 @@ class ScrewNetMethod:
         Raises:
             ConfigError: If the file is missing or has no weights of this network.
         """
-        self.trained = load_trained("screwnet", weights, device, screwnet_width, ScrewNet)
+        self.trained = load_trained(
+            "screwnet", weights, device, encoder_width, lambda width, _: ScrewNet(width))
         self.training = f"supervised: depth video of {self.trained.objects}"
         if self.trained.features:
             self.training += f", begun with features of {self.trained.features}"

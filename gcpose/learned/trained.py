@@ -39,23 +39,26 @@ class Trained:
 
 def load_trained(
     name: str, weights: str, device: str,
-    width_of: Callable[[Mapping[str, Tensor]], int], make: Callable[[int], nn.Module],
+    width_of: Callable[[Mapping[str, Tensor]], int],
+    make: Callable[[int, Mapping[str, Tensor]], nn.Module],
     published: int = 64,
 ) -> Trained:
     """Load the network `name` of any width: from the file that `gcbench train` wrote, or by the
     name of weights that come with gcbench.
 
-    `published` is the width in the paper, the largest.
+    `width_of` returns the width of the network that has some tensors, or 0, and `make` returns a
+    network of a width and of their sizes. `published` is the width in the paper, the largest.
 
     Raises:
         ConfigError: If there are no such weights, or they are not of this network.
     """
     recipe = f"gcbench train {name} --out {name}, then --weights {name}/{name}.safetensors"
     path = find_weights(name, weights, recipe)
-    width = width_of(read_tensors(path))
+    tensors = read_tensors(path)
+    width = width_of(tensors)
     if not 8 <= width <= published:
         raise ConfigError(f"{path}: no weights of {name}; make them with {recipe}")
-    network = make(width).eval()
+    network = make(width, tensors).eval()
     network.load_state_dict(read_weights(path, network.state_dict(), name))
     network.to(find_device(device))
     notes = read_notes(path)

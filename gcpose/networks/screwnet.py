@@ -9,23 +9,19 @@ of the paper; a smaller width makes all layers narrower.
 # pyright: basic
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from .resnet import ResNet18
+from .depth_video import DepthVideoNetwork
 from .torch_runtime import Tensor, nn
 
 SCREW_NUMBERS = 8
 """l (3), m (3), theta, d."""
 
 
-class ScrewNet(nn.Module):
+class ScrewNet(DepthVideoNetwork):
     """The network; about 21 million parameters at width 64."""
 
     def __init__(self, width: int = 64) -> None:
-        super().__init__()
+        super().__init__(width)
         size, half, quarter = (n * width // 64 for n in (1000, 512, 256))
-        self.encoder = ResNet18(width)
-        self.features = nn.Linear(8 * width, size)
         self.reduced = _stack(size, half)
         self.restored = nn.Linear(half, size)
         self.memory = nn.LSTM(size, size, batch_first=True)
@@ -33,32 +29,12 @@ class ScrewNet(nn.Module):
             *_stack(size, quarter), *_stack(quarter, quarter // 2),
             nn.Linear(quarter // 2, SCREW_NUMBERS))
 
-    def forward(self, depth: Tensor) -> Tensor:
-        """Return the screws [B T-1 8] of depth videos [B T H W] (see `depth_images.fit_depth`)."""
-        return self.screws(self.image_features(depth))
-
-    def image_features(self, depth: Tensor) -> Tensor:
-        """Return the features [B T F] of each image of depth videos [B T H W]."""
-        images = depth.flatten(0, 1)[:, None].expand(-1, 3, -1, -1)
-        return self.features(self.encoder(images)[-1].mean((2, 3))).unflatten(0, depth.shape[:2])
-
-    def screws(self, features: Tensor) -> Tensor:
+    def motion(self, features: Tensor) -> Tensor:
         """Return the screws [B T-1 8] of videos with these features [B T F] of their images."""
         x = self.restored(self.reduced(features.flatten(0, 1))).unflatten(0, features.shape[:2])
         x = self.memory(x)[0].flatten(0, 1)
         return self.head(x).unflatten(0, features.shape[:2])[:, 1:]
 
-    def freeze_features(self, frozen: bool) -> None:
-        """Keep the features of an image as they are, statistics too; or learn them."""
-        for part in (self.encoder, self.features):
-            part.requires_grad_(not frozen).train(self.training and not frozen)
-
 
 def _stack(inputs: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(inputs, outputs), nn.BatchNorm1d(outputs), nn.ReLU())
-
-
-def screwnet_width(tensors: Mapping[str, Tensor]) -> int:
-    """Return the width of the network that has these tensors; 0 if it is none."""
-    first = tensors.get("encoder.conv1.weight")
-    return 0 if first is None or first.ndim != 4 else int(first.shape[0])

@@ -1,4 +1,4 @@
-"""Training of `ScrewNet`."""
+"""Training of `ScrewNet`, and what other networks for depth videos share with it."""
 
 # pyright: basic
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
 from ..networks.abbatematteo import mixture_width
+from ..networks.depth_video import DepthVideoNetwork
 from ..networks.screwnet import ScrewNet
 from ..networks.torch_runtime import Tensor, nn, torch
 from ..networks.weights import read_notes, read_tensors, read_weights
@@ -43,8 +44,16 @@ class ScrewNetTask(ObjectTask):
             raise ConfigError("--feature-views: features that are computed once cannot learn; add "
                               "--freeze-features 1")
 
-    def make_network(self) -> nn.Module:
+    def make_network(self) -> DepthVideoNetwork:
         return ScrewNet(self.config.width)
+
+    def criterion(self, network: DepthVideoNetwork, output: Tensor, true: Tensor) -> Tensor:
+        """Return the loss of the network's output for videos of these screws [B K 8]."""
+        return screw_loss(output, true)
+
+    def screws(self, network: DepthVideoNetwork, output: Tensor) -> Tensor:
+        """Return the screws [B K 8] that the network's output stands for."""
+        return output
 
     def notes(self) -> Mapping[str, str]:
         """Return what the network has learned from, and whose features it began with."""
@@ -56,7 +65,7 @@ class ScrewNetTask(ObjectTask):
         return {**super().notes(), **({"features": features} if features else {})}
 
     def load_start(self, network: nn.Module, path: Path) -> None:
-        """Load weights of ScrewNet, or the features of an image of an `abbatematteo` network."""
+        """Load weights of this network, or an `abbatematteo` network's features of an image."""
         if not mixture_width(read_tensors(path)):
             super().load_start(network, path)
             return
@@ -69,7 +78,7 @@ class ScrewNetTask(ObjectTask):
         videos = DepthVideos(folders, c.frames, c.seed, c.dropped, c.views)
         if not c.feature_views:
             return videos
-        return VideoFeatures(videos, c.feature_views, cast("ScrewNet", network), c)
+        return VideoFeatures(videos, c.feature_views, cast("DepthVideoNetwork", network), c)
 
     def rate(self, progress: float) -> float:
         """Return the learning rate: by default a tenth after each 30 % of the steps."""
@@ -79,28 +88,30 @@ class ScrewNetTask(ObjectTask):
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         seen, screw = batch
-        screwnet = cast("ScrewNet", network)
-        screwnet.freeze_features(progress < self.config.freeze_features)
+        videos = cast("DepthVideoNetwork", network)
+        videos.freeze_features(progress < self.config.freeze_features)
         with reduce_precision(self.config, seen.device):
-            found = screwnet.screws(seen) if self.config.feature_views else screwnet(seen)
-        return screw_loss(found.float(), screw)
+            output = videos.motion(seen) if self.config.feature_views else videos(seen)
+        return self.criterion(videos, output.float(), screw)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the mean errors, and the mean motion: the error of an estimate of none."""
         frames = min(self.config.frames, open_dataset(folder).config.frames)
         videos = DepthVideos([folder], frames, self.config.seed)
+        finder = cast("DepthVideoNetwork", network)
         device = next(network.parameters()).device
         rows: list[np.ndarray] = []
         with torch.no_grad():
             for number in range(len(videos)):
                 sample = videos.sample(number)
                 depth, true = (torch.from_numpy(x)[None].to(device) for x in vars(sample).values())
-                found = network(depth)
-                rows.append(_errors(found, true, float(screw_loss(found, true))))
+                output = finder(depth)
+                loss = float(self.criterion(finder, output, true))
+                rows.append(_errors(self.screws(finder, output), true, loss))
         names = "angle", "slide", "direction", "line", "loss", "true angle", "true slide"
         mean: dict[str, float] = dict(zip(names, np.mean(rows, axis=0).tolist(), strict=True))
         still = {"angle": mean.pop("true angle"), "slide": mean.pop("true slide")}
-        return {"screwnet": mean, "hold-still": still}
+        return {self.name: mean, "hold-still": still}
 
 
 def _errors(found: Tensor, true: Tensor, loss: float) -> np.ndarray:

@@ -8,12 +8,14 @@ from .abbatematteo_task import AbbatematteoTask
 from .config import (
     AbbatematteoTraining,
     CravesTraining,
+    DustNetTraining,
     FlowTraining,
     ForegroundTraining,
     ScrewNetTraining,
     TrainConfig,
 )
 from .craves_task import CravesTask
+from .dustnet_task import DustNetTask
 from .flow_task import FlowTask
 from .foreground_task import ForegroundTask
 from .loop import train
@@ -22,7 +24,8 @@ from .task import Scores, TrainingTask
 
 _TASKS: dict[type[TrainConfig], type[TrainingTask]] = {
     FlowTraining: FlowTask, ForegroundTraining: ForegroundTask, ScrewNetTraining: ScrewNetTask,
-    AbbatematteoTraining: AbbatematteoTask, CravesTraining: CravesTask,
+    AbbatematteoTraining: AbbatematteoTask, DustNetTraining: DustNetTask,
+    CravesTraining: CravesTask,
 }
 
 

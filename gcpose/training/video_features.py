@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..networks.screwnet import ScrewNet
+from ..networks.depth_video import DepthVideoNetwork
 from ..networks.torch_runtime import torch
 from .config import TrainConfig
 from .data import draw_place
@@ -21,7 +21,7 @@ _VIDEOS = 16  # that go through the network together
 
 @dataclass(frozen=True)
 class FeatureSample:
-    """What `ScrewNet` finds in the T images of a depth video, and the motion in it."""
+    """What a network finds in the T images of a depth video, and the motion in it."""
 
     features: NDArray[np.float32]
     """[T F]"""
@@ -33,7 +33,7 @@ class VideoFeatures:
     """The first samples of depth videos, with features in place of images."""
 
     def __init__(
-        self, videos: DepthVideos, views: int, network: ScrewNet, config: TrainConfig
+        self, videos: DepthVideos, views: int, network: DepthVideoNetwork, config: TrainConfig
     ) -> None:
         """Compute the features of `views` samples of each sequence."""
         from tqdm import tqdm
