@@ -20,7 +20,7 @@ class Abbatematteo:
     name = "abbatematteo"
     inputs: tuple[Inputs, ...] = ("rgbd",)
     knowledge: tuple[Knowledge, ...] = ("free",)
-    version = "2"
+    version = "3"
     authors = "B. Abbatematteo, S. Tellex, G. Konidaris"
     link = "http://bigai.cs.brown.edu/2019/11/04/kinematics.html"
     date = "2019"

@@ -267,11 +267,12 @@ class DustNetTraining(ScrewNetTraining):
 
     To continue an interrupted run, run the same command again. Without --data, the command renders
     appliances of the stream "train", and others to measure the errors on. It uses a GPU if there
-    is one; a small --width trains on a CPU. The defaults are those of the authors' code.
+    is one; a small --width trains on a CPU. The defaults are those of the authors' code, with Adam
+    in place of stochastic gradient descent.
 
     Examples:
       gcbench train dustnet --out dustnet --classes microwave
-      gcbench train dustnet --out small --classes oven --width 16 --sequences 1000 --rate 0.01
+      gcbench train dustnet --out small --classes oven --width 16 --sequences 1000
       gcbench eval --method dustnet --weights dustnet/dustnet.safetensors --data data/microwave
     """
 

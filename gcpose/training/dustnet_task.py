@@ -8,7 +8,7 @@ from typing import cast
 
 from ..networks.depth_video import DepthVideoNetwork
 from ..networks.dustnet import DustNet, ScrewDistribution, log_normalizer
-from ..networks.torch_runtime import Tensor, nn, torch
+from ..networks.torch_runtime import Tensor, torch
 from .config import DustNetTraining
 from .screwnet_task import ScrewNetTask
 
@@ -22,10 +22,6 @@ class DustNetTask(ScrewNetTask):
 
     def make_network(self) -> DepthVideoNetwork:
         return DustNet(self.config.width, self.config.frames)
-
-    def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
-        return torch.optim.SGD(network.parameters(), self.config.rate, momentum=0.9, nesterov=True,
-                               weight_decay=self.config.weight_decay)
 
     def criterion(self, network: DepthVideoNetwork, output: Tensor, true: Tensor) -> Tensor:
         return distribution_loss(cast("DustNet", network).distribution(output), true)
