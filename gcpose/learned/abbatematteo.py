@@ -34,7 +34,7 @@ class Abbatematteo:
         self.trained = load_trained(
             "abbatematteo", weights, device, mixture_width,
             lambda width, _: MixtureDensityNetwork(width))
-        self.training = f"supervised: depth images of {self.trained.objects}"
+        self.training = self.trained.describe_training("depth images")
         self.name += f" {self.trained.label}"
 
     def estimate(self, observation: Observation) -> Estimate:

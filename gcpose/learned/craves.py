@@ -70,7 +70,7 @@ class Craves:
         self.trained = load_trained(
             "craves", weights, device, hourglass_width,
             lambda width, _: StackedHourglass(width), _PUBLISHED_WIDTH)
-        self.training = f"supervised: images of {self.trained.objects}"
+        self.training = self.trained.describe_training("images")
         self.name += f" {self.trained.label}"
 
     def estimate(self, observation: Observation) -> Estimate:

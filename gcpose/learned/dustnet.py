@@ -35,10 +35,8 @@ class DustNetMethod:
         """
         self.trained = load_trained(
             "dustnet", weights, device, encoder_width,
-            lambda width, tensors: DustNet(width, max(2, recorded_frames(tensors))))
-        self.training = f"supervised: depth video of {self.trained.objects}"
-        if self.trained.features:
-            self.training += f", begun with features of {self.trained.features}"
+            lambda width, tensors: DustNet(width, max(2, recorded_frames(width, tensors))))
+        self.training = self.trained.describe_training("depth video")
         self.name += f" {self.trained.label}"
 
     def estimate(self, observation: Observation) -> Estimate:

@@ -34,9 +34,7 @@ class ScrewNetMethod:
         """
         self.trained = load_trained(
             "screwnet", weights, device, encoder_width, lambda width, _: ScrewNet(width))
-        self.training = f"supervised: depth video of {self.trained.objects}"
-        if self.trained.features:
-            self.training += f", begun with features of {self.trained.features}"
+        self.training = self.trained.describe_training("depth video")
         self.name += f" {self.trained.label}"
 
     def estimate(self, observation: Observation) -> Estimate:

@@ -32,6 +32,11 @@ class Trained:
     features: str = ""
     """Name of the network whose features it began with; empty if it began at random."""
 
+    def describe_training(self, seen: str) -> str:
+        """Return what a method says of its training; `seen` is such as "depth video"."""
+        begun = f", begun with features of {self.features}" if self.features else ""
+        return f"supervised: {seen} of {self.objects}{begun}"
+
     def tensor(self, array: NDArray[np.float32]) -> Tensor:
         """Return an array as a tensor on the device."""
         return torch.from_numpy(array).to(self.device)

@@ -99,7 +99,13 @@ def log_normalizer(parameter: Tensor) -> Tensor:
     return total[..., 0] + ((scaled * weight).sum(-1) / 2).log()
 
 
-def recorded_frames(tensors: Mapping[str, Tensor]) -> int:
-    """Return the number of frames that a `DustNet` of these tensors has learned with, or 0."""
-    last = tensors.get("head.2.bias")
-    return 0 if last is None or last.ndim != 1 or len(last) % 2 else (len(last) - 8) // 2
+def recorded_frames(width: int, tensors: Mapping[str, Tensor]) -> int:
+    """Return the number of frames that a `DustNet` of these tensors has learned with, or 0.
+
+    The shape of the first layer of the head decides, so that a file of weights cannot ask for more
+    memory than it has itself.
+    """
+    first = tensors.get("head.0.weight")
+    if first is None or first.ndim != 2 or len(first) != 1024 * width // 64:
+        return 0
+    return first.shape[1] // (1000 * width // 64)

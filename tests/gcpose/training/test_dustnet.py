@@ -186,6 +186,10 @@ def test_the_command_trains_and_the_method_returns_deviations(tmp_path: Path) ->
     with pytest.raises(GcbenchError, match="needs depth"):
         method.estimate(replace(seen, depth=None))
     other = tmp_path / "other.safetensors"
-    write_weights(other, torch.nn.Linear(2, 2))
-    with pytest.raises(GcbenchError, match="no weights of dustnet"):
-        load_method(with_options("dustnet", {"weights": str(other)}))
+    greedy = DustNet(8, 3)  # names more frames than it has weights for
+    greedy.head[0].weight = torch.nn.Parameter(torch.zeros(2, 2**18))
+    greedy.head[2].bias = torch.nn.Parameter(torch.zeros(2**20))
+    for network in (torch.nn.Linear(2, 2), greedy):
+        write_weights(other, network)
+        with pytest.raises(GcbenchError, match="no weights of dustnet"):
+            load_method(with_options("dustnet", {"weights": str(other)}))
