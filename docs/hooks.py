@@ -13,7 +13,10 @@ from contextlib import redirect_stdout
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gcbench.benchmark.report.published_rows import PublishedRow
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -140,12 +143,23 @@ def published_rows() -> str:
             out += [f"### {table.title}", ""]
             out += [table.caption, ""] if k and table.groups else []
             out += [*markdown_table(table), ""]
-    made = dict.fromkeys(
-        f"| {row.run.row.title} | {row.run.row.version} | {row.date} | {e.get('gcbench', '')} | "
-        f"{e.get('cpu', '')}, {e.get('cores', '')} cores | `{row.command}` |"
-        for row in rows for e in row.run.environments)
     head = ["| row | version | date | gcbench | machine | command |", "|---|---|---|---|---|---|"]
-    return "\n".join([*out, "## How each row was measured", "", *head, *made])
+    return "\n".join([*out, "## How each row was measured", "", *head, *measured_by(rows)])
+
+
+def measured_by(rows: list[PublishedRow]) -> list[str]:
+    """Lines of a Markdown table: what measured the rows; datasets that differ in nothing else share
+    a line."""
+    datasets = dict[tuple[str, ...], dict[str, None]]()
+    for row in rows:
+        before, marker, after = row.command.partition(" --datasets ")
+        name, _, after = after.partition(" ")
+        for e in row.run.environments:
+            line = (f"{row.run.row.title} | {row.run.row.version} | {row.date} | "
+                    f"{e.get('gcbench', '')} | {e.get('cpu', '')}, {e.get('cores', '')} cores")
+            datasets.setdefault((line, before + marker, after), {})[name] = None
+    return [f"| {line} | `{' '.join([before + ' '.join(names), after]).strip()}` |"
+            for (line, before, after), names in datasets.items()]
 
 
 # -- notebooks --------------------------------------------------------------------------------
