@@ -127,7 +127,7 @@ class WithDepth:
     name = "gcpose-depth"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    version = "6"
+    version = "7"
     authors, link, date = PAPER
 
     def __init__(

@@ -22,6 +22,7 @@ from .labels import (
 from .points import (
     InverseDepthPoints,
     add_tracks,
+    interpolate_depths,
     measure_flow,
     measure_patches,
     motions_from_frames,
@@ -94,6 +95,9 @@ class RgbEvidence:
             if iterations:
                 depth = points.average(depth)
         cost, measured = by_flow, hypothesis.points
+        if self.joints == 1 and measured.place_information.any():
+            # no label can change, so that the depths of bundle adjustment stay: they are better
+            depth = interpolate_depths(measured, points.frame, points.ray, depth[:, 0])[:, None]
         if own and measured.place_information.any():
             cost = cost + self.settings.patch_label_weight * patch_costs(
                 rays, depth, measured.place, measured.place_information, self.settings)

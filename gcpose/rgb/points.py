@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
+from scipy.spatial import KDTree
 
 from ...robots.geometry import Array, inverse
 from ..chain import Articulation
@@ -17,6 +18,8 @@ from ..images import PredictedPatches, VideoEvidence, find_patches
 from ..numerics import geman_mcclure_cost
 from .settings import RgbSettings
 from .tracks import chain_flow
+
+_INTERPOLATED = 4  # points whose depths are interpolated
 
 
 @dataclass(frozen=True)
@@ -72,15 +75,14 @@ def predict_places(state: Articulation, points: InverseDepthPoints, intrinsics: 
     return project_rays(motion, points.ray[:, None], points.inverse_depth[:, None], intrinsics)
 
 
-def predict_warps(state: Articulation, points: InverseDepthPoints, settings: RgbSettings) -> Array:
+def predict_warps(state: Articulation, points: InverseDepthPoints, slope: Array) -> Array:
     """Return the distortion [N T 2 2] of each point's surroundings from its key frame.
 
-    The surroundings lie in a plane (see `inverse_depth_slopes`), on which inverse depth is linear
-    in the ray.
+    The surroundings lie in a plane, on which inverse depth is linear in the ray: with a slope [N 2]
+    (see `inverse_depth_slopes`).
     """
     motion = motions_from_key(state, points)
     at, depth = _move(motion, points.ray[:, None], points.inverse_depth[:, None])
-    slope = inverse_depth_slopes(points, settings)
     by_ray = motion[..., :3, :2] + motion[..., :3, 3:] * slope[:, None, None]
     return (by_ray[..., :2, :] - at[..., None] * by_ray[..., 2:, :]) / depth[..., None]
 
@@ -124,6 +126,23 @@ def inverse_depth_slopes(points: InverseDepthPoints, settings: RgbSettings) -> A
     return slope * np.minimum(1.0, settings.max_slope / np.maximum(steep, settings.max_slope))
 
 
+def interpolate_depths(
+    points: InverseDepthPoints, frame: NDArray[np.int64], ray: Array, otherwise: Array
+) -> Array:
+    """Return the inverse depths [N] of other pixels on rays [N 3], from the nearest of the points
+    in the same key frame; `otherwise` [N] in other frames."""
+    out = otherwise.copy()
+    for f in np.intersect1d(frame, points.frame):
+        own, other = points.frame == f, frame == f
+        known = points.inverse_depth[own]
+        away, near = KDTree(points.ray[own, :2]).query(
+            ray[other, :2], min(_INTERPOLATED, len(known)))
+        weight = 1 / (away.reshape(len(away), -1) + 1e-9)
+        depths = known[near.reshape(weight.shape)]
+        out[other] = (weight * depths).sum(axis=1) / weight.sum(axis=1)
+    return out
+
+
 # -- measurements -----------------------------------------------------------------------------
 
 
@@ -157,14 +176,24 @@ def measure_patches(
     """
     at = predict_places(state, points, evidence.intrinsics)
     n, frames = at.shape[:2]
-    wanted = frames_nearby(points, frames, span)
-    wanted &= moving_pixels(evidence, at, np.arange(frames)[None])[2]
-    patches = PredictedPatches(at[np.arange(n), points.frame], points.frame, at,
-                               predict_warps(state, points, settings), wanted, reach)
-    place, information = find_patches(evidence.appearance, patches, evidence.settings)
+    warp = predict_warps(state, points, inverse_depth_slopes(points, settings))
+    place, information = _find_patches(
+        evidence, points, at, warp, frames_nearby(points, frames, span), reach)
     return replace(
         points, flow=np.zeros((n, frames - 1, 2)), place=place, place_information=information,
         flow_information=np.zeros((n, frames - 1, 2, 2)))
+
+
+def _find_patches(
+    evidence: VideoEvidence, points: InverseDepthPoints, at: Array, warp: Array,
+    wanted: NDArray[np.bool_], reach: float,
+) -> tuple[Array, Array]:
+    """Places [N T 2] of patches in the wanted frames [N T], and their information [N T 2 2]."""
+    n, frames = wanted.shape
+    wanted = wanted & moving_pixels(evidence, at, np.arange(frames)[None])[2]
+    patches = PredictedPatches(
+        at[np.arange(n), points.frame], points.frame, at, warp, wanted, reach)
+    return find_patches(evidence.appearance, patches, evidence.settings)
 
 
 def add_tracks(
@@ -225,10 +254,31 @@ def patch_misfit(
     span = settings.patch_span
     points = measure_patches(evidence, state, points, settings.patch_reach, span, settings)
     away = points.place - predict_places(state, points, evidence.intrinsics)
-    robust = _place_costs(away, points.place_information, settings)
-    cost = np.where(
-        _is_found(points.place_information), robust, settings.patch_missing_cost)
+    cost = _patch_costs(away, points.place_information, settings)
     return float(cost[frames_nearby(points, cost.shape[1], span)].mean())
+
+
+def patch_costs_by_point(
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints, slope: Array,
+    settings: RgbSettings,
+) -> Array:
+    """Return the mean cost [N] of the patches of each point, whose surroundings have a slope [N 2],
+    in the frames that are `patch_span` from its own: these show its depth best."""
+    s = settings
+    at = predict_places(state, points, evidence.intrinsics)
+    frames = at.shape[1]
+    wanted = frames_nearby(points, frames, s.patch_span)
+    wanted &= ~frames_nearby(points, frames, s.patch_span - 1)
+    place, information = _find_patches(
+        evidence, points, at, predict_warps(state, points, slope), wanted, s.patch_reach)
+    cost = _patch_costs(place - at, information, s)
+    return np.asarray((cost * wanted).sum(axis=1) / np.maximum(1, wanted.sum(axis=1)), np.float64)
+
+
+def _patch_costs(away: Array, information: Array, settings: RgbSettings) -> Array:
+    """Costs [N T] of patches that are [N T 2] px away, or that are not found."""
+    return np.where(_is_found(information), _place_costs(away, information, settings),
+                    settings.patch_missing_cost)
 
 
 def frames_nearby(points: InverseDepthPoints, frames: int, span: int) -> NDArray[np.bool_]:

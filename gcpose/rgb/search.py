@@ -13,6 +13,7 @@ from ..chain import Articulation, extrapolate_to, select_by_steps, spread_places
 from ..estimator import label_difference, refine_in_stages, run_em, select_distinct
 from ..images import geodesic_rank
 from ..numerics import thread_map
+from .door_planes import exchange_door_turn, is_door, search_depths, vary_door_plane
 from .evidence import PACE_STEPS, RgbEvidence, VideoAdjustment, VideoHypothesis, places_at_start
 from .flow_sweep import sweep_flow
 from .labels import SampledPixels
@@ -43,8 +44,17 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     score = partial(score_hypothesis, settings=s)
     best = partial(select_hypotheses, settings=s, key=score)
     found += [t for h in select_hypotheses(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
-    found = refine_in_stages(found, best, (0, refine(many, 2, s.patch_reach_first)),
-                             (s.refined_kept, refine(many, 3, s.patch_reach)))
+    found = thread_map(refine(many, 2, s.patch_reach_first), found)
+    if is_door(found[0].state):
+        others = exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
+        found += thread_map(refine(many, 2, s.patch_reach_first), others)
+
+        def search(h: VideoHypothesis) -> VideoHypothesis:
+            return refine(many, 2, s.patch_reach)(search_depths(evidence.video, h, s))
+
+        found = refine_in_stages(found, best, *((most, search) for most in s.doors_kept))
+    else:
+        found = refine_in_stages(found, best, (s.refined_kept, refine(many, 3, s.patch_reach)))
     others = exchange_parallel_turns(evidence, min(found, key=score), few, s.exchanged_kept)
     settle = VideoAdjustment(s.settle_scales, depth_sigma=s.depth_sigma_bundle)
     others = [run_em(evidence, h, [((), many), ((settle,), many)]) for h in others]
@@ -154,38 +164,6 @@ def exchange_parallel_turns(
     found = [run_em(evidence, h, [((how,), points)] * 2)
              for h in select_hypotheses(found, 4 * most, settings)]
     return select_hypotheses(found, most, settings)
-
-
-def vary_door_plane(hypothesis: VideoHypothesis, settings: RgbSettings) -> list[VideoHypothesis]:
-    """Return the motion of a door with its points in each of several planes through its axis.
-
-    The slope of a door and its turn are ambiguous: from points at one distance the search ends in
-    the nearest of several minima.
-    """
-    state, points = hypothesis.state, hypothesis.points
-    twist, motion = state.twist[0], state.motions(len(state.angle))
-    foot = np.asarray(np.cross(twist[:3], twist[3:]), np.float64)
-    if state.prismatic[0] or len(state.twist) > 1 or not foot.any():
-        return []
-    ray = points.ray
-    out: list[VideoHypothesis] = []
-    one, other = np.linalg.svd(twist[None, :3])[2][1:]
-    for turn in (np.arange(settings.tilts) + 0.5) * np.pi / settings.tilts:
-        normal = np.cos(turn) * one + np.sin(turn) * other
-        toward = np.einsum("nab,b,na->n", motion[points.frame, 1, :3, :3], normal, ray)
-        depth = toward / (normal @ foot)
-        scale = float(depth.mean())
-        seen = np.abs(toward) > settings.min_tilt_sine * np.linalg.norm(ray, axis=1)
-        if (not settings.min_tilt_scale < scale < settings.max_tilt_scale
-                or seen.mean() < settings.min_tilt_points
-                or np.mean(depth > 0) < settings.min_tilt_in_front):
-            continue
-        line = np.concatenate([twist[:3], scale * twist[3:]])[None]
-        inverse_depth = np.clip(
-            depth / scale, settings.min_inverse_depth, settings.max_inverse_depth)
-        out.append(replace(hypothesis, state=replace(state, twist=line),
-                           points=replace(points, inverse_depth=inverse_depth)))
-    return out
 
 
 def select_hypotheses(

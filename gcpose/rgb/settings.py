@@ -75,7 +75,7 @@ class RgbSettings:
 
     # bundle adjustment
     max_step: Positive = 0.15  # Largest change of an unknown in an iteration, rad or length.
-    damping: NonNegative = 1e-4  # Share of the diagonal that is added to it.
+    damping: NonNegative = 1e-6  # Share of the diagonal that is added to it.
     hinge_slack: Positive = 0.1  # Standard deviation of an axis' distance from its hinge.
     tracking_prior: NonNegative = 4.0  # Weight of the priors while tracking (else 1).
     tracking_scales_first: Scales = (6.0, 4.0)
@@ -120,12 +120,15 @@ class RgbSettings:
     base_end_share: Share = 0.03  # Share of the pixels, at an end, that are averaged.
     base_frames: Count = 3  # Frames before and after over which speeds are averaged for it.
     tilts: Count = 8  # Planes through a door's axis that are tried.
-    min_tilt_sine: Share = 0.15
-    """Sine of the angle between a plane and the rays below which its depths are not used."""
     min_tilt_scale: Positive = 0.3  # Least mean depth of a door in a plane.
     max_tilt_scale: Positive = 3.0  # Largest mean depth of a door in a plane.
-    min_tilt_points: Share = 0.5  # Share of the points that must be seen at that sine.
-    min_tilt_in_front: Share = 0.9  # Share of the points that must lie in front of the camera.
+    min_tilt_share: Share = 0.8  # Share of the points that must have a possible depth in a plane.
+    max_door_turn: Positive = 112 * DEGREE  # Largest turn of a door that is tried, rad.
+    door_turn_step: Positive = 16 * DEGREE  # Difference between two such turns, rad.
+    exchange_limit: Positive = 3.0  # Error of a place in these fits that counts less, px.
+    plane_tilts: Count = 4  # Directions of the planes on which a door's points are searched.
+    plane_depths: Scales = (0.75, 0.87, 1.0, 1.15, 1.35)
+    """Distances of these planes, of that of the door's center."""
 
     # parallel axes
     exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.
@@ -139,6 +142,8 @@ class RgbSettings:
     # choice among hypotheses
     tilted_kept: Count = 3  # Distinct hypotheses for which a door's planes are tried.
     refined_kept: Count = 6  # Distinct hypotheses in the second refinement.
+    doors_kept: tuple[Count, ...] = (8, 5, 3)
+    """Distinct hypotheses of a door in the rounds that search its depths."""
     exchanged_kept: Count = 3  # Distinct hypotheses with turns shared otherwise.
     final_kept: Count = 3  # Distinct hypotheses in the last refinement.
     patch_outlier_cost: NonNegative = 9.0  # Score of a patch that is found elsewhere.

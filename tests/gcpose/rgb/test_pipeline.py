@@ -23,11 +23,11 @@ from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, scale_axes
 from gcbench.gcpose.rgb.points import InverseDepthPoints
-from gcbench.gcpose.rgb.search import score_hypothesis, select_hypotheses, vary_door_plane
+from gcbench.gcpose.rgb.search import score_hypothesis, select_hypotheses
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.renderer.types.observation import Observation
 
-from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door, texture
+from ...support.ray_scenes import chain, door, texture
 
 SETTINGS = RgbSettings()
 
@@ -170,34 +170,6 @@ def test_axes_should_pass_where_their_parts_begin() -> None:
 
     assert 0.4 < evidence.axis_offset(moved(2)) < 0.6
     assert evidence.axis_offset(moved(0)) == evidence.axis_offset(start)  # the base is unseen
-
-
-def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
-    """One of them is about the true one, at a scale at which points are about at 1."""
-    whole, at = chain()
-    state = replace(whole, twist=whole.twist[:1], angle=whole.angle[:, :1],
-                    prismatic=whole.prismatic[:1], parent=whole.parent[:1])
-    line = state.twist[0, :3]
-    across = np.cross(line, [0.9, 0.1, 0.4])
-    across /= np.linalg.norm(across)
-    rng = np.random.default_rng(9)
-    frame = np.repeat([0, 4], 100)
-    pixel = rng.uniform([60, 60], [150, 180], (200, 2))
-    ray = np.concatenate([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones((200, 1))], axis=1)
-    turned = state.motions(FRAMES)[frame, 1, :3, :3] @ across
-    true = np.einsum("na,na->n", turned, ray) / (across @ at[0])
-    rays = InverseDepthPoints.without_measurements(frame, ray, np.ones(200, np.int64), np.ones(200))
-    start = hypothesis(state, rays, at[0], np.eye(1))
-    found = vary_door_plane(start, SETTINGS)
-    assert len(found) > 2
-    assert all(abs(g.points.inverse_depth.mean() - 1.0) < 0.05 for g in found)
-    off = [np.abs(g.points.inverse_depth - true / true.mean()).max() for g in found]
-    assert min(off) < 0.03 < np.abs(1.0 - true / true.mean()).max()
-    best = found[int(np.argmin(off))].state.twist[0]
-    assert np.allclose(best[3:], true.mean() * state.twist[0, 3:], rtol=0.05)
-    assert not vary_door_plane(replace(start, state=whole), SETTINGS)
-    assert not vary_door_plane(
-        replace(start, state=replace(state, prismatic=np.ones(1, bool))), SETTINGS)
 
 
 def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> None:

@@ -169,7 +169,7 @@ def test_places_are_those_of_the_chain() -> None:
     state, _ = chain()
     rays = measured(state, 1.0, 0.0, False)
     at = predict_places(state, rays, INTRINSICS)
-    warp = predict_warps(state, rays, SETTINGS)
+    warp = predict_warps(state, rays, inverse_depth_slopes(rays, SETTINGS))
     i = int(np.flatnonzero(rays.frame == 4)[0])
     motion = state.motions(len(state.angle))[:, rays.label[i]]
     moved = (motion @ inverse(motion[4]))[7] @ np.append(rays.ray[i], 1.0)
@@ -195,8 +195,8 @@ def test_a_surface_is_distorted_as_it_lies() -> None:
     at = predict_places(state, rays, INTRINSICS)
     i = 5 * 12 + 8  # the pixel before and after it on each side are on the same part
     across = np.stack([at[i + 1] - at[i - 1], at[i + 12] - at[i - 12]], axis=2) / 8.0
-    apart = [np.abs(predict_warps(state, r, SETTINGS)[i, -1] - across[-1]).max()
-             for r in (rays, flat)]
+    apart = [np.abs(predict_warps(state, rays, slope)[i, -1] - across[-1]).max()
+             for slope in (slopes, inverse_depth_slopes(flat, SETTINGS))]
     assert apart[0] < 0.3 * apart[1]
 
 

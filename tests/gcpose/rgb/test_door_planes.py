@@ -1,0 +1,179 @@
+"""Doors on plain video: planes through and along the axis, other turns, and depths that stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from gcbench.gcpose.chain.articulation import Articulation
+from gcbench.gcpose.chain.priors import JointPriors
+from gcbench.gcpose.estimator.em import adjust
+from gcbench.gcpose.images.flow import dis_flow
+from gcbench.gcpose.images.foreground import subtract_background
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.images.still_camera import FrontEnd, video_evidence
+from gcbench.gcpose.rgb.door_planes import (
+    exchange_door_turn,
+    fit_plane_motion,
+    fit_turns,
+    inverse_depths_on_plane,
+    is_door,
+    search_depths,
+    vary_door_plane,
+)
+from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
+from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, predict_places
+from gcbench.gcpose.rgb.settings import RgbSettings
+
+from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door
+
+SETTINGS = RgbSettings()
+FOOT = np.array([-0.15, 0.0, 1.2])
+CORNERS = np.array([[-0.15, -0.16, 1.2], [0.2, -0.16, 1.1], [0.2, 0.16, 1.1]])
+"""Of the panel of `door`"""
+
+
+def one_joint(turn: float = 1.0) -> Articulation:
+    whole, _ = chain()
+    return replace(whole, twist=whole.twist[:1], angle=turn * whole.angle[:, :1],
+                   prismatic=whole.prismatic[:1], parent=whole.parent[:1])
+
+
+def panel(state: Articulation, slope: float = 0.8) -> tuple[VideoHypothesis, np.ndarray, float]:
+    """Points of two key frames on a plane through the axis, with its normal and its offset."""
+    _, at = chain()
+    normal = np.cross(state.twist[0, :3], [slope, 0.1, 0.4])
+    normal /= np.linalg.norm(normal)
+    pixel = np.random.default_rng(9).uniform([60, 60], [150, 180], (200, 2))
+    ray = np.column_stack([(pixel - INTRINSICS[:2, 2]) / 600.0, np.ones(200)])
+    points = InverseDepthPoints.without_measurements(
+        np.repeat([0, 4], 100), ray, np.ones(200, np.int64), np.ones(200))
+    offset = float(normal @ at[0])
+    depths, _ = inverse_depths_on_plane(state, points, normal, offset)
+    points = replace(points, inverse_depth=depths)
+    return VideoHypothesis(state, points, at[0], 3.0), normal, offset
+
+
+def test_points_stay_on_the_plane_of_their_part() -> None:
+    state = one_joint()
+    found, normal, offset = panel(state)
+    points = found.points
+    back = np.linalg.inv(state.motions(FRAMES)[points.frame, 1])
+    place = np.column_stack([points.ray / points.inverse_depth[:, None], np.ones(200)])
+    assert np.allclose(np.einsum("nab,nb->na", back, place)[:, :3] @ normal, offset)
+    _, slope = inverse_depths_on_plane(state, points, normal, offset)
+    aside = replace(points, ray=points.ray + np.array([0.01, -0.02, 0.0]))
+    there, _ = inverse_depths_on_plane(state, aside, normal, offset)
+    assert np.allclose(there - points.inverse_depth, slope @ [0.01, -0.02])
+
+
+def test_a_door_may_lie_in_any_plane_through_its_axis() -> None:
+    """One of them is about the true one, at a scale at which points are about at 1."""
+    state = one_joint()
+    start, _, _ = panel(state)
+    true = start.points.inverse_depth
+    found = vary_door_plane(start, SETTINGS)
+    assert len(found) > 2
+    assert all(abs(np.median(g.points.inverse_depth) - 1.0) < 0.05 for g in found)
+    off = [np.abs(g.points.inverse_depth - true / np.median(true)).max() for g in found]
+    assert min(off) < 0.05 < np.abs(1.0 - true / np.median(true)).max()
+    best = found[int(np.argmin(off))].state.twist[0]
+    assert np.allclose(best[3:], np.median(true) * state.twist[0, 3:], rtol=0.05)
+
+
+def test_only_one_turning_part_is_a_door() -> None:
+    whole, _ = chain()
+    start, _, _ = panel(one_joint())
+    slide = replace(start, state=replace(start.state, prismatic=np.ones(1, bool)))
+    several = replace(start, state=whole)
+    assert is_door(start.state) and not is_door(slide.state) and not is_door(whole)
+    for other in (slide, several):
+        assert not vary_door_plane(other, SETTINGS)
+        assert not exchange_door_turn(other, INTRINSICS, SETTINGS)
+
+
+def test_a_plane_and_its_hinge_are_found_from_two_images() -> None:
+    state = one_joint(1.6)
+    found, normal, offset = panel(state)
+    place = predict_places(state, found.points, INTRINSICS)[:100].swapaxes(0, 1)
+    place = (place - INTRINSICS[:2, 2]) / 600.0
+    ray, axis, turn = found.points.ray[:100], state.twist[0, :3], float(state.angle[-1, 0])
+    wrong = place[-1].copy()
+    wrong[:8] += 0.1
+    foot, plane = fit_plane_motion(ray, wrong, axis, turn, 0.005)
+    scale = np.mean(ray @ normal) / offset  # the mean inverse depth becomes 1
+    assert np.allclose(plane, normal / offset / scale, atol=1e-3)
+    assert np.allclose(foot, scale * np.cross(axis, state.twist[0, 3:]), atol=1e-2)
+    turns = fit_turns(ray, ray @ plane, place, (axis, foot), turn, 0.005)
+    assert np.degrees(np.abs(turns - state.angle[:, 0]).max()) < 0.5
+
+
+def test_other_turns_show_nearly_the_same_images() -> None:
+    state = one_joint()
+    start, _, _ = panel(state)
+    turn = float(state.angle[-1, 0])
+    settings = replace(SETTINGS, max_door_turn=3 * turn, door_turn_step=turn)
+    found = exchange_door_turn(start, INTRINSICS, settings)
+    turns = np.array([g.state.angle[-1, 0] for g in found])
+    assert len(found) > 3 and np.ptp(turns) > 2 * turn
+    place = predict_places(state, start.points, INTRINSICS)
+    apart = [np.linalg.norm(predict_places(g.state, g.points, INTRINSICS) - place, axis=2)[:100]
+             for g in found]
+    moved = np.linalg.norm(place[:100, -1] - place[:100, 0], axis=1).mean()
+    assert min(a[:, -1].mean() for a in apart) < 0.02 * moved
+
+
+def door_hypothesis() -> tuple[RgbEvidence, VideoHypothesis, np.ndarray]:
+    """A door with its true motion, its points too near, and their true inverse depths."""
+    observation = door(0.5)
+    direction = observation.axis_direction
+    assert direction is not None
+    front = FrontEnd(dis_flow, lambda rgb: subtract_background(rgb, ImageSettings()))
+    video = video_evidence(observation, front, ImageSettings())
+    assert video is not None
+    priors = JointPriors(np.zeros(1, bool), np.array([-1]), direction, None)
+    evidence = RgbEvidence(video, priors, SETTINGS)
+    points = evidence.sample((0, 4), 60)
+    line = np.concatenate([direction[0], np.cross(FOOT, direction[0])])[None]
+    state = Articulation(line, 0.5 * observation.times[:, None], priors.prismatic, priors.parent)
+    start = InverseDepthPoints.without_measurements(
+        points.frame, points.ray, np.ones(len(points.frame), np.int64), points.expected)
+    found = evidence.label(VideoHypothesis(state, start, points.ray[0], np.inf), points)
+    normal = np.cross(CORNERS[1] - CORNERS[0], CORNERS[2] - CORNERS[0])
+    depths, _ = inverse_depths_on_plane(
+        state, found.points, normal, float(normal @ CORNERS[0]))
+    near = replace(found.points, inverse_depth=np.full(len(depths), 1.3 * depths.mean()))
+    return evidence, replace(found, points=near), depths
+
+
+def test_depths_are_searched_on_planes() -> None:
+    evidence, near, true = door_hypothesis()
+    fine = replace(SETTINGS, plane_tilts=12, plane_depths=tuple(np.linspace(0.8, 1.4, 16)))
+    found = search_depths(evidence.video, near, fine)
+    before, after = (np.abs(h.points.inverse_depth - true) for h in (near, found))
+    assert np.median(after) < 0.2 * np.median(before)
+    exact = replace(near, points=replace(near.points, inverse_depth=true))
+    kept = search_depths(evidence.video, exact, SETTINGS)
+    assert np.mean(kept.points.inverse_depth == true) > 0.7
+
+
+def test_a_single_part_keeps_the_depths_of_bundle_adjustment() -> None:
+    evidence, near, _ = door_hypothesis()
+    points, dense = evidence.sample((0, 4), 60), evidence.sample((0, 4), 200)
+    by_flow = evidence.label(near, points)
+    assert (by_flow.points.inverse_depth != near.points.inverse_depth).any()  # not adjusted yet
+    adjusted = adjust(evidence, near, VideoAdjustment((3.0, 3.0), patches=(6.0, 3)))
+    depths = adjusted.points.inverse_depth
+    assert np.allclose(evidence.label(adjusted, points).points.inverse_depth, depths, atol=1e-6)
+    other = evidence.label(adjusted, dense).points.inverse_depth
+    assert len(other) == len(dense.ray) != len(depths)
+    assert depths.min() - 1e-6 <= other.min() and other.max() <= depths.max() + 1e-6
+
+
+def test_depths_of_frames_without_points_are_not_made_up() -> None:
+    _, near, true = door_hypothesis()
+    points = replace(near.points, inverse_depth=true)
+    frame = np.where(points.frame == 4, 7, 0)
+    found = interpolate_depths(points, frame, points.ray, np.full(len(true), 9.0))
+    assert np.allclose(found[frame == 0], true[frame == 0], atol=1e-6)
+    assert (found[frame == 7] == 9.0).all()
