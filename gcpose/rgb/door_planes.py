@@ -53,15 +53,15 @@ def vary_door_plane(hypothesis: VideoHypothesis, settings: RgbSettings) -> list[
 def exchange_door_turn(
     hypothesis: VideoHypothesis, intrinsics: Array, settings: RgbSettings
 ) -> list[VideoHypothesis]:
-    """Return other turns of a door, each with an axis and a plane with which its points of the
-    first key frame go nearly to the same places in the images.
+    """Return other turns of a door, each with an axis and a plane with which its points of frame 0
+    go nearly to the same places in the images.
 
-    The turn from the first key frame to the last frame is each of a grid. A plane induces a
-    homography, of which then only a matrix of rank one is unknown: R + t n^T, with the translation
-    t and the normal n across the axis (Hartley and Zisserman, Multiple View Geometry, Sec. 13.1).
+    The turns between frame 0 and the last frame form a grid. The homography of a plane is
+    R + t n^T. Its turn gives R, and the translation t and the normal n lie across the axis, so that
+    only a matrix of rank one is unknown (Hartley and Zisserman, Multiple View Geometry, Sec. 13.1).
     """
     s, state = settings, hypothesis.state
-    mine = hypothesis.points.frame == hypothesis.points.frame.min()
+    mine = hypothesis.points.frame == 0
     if not is_door(state) or np.count_nonzero(mine) < s.min_points:
         return []
     axis, ray = state.twist[0, :3], hypothesis.points.ray[mine]
@@ -73,8 +73,7 @@ def exchange_door_turn(
         if abs(turn) < s.door_turn_step / 2:
             continue
         foot, normal = fit_plane_motion(ray, place[-1], axis, turn, limit)
-        reach = float(normal @ foot)
-        if not s.min_tilt_scale < reach < s.max_tilt_scale:  # the axis is far from the plane
+        if not s.door_axis_reach[0] < normal @ foot < s.door_axis_reach[1]:
             continue
         line = np.concatenate([axis, np.cross(foot, axis)])[None]
         angle = fit_turns(ray, ray @ normal, place, (axis, foot), turn, limit)

@@ -254,7 +254,7 @@ def patch_misfit(
     span = settings.patch_span
     points = measure_patches(evidence, state, points, settings.patch_reach, span, settings)
     away = points.place - predict_places(state, points, evidence.intrinsics)
-    cost = _patch_costs(away, points.place_information, settings)
+    cost = _search_costs(away, points.place_information, settings)
     return float(cost[frames_nearby(points, cost.shape[1], span)].mean())
 
 
@@ -271,12 +271,12 @@ def patch_costs_by_point(
     wanted &= ~frames_nearby(points, frames, s.patch_span - 1)
     place, information = _find_patches(
         evidence, points, at, predict_warps(state, points, slope), wanted, s.patch_reach)
-    cost = _patch_costs(place - at, information, s)
+    cost = _search_costs(place - at, information, s)
     return np.asarray((cost * wanted).sum(axis=1) / np.maximum(1, wanted.sum(axis=1)), np.float64)
 
 
-def _patch_costs(away: Array, information: Array, settings: RgbSettings) -> Array:
-    """Costs [N T] of patches that are [N T 2] px away, or that are not found."""
+def _search_costs(away: Array, information: Array, settings: RgbSettings) -> Array:
+    """Costs [N T] of patches that were searched: found [N T 2] px away, or not found."""
     return np.where(_is_found(information), _place_costs(away, information, settings),
                     settings.patch_missing_cost)
 

@@ -125,10 +125,13 @@ class RgbSettings:
     min_tilt_share: Share = 0.8  # Share of the points that must have a possible depth in a plane.
     max_door_turn: Positive = 112 * DEGREE  # Largest turn of a door that is tried, rad.
     door_turn_step: Positive = 16 * DEGREE  # Difference between two such turns, rad.
-    exchange_limit: Positive = 3.0  # Error of a place in these fits that counts less, px.
+    door_axis_reach: Scales = (0.3, 3.0)
+    """Least and largest place of the axis beside the plane that is fitted to such a turn: 1 on the
+    plane, 0 at the camera."""
+    exchange_limit: Positive = 3.0  # Error above which a place counts less in these fits, px.
     plane_tilts: Count = 4  # Directions of the planes on which a door's points are searched.
     plane_depths: Scales = (0.75, 0.87, 1.0, 1.15, 1.35)
-    """Distances of these planes, of that of the door's center."""
+    """Distances of these planes from the camera, in that of the plane through the door's center."""
 
     # parallel axes
     exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.
