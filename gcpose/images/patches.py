@@ -30,6 +30,8 @@ class PredictedPatches:
     """[N T 2 2] predicted distortion, frame from key frame"""
     wanted: NDArray[np.bool_]
     """[N T] whether to search in a frame"""
+    channels: NDArray[np.bool_]
+    """[N 2] whether a patch shows brightness, and the outline"""
     reach: float
     """Largest distance from the prediction, px"""
 
@@ -41,13 +43,15 @@ def find_patches(
     information matrices [N T 2 2], 1/px^2: 0 where no patch was found.
 
     The offset of brightness is free. The outline counts only across its direction: along it, the
-    outline of a round body does not move with the body. The error of the patch's model limits the
-    information, and it is smaller where gradients are below the texture floor.
+    outline of a round body does not move with the body. The error of the patch's model, which is
+    another one for the outline alone, limits the information, and it is smaller where gradients are
+    below the texture floor.
     """
     s = settings
     return _find(
         images, patches.pixel, patches.frame, patches.place, patches.warp, patches.wanted,
-        s.patch_radius, patches.reach, s.patch_sigma, s.patch_rate, s.outline_contrast,
+        patches.channels, s.patch_radius, patches.reach,
+        (s.patch_sigma, s.patch_rate, s.outline_sigma, s.outline_rate), s.outline_contrast,
         s.patch_gain, s.patch_floor, s.patch_ridge, s.patch_ridge_floor, s.patch_iterations,
         s.max_patch_step, s.min_patch_step, s.min_patch_area, s.max_patch_area, s.texture_floor,
     )
@@ -56,9 +60,10 @@ def find_patches(
 @compiled
 def _find(
     images: Image, pixel: Array, frame: NDArray[np.int64], place: Array, warp: Array,
-    wanted: NDArray[np.bool_], radius: int, reach: float, sigma: float, rate: float,
-    contrast: float, gain: float, floor: float, ridge: float, ridge_floor: float, iterations: int,
-    max_step: float, min_step: float, min_area: float, max_area: float, texture_floor: float,
+    wanted: NDArray[np.bool_], channels: NDArray[np.bool_], radius: int, reach: float,
+    errors: tuple[float, float, float, float], contrast: float, gain: float, floor: float,
+    ridge: float, ridge_floor: float, iterations: int, max_step: float, min_step: float,
+    min_area: float, max_area: float, texture_floor: float,
 ) -> tuple[Array, Array]:
     n, frames = wanted.shape
     height, width = images.shape[1:3]
@@ -76,7 +81,9 @@ def _find(
         u, v = int(np.rint(pixel[i, 0])), int(np.rint(pixel[i, 1]))
         if min(u, v) < radius + 1 or u >= width - radius - 1 or v >= height - radius - 1:
             continue
-        m0, m1 = _read_template(images[frame[i]], u, v, window, contrast, template, gx, gy, weight)
+        m0, m1 = _read_template(
+            images[frame[i]], u, v, window, channels[i], contrast, template, gx, gy, weight)
+        sigma, rate = errors[:2] if channels[i, 0] else errors[2:]
         for t in range(frames):
             if not wanted[i, t]:
                 continue
@@ -120,10 +127,11 @@ def _find(
 
 @compiled
 def _read_template(
-    source: Image, u: int, v: int, window: Array, contrast: float, template: Array, gx: Array,
-    gy: Array, weight: Array,
+    source: Image, u: int, v: int, window: Array, channels: NDArray[np.bool_], contrast: float,
+    template: Array, gx: Array, gy: Array, weight: Array,
 ) -> tuple[float, float]:
-    """Read the patch, its gradients and weights [2 S S]; return the sums of both weights."""
+    """Read the patch, its gradients and weights [2 S S]; return the sum of the weights of
+    brightness, and of the window."""
     size, radius = len(window), len(window) // 2
     m0, m1 = 0.0, 0.0
     for a in range(size):
@@ -134,10 +142,10 @@ def _read_template(
                 gx[c, a, b] = 0.5 * (source[y, x + 1, c] - source[y, x - 1, c])
                 gy[c, a, b] = 0.5 * (source[y + 1, x, c] - source[y - 1, x, c])
             inside = min(1.0, template[1, a, b] / contrast)
-            weight[0, a, b] = window[a, b] * inside ** 6
-            weight[1, a, b] = window[a, b]
+            weight[0, a, b] = window[a, b] * inside ** 6 if channels[0] else 0.0
+            weight[1, a, b] = window[a, b] if channels[1] else 0.0
             m0 += weight[0, a, b]
-            m1 += weight[1, a, b]
+            m1 += window[a, b]
     return m0, m1
 
 

@@ -60,6 +60,8 @@ class ImageSettings:
     patch_radius: Count = 3  # Radius of patches, px; larger patches cover more than one part.
     patch_sigma: Positive = 0.1  # Error of a patch's model, px.
     patch_rate: NonNegative = 0.02  # Error of a patch's model for each frame between, px.
+    outline_sigma: Positive = 0.05  # Error of an outline's model, px.
+    outline_rate: NonNegative = 0.01  # The same for each frame between, px.
     patch_floor: Positive = 30.0  # Variance of a pixel, squared grey levels.
     patch_gain: NonNegative = 8.0  # Share of the remaining squared difference that is added to it.
     patch_ridge: NonNegative = 0.01  # Damping of the Gauss-Newton steps, as a share of the trace.

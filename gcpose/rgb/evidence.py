@@ -69,15 +69,19 @@ class RgbEvidence:
         self.settings, self.chain = settings, settings.chain
         self.solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
         self.joints = len(priors.prismatic)
-        self._samples: dict[tuple[tuple[int, ...], int], SampledPixels] = {}
+        self._samples: dict[tuple[tuple[int, ...], int, bool], SampledPixels] = {}
         self._ranks: dict[tuple[SampledPixels, tuple[float, ...]], Array] = {}
 
-    def sample(self, frames: tuple[int, ...], most: int) -> SampledPixels:
-        """Return about `most` pixels of each key frame, the same object in each call."""
-        if (frames, most) not in self._samples:  # two threads may sample: both get the first
-            self._samples.setdefault(
-                (frames, most), sample_pixels(self.video, frames, most, self.settings))
-        return self._samples[frames, most]
+    def sample(
+        self, frames: tuple[int, ...], most: int, outline: bool = False
+    ) -> SampledPixels:
+        """Return about `most` pixels of each key frame, and some on the outline if asked for; the
+        same object in each call."""
+        asked = frames, most, outline
+        if asked not in self._samples:  # two threads may sample: both get the first
+            self._samples.setdefault(asked, sample_pixels(self.video, *asked[:2], self.settings,
+                                                          outline))
+        return self._samples[asked]
 
     def label(self, hypothesis: VideoHypothesis, points: SampledPixels) -> VideoHypothesis:
         """Label pixels, which need not be the hypothesis' own (E-step)."""
@@ -94,6 +98,7 @@ class RgbEvidence:
             by_flow, depth = flow_costs(rays, depth, self.video, iterations, self.settings)
             if iterations:
                 depth = points.average(depth)
+        by_flow[points.outline.on] = 0.0  # there, flow is a mixture: neighbors label these pixels
         cost, measured = by_flow, hypothesis.points
         if self.joints == 1 and measured.place_information.any():
             # no label can change, so that the depths of bundle adjustment stay: they are better
@@ -111,7 +116,8 @@ class RgbEvidence:
         mine = np.arange(len(label)), label
         labeled = replace(
             hypothesis.points, frame=points.frame, ray=points.ray, label=label + 1,
-            inverse_depth=depth[mine], expected=points.expected, neighbors=points.neighbors)
+            inverse_depth=depth[mine], expected=points.expected, outline=points.outline,
+            neighbors=points.neighbors)
         s, out = self.settings, replace(hypothesis, points=labeled, cost=float(cost[mine].mean()))
         penalty = (s.score_flow * float(by_flow[mine].mean())
                    + s.score_inversions * label_inversions(label, rank, points.frame)
@@ -165,14 +171,15 @@ class RgbEvidence:
         """EM with patches and tracks. The cost becomes their misfit, with a penalty for jerky
         motion."""
         s = self.settings
+        span = s.outline_span if points.outline.on.any() else s.patch_span
         other = VideoAdjustment(s.final_scales, depth_sigma=s.depth_sigma_bundle,
-                                patches=(s.patch_reach, s.patch_span))
+                                patches=(s.patch_reach, span))
         first = replace(other, scales=s.refine_scales, patches=(reach, s.patch_span_first))
         hypothesis = run_em(
             self, hypothesis, [((how,), points) for how in (first, *[other] * (rounds - 1))])
         jerk = np.diff(hypothesis.state.angle, 2, axis=0)
         jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
-        fit = patch_misfit(self.video, hypothesis.state, hypothesis.points, s)
+        fit = patch_misfit(self.video, hypothesis.state, hypothesis.points, span, s)
         fit += s.score_tracks * track_misfit(self.video, hypothesis.state, hypothesis.points, s)
         return replace(hypothesis, cost=fit + s.score_jerk * jerky)
 

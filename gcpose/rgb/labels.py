@@ -16,12 +16,13 @@ from scipy.spatial import KDTree
 
 from ...robots.geometry import Array, pinhole
 from ..images import VideoEvidence
+from .outline import Outline, sample_outline, surfaces_at_outline
 from .settings import RgbSettings
 
 
 @dataclass(frozen=True, eq=False)
 class SampledPixels:
-    """N pixels of K key frames, each with texture to follow."""
+    """N pixels of K key frames, each with texture to follow or on the outline."""
 
     frame: NDArray[np.int64]
     """[N] key frame"""
@@ -33,6 +34,8 @@ class SampledPixels:
     """[N] prior mean of the inverse depth"""
     part: NDArray[np.int64] | None
     """[N] 1..J, if it is given"""
+    outline: Outline
+    """Which pixels are on the outline"""
     neighbors: csr_array
     """[N N] 1 for a pixel's neighbors and itself"""
     nearest: NDArray[np.int32]
@@ -46,13 +49,15 @@ class SampledPixels:
 
 
 def sample_pixels(
-    evidence: VideoEvidence, frames: tuple[int, ...], most: int, settings: RgbSettings
+    evidence: VideoEvidence, frames: tuple[int, ...], most: int, settings: RgbSettings,
+    outline: bool = False,
 ) -> SampledPixels:
-    """Sample about `most` pixels of each key frame: the one with most texture of each cell."""
-    found = [_sample_frame(evidence, k, most) for k in frames]
-    first = np.cumsum([0, *(len(pixel) for pixel, _ in found)])
+    """Sample about `most` pixels of each key frame: the one with most texture of each cell; and one
+    of each cell on the `outline`, if asked for."""
+    found = [_sample_frame(evidence, k, most, outline, settings) for k in frames]
+    first = np.cumsum([0, *(len(pixel) for pixel, _, _ in found)])
     row, column, nearest = [], [], []
-    for at, (here, cell) in zip(first, found, strict=False):
+    for at, (here, _, cell) in zip(first, found, strict=False):
         if not len(here):
             continue
         _, others = KDTree(here).query(here, min(settings.label_neighbors, len(here)))
@@ -63,24 +68,30 @@ def sample_pixels(
         nearest.append(np.where(index >= 0, index + np.int32(at), index))
     none = [np.zeros(0, np.int64)]
     rows, columns = np.concatenate(row or none), np.concatenate(column or none)
-    pixels = np.concatenate([pixel for pixel, _ in found])
+    pixels = np.concatenate([pixel for pixel, _, _ in found])
+    on = np.concatenate([on for _, on, _ in found])
     at = (np.repeat(frames, np.diff(first)), pixels[:, 1], pixels[:, 0])
     depth, part = evidence.inverse_depth, evidence.part
     return SampledPixels(
         at[0], pixels, pinhole.pixel_rays(evidence.intrinsics, pixels),
         np.ones(len(pixels)) if depth is None else depth[at].astype(np.float64),
         None if part is None else np.maximum(1, part[at].astype(np.int64)),
+        surfaces_at_outline(evidence.moving, evidence.intrinsics, at[0], pixels, on),
         csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(pixels), len(pixels))),
         np.stack(nearest) if nearest else np.zeros((0, *evidence.moving.shape[1:]), np.int32),
     )
 
 
-def _sample_frame(evidence: VideoEvidence, frame: int, most: int) -> tuple[NDArray[np.int64], int]:
-    """Pixels [N 2] of a frame, and the side of the cells that they are from, px."""
-    # the rim of the foreground may be background, which often has more texture
-    mask = cv2.erode(evidence.moving[frame].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+def _sample_frame(
+    evidence: VideoEvidence, frame: int, most: int, outline: bool, settings: RgbSettings
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], int]:
+    """Pixels [N 2] of a frame, whether each is on the outline [N], and the side of the cells that
+    they are from, px."""
+    moving, confidence = evidence.moving[frame], evidence.texture_confidence[frame]
+    rim = settings.rim_width if outline else settings.rim_width_search
+    # at the rim, brightness shows the background or shading, which do not move with the surface
+    mask = cv2.erode(moving.astype(np.uint8), np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)) > 0
     cell = max(2, int(np.ceil(np.sqrt(np.count_nonzero(mask) / most))))
-    confidence = evidence.texture_confidence[frame]
     score = np.where(mask, confidence[..., 0] + confidence[..., 2], -1.0)
     h, w = score.shape[0] // cell, score.shape[1] // cell
     cells = score[: h * cell, : w * cell].reshape(h, cell, w, cell).swapaxes(1, 2)
@@ -88,7 +99,10 @@ def _sample_frame(evidence: VideoEvidence, frame: int, most: int) -> tuple[NDArr
     best = cells.argmax(axis=2)
     v, u = np.nonzero(cells.max(axis=2) >= 0)
     inside = best[v, u]
-    return np.stack([u * cell + inside % cell, v * cell + inside // cell], axis=1), cell
+    inner = np.stack([u * cell + inside % cell, v * cell + inside // cell], axis=1)
+    outer = sample_outline(moving, cell) if outline else inner[:0]
+    on = np.repeat([False, True], [len(inner), len(outer)])
+    return np.concatenate([inner, outer]), on, cell
 
 
 def nearest_sample(

@@ -16,6 +16,7 @@ from ...robots.geometry import Array, inverse
 from ..chain import Articulation
 from ..images import PredictedPatches, VideoEvidence, find_patches
 from ..numerics import geman_mcclure_cost
+from .outline import Outline, slide_of_outline
 from .settings import RgbSettings
 from .tracks import chain_flow
 
@@ -45,6 +46,8 @@ class InverseDepthPoints:
     """[N T 2] px, where the point's patch was found in each frame"""
     place_information: Array
     """[N T 2 2] 1/px^2"""
+    outline: Outline
+    """Which points are on the outline: of these, its place across its direction is measured"""
     neighbors: csr_array | None = None
     """[N N] 1 for neighbors in a key frame, whose depths are alike on one part"""
 
@@ -54,7 +57,8 @@ class InverseDepthPoints:
     ) -> InverseDepthPoints:
         """Return points at their expected depths, without measurements."""
         none = np.zeros(0)
-        return cls(frame, ray, label, expected, expected, none, none, none, none)
+        return cls(frame, ray, label, expected, expected, none, none, none, none,
+                   Outline.none(len(ray)))
 
 
 def motions_from_key(state: Articulation, points: InverseDepthPoints) -> Array:
@@ -104,7 +108,8 @@ def _move(motion: Array, ray: Array, inverse_depth: Array) -> tuple[Array, Array
 def inverse_depth_slopes(points: InverseDepthPoints, settings: RgbSettings) -> Array:
     """Return the slope [N 2] of inverse depth by the ray's x and y on the part of each point.
 
-    A plane is fitted to the neighbors on the same part, with a prior towards slope 0.
+    A plane is fitted to the neighbors on the same part, with a prior towards slope 0. On the
+    outline, where a surface is seen from the side, it is 0.
     """
     if points.neighbors is None:
         return np.zeros((len(points.ray), 2))
@@ -123,7 +128,8 @@ def inverse_depth_slopes(points: InverseDepthPoints, settings: RgbSettings) -> A
     xx, yy = xx + prior, yy + prior
     slope = np.stack([yy * xq - xy * yq, xx * yq - xy * xq], axis=1) / (xx * yy - xy**2)[:, None]
     steep = np.linalg.norm(slope, axis=1, keepdims=True)
-    return slope * np.minimum(1.0, settings.max_slope / np.maximum(steep, settings.max_slope))
+    slope *= np.minimum(1.0, settings.max_slope / np.maximum(steep, settings.max_slope))
+    return np.where(points.outline.on[:, None], 0.0, slope)
 
 
 def interpolate_depths(
@@ -174,26 +180,35 @@ def measure_patches(
     A patch is searched in the `span` frames before and after its own, within `reach` px of its
     predicted place.
     """
-    at = predict_places(state, points, evidence.intrinsics)
-    n, frames = at.shape[:2]
-    warp = predict_warps(state, points, inverse_depth_slopes(points, settings))
+    n, frames = len(points.ray), len(state.angle)
+    slope = inverse_depth_slopes(points, settings)
     place, information = _find_patches(
-        evidence, points, at, warp, frames_nearby(points, frames, span), reach)
+        evidence, state, points, slope, frames_nearby(points, frames, span), reach)
     return replace(
         points, flow=np.zeros((n, frames - 1, 2)), place=place, place_information=information,
         flow_information=np.zeros((n, frames - 1, 2, 2)))
 
 
 def _find_patches(
-    evidence: VideoEvidence, points: InverseDepthPoints, at: Array, warp: Array,
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints, slope: Array,
     wanted: NDArray[np.bool_], reach: float,
 ) -> tuple[Array, Array]:
-    """Places [N T 2] of patches in the wanted frames [N T], and their information [N T 2 2]."""
+    """Places [N T 2] of points, by their patches in the wanted frames [N T], and their information
+    [N T 2 2]; see `predict_warps` for their slopes [N 2]."""
     n, frames = wanted.shape
-    wanted = wanted & moving_pixels(evidence, at, np.arange(frames)[None])[2]
+    on = points.outline.on
+    slide = slide_of_outline(points.outline, motions_from_key(state, points), points.ray,
+                             points.inverse_depth, evidence.intrinsics)
+    at = predict_places(state, points, evidence.intrinsics) + slide
+    # inside, a patch that leaves the foreground is hidden; an outline may be on either side
+    wanted = wanted & (on[:, None] | moving_pixels(evidence, at, np.arange(frames)[None])[2])
+    # where no points follow the outline, patches near it show it as well
+    channels = np.stack([~on, on | ~on.any()], axis=1)
     patches = PredictedPatches(
-        at[np.arange(n), points.frame], points.frame, at, warp, wanted, reach)
-    return find_patches(evidence.appearance, patches, evidence.settings)
+        at[np.arange(n), points.frame], points.frame, at, predict_warps(state, points, slope),
+        wanted, channels, reach)
+    place, information = find_patches(evidence.appearance, patches, evidence.settings)
+    return place - slide, information
 
 
 def add_tracks(
@@ -247,11 +262,11 @@ def _place_costs(away: Array, information: Array, settings: RgbSettings) -> Arra
 
 
 def patch_misfit(
-    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints,
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints, span: int,
     settings: RgbSettings,
 ) -> float:
-    """Return the mean cost of the patches, including those that are not found."""
-    span = settings.patch_span
+    """Return the mean cost of the patches in the `span` frames before and after their own,
+    including those that are not found."""
     points = measure_patches(evidence, state, points, settings.patch_reach, span, settings)
     away = points.place - predict_places(state, points, evidence.intrinsics)
     cost = _search_costs(away, points.place_information, settings)
@@ -269,8 +284,7 @@ def patch_costs_by_point(
     frames = at.shape[1]
     wanted = frames_nearby(points, frames, s.patch_span)
     wanted &= ~frames_nearby(points, frames, s.patch_span - 1)
-    place, information = _find_patches(
-        evidence, points, at, predict_warps(state, points, slope), wanted, s.patch_reach)
+    place, information = _find_patches(evidence, state, points, slope, wanted, s.patch_reach)
     cost = _search_costs(place - at, information, s)
     return np.asarray((cost * wanted).sum(axis=1) / np.maximum(1, wanted.sum(axis=1)), np.float64)
 

@@ -31,7 +31,8 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     few moving pixels are seen."""
     s, last = evidence.settings, evidence.video.frames - 1
     keys = tuple(range(0, last + 1, s.final_key_frame_step))
-    many, dense = evidence.sample(keys, s.max_points), evidence.sample(keys, s.final_points)
+    many = evidence.sample(keys, s.max_points)
+    dense = evidence.sample(keys, s.final_points, outline=evidence.joints > 1)
     step = s.final_key_frame_step
     few = evidence.sample((last // (2 * step) * step,), s.exchange_points)  # the middle key frame
     found = [evidence.label(h, many) for h in initialize_by_sweeps(evidence)]

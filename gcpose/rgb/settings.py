@@ -24,6 +24,9 @@ class RgbSettings:
     tracking_points: Count = 100  # Pixels of each key frame while hypotheses are tracked.
     max_points: Count = 130  # Pixels of each key frame while hypotheses are refined.
     final_points: Count = 300  # Pixels of each key frame in the last refinement.
+    rim_width: Count = 4
+    """Distance from the outline up to which brightness is not followed, px."""
+    rim_width_search: Count = 2  # The same where no points on the outline are followed.
     label_neighbors: Count = 12  # Nearest sampled pixels over which label costs are averaged.
     same_pixel_cells: NonNegative = 1.5  # Reach of a pixel in other key frames, cells.
 
@@ -36,6 +39,7 @@ class RgbSettings:
     patch_reach_new: Positive = 10.0  # The same in a frame that was just added, px.
     patch_reach_first: Positive = 6.0  # The same in the first refinement of a hypothesis, px.
     patch_span: Count = 3  # Frames before and after a patch's own frame in which it is searched.
+    outline_span: Count = 5  # The same where points on the outline are followed.
     patch_span_first: Count = 2  # The same in the first round of a refinement.
 
     # tracks: flow chained from a pixel of a key frame
@@ -161,11 +165,11 @@ class RgbSettings:
     min_sigma: Positive = 0.004  # Least standard deviation in a score, rad.
 
     # estimate
-    sigma_factor: Positive = 14.0  # Reported by formal standard deviations at `sigma_cost`.
+    sigma_factor: Positive = 10.0  # Reported by formal standard deviations at `sigma_cost`.
     sigma_cost: NonNegative = 3.0  # Cost of patches and tracks for which that factor holds.
     sigma_misfit: NonNegative = 0.8  # Growth of the factor's logarithm by that cost.
     sigma_excess: Positive = 0.1  # Score above the best at which another motion weighs 1/e.
-    sigma_spread: NonNegative = 0.5  # Reported by the standard deviation of other motions.
+    sigma_spread: NonNegative = 0.35  # Reported by the standard deviation of other motions.
     sigma_floor: NonNegative = 0.3 * DEGREE  # Least standard deviation that is reported, rad.
     sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
     part_stride: Count = 2  # Pixels from one to the next whose part is looked up.

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.kinematics import part_motions
+from gcbench.gcpose.rgb.outline import Outline
 from gcbench.gcpose.rgb.points import InverseDepthPoints, predict_places
 from gcbench.renderer.types.observation import Observation
 
@@ -39,7 +40,7 @@ def measured(state: Articulation, scale: float, noise: float, steps: bool) -> In
     start = np.ones(n)
     points = InverseDepthPoints(
         frame, ray, label, rng.uniform(0.9, 1.1, n) / scale, start, none, empty,
-        np.zeros((n, FRAMES, 2)), np.zeros((n, FRAMES, 2, 2)))
+        np.zeros((n, FRAMES, 2)), np.zeros((n, FRAMES, 2, 2)), Outline.none(n))
     at = predict_places(state, points, INTRINSICS)
     at = at + noise * rng.standard_normal(at.shape)
     sure = np.broadcast_to(np.eye(2) / 0.1**2, (*at.shape, 2))

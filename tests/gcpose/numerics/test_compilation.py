@@ -24,7 +24,8 @@ images = np.stack([appearance(gray, np.hypot(u - at, v - 45) < 30, settings) for
 pixel = rng.uniform(20, 70, (200, 2))
 found = find_patches(images, PredictedPatches(
     pixel, np.zeros(200, np.int64), np.repeat(pixel[:, None], 2, axis=1),
-    np.broadcast_to(np.eye(2), (200, 2, 2, 2)).copy(), np.ones((200, 2), bool), 4.0), settings)
+    np.broadcast_to(np.eye(2), (200, 2, 2, 2)).copy(), np.ones((200, 2), bool),
+    np.ones((200, 2), bool), 4.0), settings)
 assert found[1].any()
 print(hashlib.sha256(b"".join(array.tobytes() for array in found)).hexdigest())
 """

@@ -25,6 +25,7 @@ from gcbench.gcpose.paper.epipolar import (
 from gcbench.gcpose.paper.pipeline import FlowOnly, WithDepth
 from gcbench.gcpose.paper.settings import PaperSettings
 from gcbench.gcpose.rgb.labels import SampledPixels
+from gcbench.gcpose.rgb.outline import Outline
 from gcbench.renderer.types.observation import Observation
 from gcbench.robots.geometry import Array, rotation_about
 from gcbench.robots.motion import ChainAxes, chain_rotations
@@ -68,7 +69,8 @@ def match_exactly(
     flow[pixel[:, 1], pixel[:, 0]] = moved
     near = (part[:, None] == part[None]) & (np.abs(points[:, None] - points[None]).max(2) < 0.12)
     found = SampledPixels(np.full(len(part), k), pixel, ray, 1 / here[:, 2], None,
-                          csr_array(near.astype(float)), np.zeros((1, *flow.shape[:2]), np.int32))
+                          Outline.none(len(part)), csr_array(near.astype(float)),
+                          np.zeros((1, *flow.shape[:2]), np.int32))
     return found, flow, 1 / here[:, 2], part
 
 

@@ -14,6 +14,7 @@ from gcbench.gcpose.rgb.labels import (
     label_inversions,
     ordered_labels,
 )
+from gcbench.gcpose.rgb.outline import Outline
 from gcbench.gcpose.rgb.points import predict_places
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import inverse
@@ -66,7 +67,7 @@ def two_frames(side: int = 8) -> SampledPixels:
     nearest = np.broadcast_to(nearest, (2, 10, 10 * side)).astype(np.int32)
     ray = np.ones((2 * side, 3))
     return SampledPixels(frame, np.tile(at, (2, 1)), ray, ray[:, 0], None,
-                 csr_array(np.eye(2 * side)), nearest)
+                         Outline.none(2 * side), csr_array(np.eye(2 * side)), nearest)
 
 
 def test_what_a_part_takes_a_pixel_to_has_a_say_in_its_label() -> None:

@@ -211,7 +211,8 @@ def test_a_patch_is_found_where_it_was_moved_to() -> None:
     place = np.repeat(pixel[:, None], 2, axis=1)
     warp = np.broadcast_to(np.eye(2), (2, 2, 2, 2)).copy()
     wanted = np.array([[False, True]] * 2)
-    patches = PredictedPatches(pixel, np.zeros(2, np.int64), place, warp, wanted, 4.0)
+    patches = PredictedPatches(
+        pixel, np.zeros(2, np.int64), place, warp, wanted, np.array([[True, False]] * 2), 4.0)
     found, information = find_patches(
         images, patches, ImageSettings(patch_radius=6, patch_sigma=0.1, patch_rate=0.0))
     assert np.abs(found[:, 1] - pixel - shift).max() < 0.05
@@ -227,9 +228,10 @@ def test_an_outline_tells_only_what_happens_across_it() -> None:
     pixel = np.array([[49.0, 45.0]])
     patches = PredictedPatches(
         pixel, np.zeros(1, np.int64), np.repeat(pixel[:, None], 2, axis=1),
-        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]), 4.0)
+        np.eye(2)[None, None].repeat(2, axis=1), np.array([[False, True]]),
+        np.array([[False, True]]), 4.0)
     found, information = find_patches(
-        images, patches, ImageSettings(patch_radius=6, patch_sigma=0.1, patch_rate=0.0))
+        images, patches, ImageSettings(patch_radius=6, outline_sigma=0.1, outline_rate=0.0))
     assert np.allclose(found[0, 1], [51, 45], atol=0.1)
     assert information[0, 1, 0, 0] > 10
     assert abs(information[0, 1, 1, 1]) < 1e-6

@@ -1,0 +1,91 @@
+"""Points on the outline, and how the outline of a round link moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gcbench.gcpose.rgb.outline import (
+    Outline,
+    sample_outline,
+    slide_of_outline,
+    surfaces_at_outline,
+)
+from gcbench.robots.geometry import pinhole
+
+FOCAL = 600.0
+INTRINSICS = np.array([[FOCAL, 0, 160], [0, FOCAL, 120], [0, 0, 1]], np.float64)
+
+
+def bar(top: int, bottom: int) -> np.ndarray:
+    """A foreground [240 320]: a bar across the image, rows `top` to `bottom` - 1."""
+    rows = np.arange(240)[:, None] + np.zeros((1, 320), int)
+    return (rows >= top) & (rows < bottom)
+
+
+def test_outline_points_are_on_the_rim_one_for_each_cell() -> None:
+    v, u = np.mgrid[:240, :320]
+    disk = (u - 150) ** 2 + (v - 110) ** 2 < 60**2
+    at = sample_outline(disk, 8)
+    away = np.hypot(at[:, 0] - 150, at[:, 1] - 110)
+    assert (np.abs(away - 59) < 1.5).all()
+    assert 0.6 < len(at) * 8 / (2 * np.pi * 60) < 1.6
+    assert len(np.unique(at // 8, axis=0)) == len(at)
+
+
+def test_no_outline_where_the_foreground_leaves_the_image_or_is_empty() -> None:
+    at = sample_outline(bar(100, 140), 10)
+    assert set(at[:, 1]) == {100, 139}
+    assert not len(sample_outline(np.zeros((40, 40), bool), 10))
+    assert not len(sample_outline(np.ones((40, 40), bool), 10))
+
+
+def test_surfaces_at_the_outline_face_outward_and_are_as_thick_as_the_link() -> None:
+    moving = np.stack([bar(100, 140), bar(90, 150)])
+    pixel = np.array([[80, 100], [200, 139], [120, 90], [120, 120]])
+    on = np.array([True, True, True, False])
+    outline = surfaces_at_outline(moving, INTRINSICS, np.array([0, 0, 1, 1]), pixel, on)
+    ray = pinhole.pixel_rays(INTRINSICS, pixel)
+    assert np.abs((outline.normal * ray)[on].sum(axis=1)).max() < 1e-9
+    assert np.allclose(outline.normal[on, 1], [-1, 1, -1], atol=0.05)
+    assert np.allclose(outline.radius[on] * FOCAL, [20, 20, 30], atol=1.5)
+    assert not outline.normal[3].any()
+    assert outline.radius[3] == 0
+
+
+def turn_about(center: np.ndarray, angle: float) -> np.ndarray:
+    """A turn [4 4] about a vertical axis through a point."""
+    c, s = np.cos(angle), np.sin(angle)
+    out = np.eye(4)
+    out[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    out[:3, 3] = center - out[:3, :3] @ center
+    return out
+
+
+@pytest.mark.parametrize("pivot", [(0.1, 0.0, 2.0), (-0.4, 0.0, 2.3)])
+def test_the_outline_of_a_cylinder_stays_tangent_to_it(pivot: tuple[float, float, float]) -> None:
+    center, radius = np.array([0.1, 0.0, 2.0]), 0.06
+
+    def tangent(at: np.ndarray) -> float:  # column of the right outline of an upright cylinder
+        return FOCAL * np.tan(np.arctan2(at[0], at[2]) + np.arcsin(radius / np.hypot(*at[[0, 2]])))
+
+    motion = np.stack([turn_about(np.array(pivot), a) for a in np.radians([0, 10, 20, 40])])
+    x = tangent(center) / FOCAL
+    normal = np.array([1, 0, -x]) / np.hypot(1, x)
+    surface = center + radius * normal
+    ray, inverse_depth = surface / surface[2], np.array([1 / surface[2]])
+    outline = Outline(np.ones(1, bool), normal[None], np.array([radius / surface[2]]))
+    slide = slide_of_outline(outline, motion[None], ray[None], inverse_depth, INTRINSICS)
+    moved = motion[:, :3, :3] @ surface + motion[:, :3, 3]
+    carried = FOCAL * moved[:, 0] / moved[:, 2]
+    exact = np.array([tangent(m[:3, :3] @ center + m[:3, 3]) for m in motion])
+    assert np.abs(carried - exact)[2:].min() > 1.0  # the surface's own point leaves the outline
+    assert np.abs(carried + slide[0, :, 0] - exact).max() < 0.05
+
+
+def test_sharp_edges_and_other_pixels_do_not_slide() -> None:
+    motion = np.stack([turn_about(np.array([0, 0, 2.0]), a) for a in (0.0, 0.5)])[None]
+    ray, depth = np.array([[0.1, 0.0, 1.0]]), np.array([0.5])
+    normal = np.array([[1, 0, -0.1]]) / np.hypot(1, 0.1)
+    sharp = Outline(np.ones(1, bool), normal, np.zeros(1))
+    assert np.abs(slide_of_outline(sharp, motion, ray, depth, INTRINSICS)).max() < 1e-9
+    assert not slide_of_outline(Outline.none(1), motion, ray, depth, INTRINSICS).any()
