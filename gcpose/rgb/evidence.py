@@ -72,15 +72,13 @@ class RgbEvidence:
         self._samples: dict[tuple[tuple[int, ...], int, bool], SampledPixels] = {}
         self._ranks: dict[tuple[SampledPixels, tuple[float, ...]], Array] = {}
 
-    def sample(
-        self, frames: tuple[int, ...], most: int, outline: bool = False
-    ) -> SampledPixels:
+    def sample(self, frames: tuple[int, ...], most: int, outline: bool = False) -> SampledPixels:
         """Return about `most` pixels of each key frame, and some on the outline if asked for; the
         same object in each call."""
         asked = frames, most, outline
         if asked not in self._samples:  # two threads may sample: both get the first
-            self._samples.setdefault(asked, sample_pixels(self.video, *asked[:2], self.settings,
-                                                          outline))
+            self._samples.setdefault(
+                asked, sample_pixels(self.video, frames, most, self.settings, outline))
         return self._samples[asked]
 
     def label(self, hypothesis: VideoHypothesis, points: SampledPixels) -> VideoHypothesis:

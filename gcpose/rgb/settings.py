@@ -39,8 +39,8 @@ class RgbSettings:
     patch_reach_new: Positive = 10.0  # The same in a frame that was just added, px.
     patch_reach_first: Positive = 6.0  # The same in the first refinement of a hypothesis, px.
     patch_span: Count = 3  # Frames before and after a patch's own frame in which it is searched.
-    outline_span: Count = 5  # The same where points on the outline are followed.
     patch_span_first: Count = 2  # The same in the first round of a refinement.
+    outline_span: Count = 5  # The same in later rounds where points on the outline are followed.
 
     # tracks: flow chained from a pixel of a key frame
     track_span: Count = 5  # Frames before and after the pixel's own frame that tracks reach.
