@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from gcbench.gcpose.chain.articulation import Articulation
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.images.still_camera import VideoEvidence, appearance
+from gcbench.gcpose.rgb.labels import sample_pixels
 from gcbench.gcpose.rgb.outline import (
     Outline,
     sample_outline,
     slide_of_outline,
     surfaces_at_outline,
 )
+from gcbench.gcpose.rgb.points import InverseDepthPoints, measure_patches, predict_places
+from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import pinhole
 
 FOCAL = 600.0
@@ -89,3 +97,39 @@ def test_sharp_edges_and_other_pixels_do_not_slide() -> None:
     sharp = Outline(np.ones(1, bool), normal, np.zeros(1))
     assert np.abs(slide_of_outline(sharp, motion, ray, depth, INTRINSICS)).max() < 1e-9
     assert not slide_of_outline(Outline.none(1), motion, ray, depth, INTRINSICS).any()
+
+
+def test_a_round_bar_that_rolls_keeps_its_outline() -> None:
+    """An upright bar turns about its own axis: the outline stays, the surface does not."""
+    frames, settings, image = 3, RgbSettings(), ImageSettings()
+    columns = np.arange(320) + np.zeros((240, 1), int)
+    moving = np.stack([(columns >= 140) & (columns < 180)] * frames)
+    gray = np.full(moving.shape[1:], 128, np.float32)
+    none = np.zeros((*moving.shape, 3), np.float32)
+    video = VideoEvidence(
+        (0, 0), INTRINSICS, moving, np.stack([appearance(gray, m, image) for m in moving]),
+        none[1:, ..., :2], None, none, none, image)
+    sampled = sample_pixels(video, (0,), 60, settings, outline=True)
+    on = sampled.outline.on
+    column = sampled.pixel[:, 0]
+    assert set(column[on]) == {140, 179}
+    assert ((column[~on] >= 144) & (column[~on] <= 175)).all()  # no brightness at the rim
+    middle, axis = np.array([-0.5 / FOCAL, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    before = 1 + (20 / FOCAL) ** 2  # inverse depth of the outline: it is nearer than the axis
+    state = Articulation(
+        np.concatenate([axis, np.cross(middle, axis)])[None],
+        np.radians([[0.0], [15.0], [30.0]]), np.zeros(1, bool), np.array([-1]))
+    one = np.ones(len(on))
+    points = replace(
+        InverseDepthPoints.without_measurements(
+            sampled.frame, sampled.ray, one.astype(np.int64), before * one),
+        outline=sampled.outline)
+    sharp = replace(points, outline=replace(sampled.outline, radius=0 * one))
+    away = []
+    for p in (points, sharp):
+        found = measure_patches(video, state, p, 6.0, 2, settings)
+        assert (found.place_information[on, 1:, 0, 0] > 1).mean() > 0.5
+        seen = found.place_information[..., 0, 0] > 1
+        away.append(np.abs((found.place - predict_places(state, p, INTRINSICS))[seen][:, 0]))
+    assert away[0].max() < 0.2
+    assert away[1].max() > 2.0
