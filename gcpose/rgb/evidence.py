@@ -19,6 +19,7 @@ from .labels import (
     label_inversions,
     sample_pixels,
 )
+from .outline import OutlineKind
 from .points import (
     InverseDepthPoints,
     add_tracks,
@@ -69,10 +70,12 @@ class RgbEvidence:
         self.settings, self.chain = settings, settings.chain
         self.solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
         self.joints = len(priors.prismatic)
-        self._samples: dict[tuple[tuple[int, ...], int, bool], SampledPixels] = {}
+        self._samples: dict[tuple[tuple[int, ...], int, OutlineKind], SampledPixels] = {}
         self._ranks: dict[tuple[SampledPixels, tuple[float, ...]], Array] = {}
 
-    def sample(self, frames: tuple[int, ...], most: int, outline: bool = False) -> SampledPixels:
+    def sample(
+        self, frames: tuple[int, ...], most: int, outline: OutlineKind = "none"
+    ) -> SampledPixels:
         """Return about `most` pixels of each key frame, and some on the outline if asked for; the
         same object in each call."""
         asked = frames, most, outline
@@ -169,7 +172,7 @@ class RgbEvidence:
         """EM with patches and tracks. The cost becomes their misfit, with a penalty for jerky
         motion."""
         s = self.settings
-        span = s.outline_span if points.outline.on.any() else s.patch_span
+        span = s.outline_span if points.outline.is_round else s.patch_span
         other = VideoAdjustment(s.final_scales, depth_sigma=s.depth_sigma_bundle,
                                 patches=(s.patch_reach, span))
         first = replace(other, scales=s.refine_scales, patches=(reach, s.patch_span_first))

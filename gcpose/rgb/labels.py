@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from ...robots.geometry import Array, pinhole
 from ..images import VideoEvidence
-from .outline import Outline, sample_outline, surfaces_at_outline
+from .outline import Outline, OutlineKind, sample_outline, surfaces_at_outline
 from .settings import RgbSettings
 
 
@@ -50,20 +50,25 @@ class SampledPixels:
 
 def sample_pixels(
     evidence: VideoEvidence, frames: tuple[int, ...], most: int, settings: RgbSettings,
-    outline: bool = False,
+    outline: OutlineKind = "none",
 ) -> SampledPixels:
     """Sample about `most` pixels of each key frame: the one with most texture of each cell; and one
-    of each cell on the `outline`, if asked for."""
+    of each cell on the `outline`, if asked for.
+
+    The outline of a thick door is deeper than its face. So where it is sharp, pixels on it and
+    inside are no neighbors.
+    """
     found = [_sample_frame(evidence, k, most, outline, settings) for k in frames]
     first = np.cumsum([0, *(len(pixel) for pixel, _, _ in found)])
     row, column, nearest = [], [], []
-    for at, (here, _, cell) in zip(first, found, strict=False):
+    for at, (here, on, cell) in zip(first, found, strict=False):
         if not len(here):
             continue
-        _, others = KDTree(here).query(here, min(settings.label_neighbors, len(here)))
-        others = np.asarray(others, np.int64).reshape(len(here), -1)
-        row.append(np.repeat(np.arange(len(here)), others.shape[1]) + at)
-        column.append(others.ravel() + at)
+        groups = [~on, on] if outline == "sharp" else [np.full(len(here), True)]
+        for group in map(np.flatnonzero, groups):
+            pairs = _nearest_pairs(here[group], settings.label_neighbors)
+            row.append(group[pairs[0]] + at)
+            column.append(group[pairs[1]] + at)
         index = nearest_sample(here, evidence.moving.shape[1:], settings.same_pixel_cells * cell)
         nearest.append(np.where(index >= 0, index + np.int32(at), index))
     none = [np.zeros(0, np.int64)]
@@ -76,19 +81,31 @@ def sample_pixels(
         at[0], pixels, pinhole.pixel_rays(evidence.intrinsics, pixels),
         np.ones(len(pixels)) if depth is None else depth[at].astype(np.float64),
         None if part is None else np.maximum(1, part[at].astype(np.int64)),
-        surfaces_at_outline(evidence.moving, evidence.intrinsics, at[0], pixels, on),
+        surfaces_at_outline(evidence.moving, evidence.intrinsics, at[0], pixels, on,
+                            sharp=outline == "sharp"),
         csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(pixels), len(pixels))),
         np.stack(nearest) if nearest else np.zeros((0, *evidence.moving.shape[1:]), np.int32),
     )
 
 
+def _nearest_pairs(
+    pixels: NDArray[np.int64], most: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Each of pixels [N 2] with each of the `most` nearest of them, itself included."""
+    count = min(most, len(pixels))
+    if not count:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    _, others = KDTree(pixels).query(pixels, count)
+    return np.repeat(np.arange(len(pixels)), count), np.asarray(others, np.int64).ravel()
+
+
 def _sample_frame(
-    evidence: VideoEvidence, frame: int, most: int, outline: bool, settings: RgbSettings
+    evidence: VideoEvidence, frame: int, most: int, outline: OutlineKind, settings: RgbSettings
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], int]:
     """Pixels [N 2] of a frame, whether each is on the outline [N], and the side of the cells that
     they are from, px."""
     moving, confidence = evidence.moving[frame], evidence.texture_confidence[frame]
-    rim = settings.rim_width if outline else settings.rim_width_search
+    rim = settings.rim_width if outline == "round" else settings.rim_width_search
     # at the rim, brightness shows the background or shading, which do not move with the surface
     mask = cv2.erode(moving.astype(np.uint8), np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)) > 0
     cell = max(2, int(np.ceil(np.sqrt(np.count_nonzero(mask) / most))))
@@ -100,7 +117,7 @@ def _sample_frame(
     v, u = np.nonzero(cells.max(axis=2) >= 0)
     inside = best[v, u]
     inner = np.stack([u * cell + inside % cell, v * cell + inside // cell], axis=1)
-    outer = sample_outline(moving, cell) if outline else inner[:0]
+    outer = inner[:0] if outline == "none" else sample_outline(moving, cell)
     on = np.repeat([False, True], [len(inner), len(outer)])
     return np.concatenate([inner, outer]), on, cell
 

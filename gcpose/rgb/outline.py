@@ -8,6 +8,7 @@ outline, the surface is taken for a cylinder that is as thick as the link appear
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -20,6 +21,10 @@ _NORMAL_BLUR = 1.5  # standard deviation of the blur before normals are taken, p
 _MAX_RADIUS = 80  # px; nothing thicker is searched
 _RISE = 0.5  # px that the distance from the outline may fall short while a radius is searched
 
+OutlineKind = Literal["none", "round", "sharp"]
+"""Whether points on the outline are followed: of round links, over which it slides, or of a door,
+whose edges are sharp and move with it."""
+
 
 @dataclass(frozen=True)
 class Outline:
@@ -30,7 +35,12 @@ class Outline:
     normal: Array
     """[N 3] of the surface, outward and at right angles to the ray"""
     radius: Array
-    """[N] half the thickness of the link, at depth 1"""
+    """[N] half the thickness of the link, at depth 1; 0 where its edge is sharp"""
+
+    @property
+    def is_round(self) -> bool:
+        """Whether some of it slides over a round surface."""
+        return bool(self.radius.any())
 
     @classmethod
     def none(cls, count: int) -> Outline:
@@ -54,17 +64,18 @@ def sample_outline(moving: NDArray[np.bool_], cell: int) -> NDArray[np.int64]:
 
 def surfaces_at_outline(
     moving: NDArray[np.bool_], intrinsics: Array, frame: NDArray[np.int64],
-    pixel: NDArray[np.int64], on: NDArray[np.bool_],
+    pixel: NDArray[np.int64], on: NDArray[np.bool_], sharp: bool = False,
 ) -> Outline:
     """Return the surfaces at those pixels [N 2] of frames [N] that are on the outline of the
-    foreground [T h w]."""
+    foreground [T h w]; of sharp edges, the radius is 0."""
     across, radius = np.zeros((len(on), 2)), np.zeros(len(on))
     for k in np.unique(frame[on]):
         mine = on & (frame == k)
         across[mine], radius[mine] = _normals_and_radii(moving[k].astype(np.uint8), pixel[mine])
     ray, focal = pinhole.pixel_rays(intrinsics, pixel), float(intrinsics[0, 0])
     tangent = np.stack([-across[:, 1], across[:, 0], np.zeros(len(on))], axis=1)
-    return Outline(on, _unit_toward(np.cross(tangent, ray), across), radius / focal)
+    radius = np.zeros(len(on)) if sharp else radius / focal
+    return Outline(on, _unit_toward(np.cross(tangent, ray), across), radius)
 
 
 def _normals_and_radii(

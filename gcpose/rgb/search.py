@@ -32,28 +32,22 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     s, last = evidence.settings, evidence.video.frames - 1
     keys = tuple(range(0, last + 1, s.final_key_frame_step))
     many = evidence.sample(keys, s.max_points)
-    dense = evidence.sample(keys, s.final_points, outline=evidence.joints > 1)
     step = s.final_key_frame_step
     few = evidence.sample((last // (2 * step) * step,), s.exchange_points)  # the middle key frame
     found = [evidence.label(h, many) for h in initialize_by_sweeps(evidence)]
     if not found:
         return None
-
-    def refine(points: SampledPixels, rounds: int, reach: float) -> Refine:
-        return lambda h: evidence.refine_by_patches(h, points, rounds, reach)
-
     score = partial(score_hypothesis, settings=s)
     best = partial(select_hypotheses, settings=s, key=score)
+    refine = partial(refine_points, evidence)
+    door = is_door(found[0].state)
+    dense = evidence.sample(
+        keys, s.final_points, "sharp" if door else "round" if evidence.joints > 1 else "none")
     found += [t for h in select_hypotheses(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
     found = thread_map(refine(many, 2, s.patch_reach_first), found)
-    if is_door(found[0].state):
-        others = exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
-        found += thread_map(refine(many, 2, s.patch_reach_first), others)
-
-        def search(h: VideoHypothesis) -> VideoHypothesis:
-            return refine(many, 2, s.patch_reach)(search_depths(evidence.video, h, s))
-
-        found = refine_in_stages(found, best, *((most, search) for most in s.doors_kept))
+    if door:
+        for _ in range(s.door_rounds):
+            found = search_door(evidence, found, many)
     else:
         found = refine_in_stages(found, best, (s.refined_kept, refine(many, 3, s.patch_reach)))
     others = exchange_parallel_turns(evidence, min(found, key=score), few, s.exchanged_kept)
@@ -65,6 +59,31 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     chosen = min(final, key=score)
     return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
                     if other[0] is not chosen.state]
+
+
+def refine_points(
+    evidence: RgbEvidence, points: SampledPixels, rounds: int, reach: float
+) -> Refine:
+    """Return how a hypothesis is refined by patches of some points."""
+    return lambda h: evidence.refine_by_patches(h, points, rounds, reach)
+
+
+def search_door(
+    evidence: RgbEvidence, found: list[VideoHypothesis], points: SampledPixels
+) -> list[VideoHypothesis]:
+    """Return the best hypotheses of a door, after other turns of the best one and other depths of
+    all were tried."""
+    s = evidence.settings
+    score = partial(score_hypothesis, settings=s)
+    best = partial(select_hypotheses, settings=s, key=score)
+    others = exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
+    found = found + thread_map(refine_points(evidence, points, 2, s.patch_reach_first), others)
+    refine = refine_points(evidence, points, 2, s.patch_reach)
+
+    def search(h: VideoHypothesis) -> VideoHypothesis:
+        return refine(search_depths(evidence.video, h, s))
+
+    return refine_in_stages(found, best, *((kept, search) for kept in s.doors_kept))
 
 
 def compare_scores(found: list[VideoHypothesis], settings: RgbSettings) -> Alternatives:

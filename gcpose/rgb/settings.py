@@ -25,8 +25,9 @@ class RgbSettings:
     max_points: Count = 130  # Pixels of each key frame while hypotheses are refined.
     final_points: Count = 300  # Pixels of each key frame in the last refinement.
     rim_width: Count = 4
-    """Distance from the outline up to which brightness is not followed, px."""
-    rim_width_search: Count = 2  # The same where no points on the outline are followed.
+    """Distance from the outline up to which brightness is not followed, px, where points on round
+    outlines are followed."""
+    rim_width_search: Count = 2  # The same elsewhere.
     label_neighbors: Count = 12  # Nearest sampled pixels over which label costs are averaged.
     same_pixel_cells: NonNegative = 1.5  # Reach of a pixel in other key frames, cells.
 
@@ -40,7 +41,7 @@ class RgbSettings:
     patch_reach_first: Positive = 6.0  # The same in the first refinement of a hypothesis, px.
     patch_span: Count = 3  # Frames before and after a patch's own frame in which it is searched.
     patch_span_first: Count = 2  # The same in the first round of a refinement.
-    outline_span: Count = 5  # The same in later rounds where points on the outline are followed.
+    outline_span: Count = 5  # The same in later rounds where points on round outlines are followed.
 
     # tracks: flow chained from a pixel of a key frame
     track_span: Count = 5  # Frames before and after the pixel's own frame that tracks reach.
@@ -149,6 +150,7 @@ class RgbSettings:
     # choice among hypotheses
     tilted_kept: Count = 3  # Distinct hypotheses for which a door's planes are tried.
     refined_kept: Count = 6  # Distinct hypotheses in the second refinement.
+    door_rounds: Count = 2  # Rounds in which other turns and depths of a door are tried.
     doors_kept: tuple[Count, ...] = (8, 5, 3)
     """Distinct hypotheses of a door in the rounds that search its depths."""
     exchanged_kept: Count = 3  # Distinct hypotheses with turns shared otherwise.

@@ -23,6 +23,7 @@ from gcbench.gcpose.rgb.door_planes import (
 )
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, predict_places
+from gcbench.gcpose.rgb.search import score_hypothesis, search_door
 from gcbench.gcpose.rgb.settings import RgbSettings
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door
@@ -155,6 +156,20 @@ def test_depths_are_searched_on_planes() -> None:
     exact = replace(near, points=replace(near.points, inverse_depth=true))
     kept = search_depths(evidence.video, exact, SETTINGS)
     assert np.mean(kept.points.inverse_depth == true) > 0.7
+
+
+def test_a_door_that_turns_the_wrong_way_is_mended() -> None:
+    evidence, near, true = door_hypothesis()
+    state = replace(near.state, angle=-near.state.angle)
+    points = replace(near.points, inverse_depth=true)
+    sampled = evidence.sample((0, 4), 60)
+    wrong = evidence.refine_by_patches(
+        replace(near, state=state, points=points), sampled, 2, SETTINGS.patch_reach)
+    assert wrong.state.angle[-1, 0] < 0
+    found = search_door(evidence, [wrong], sampled)
+    best = min(found, key=lambda h: score_hypothesis(h, SETTINGS))
+    assert score_hypothesis(best, SETTINGS) < score_hypothesis(wrong, SETTINGS)
+    assert np.degrees(abs(best.state.angle[-1, 0] - near.state.angle[-1, 0])) < 5
 
 
 def test_a_single_part_keeps_the_depths_of_bundle_adjustment() -> None:

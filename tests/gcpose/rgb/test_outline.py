@@ -69,6 +69,23 @@ def turn_about(center: np.ndarray, angle: float) -> np.ndarray:
     return out
 
 
+def test_a_sharp_outline_is_apart_from_the_pixels_inside_and_moves_with_them() -> None:
+    settings = RgbSettings()
+    mixed, apart = (sample_pixels(upright_bar(2), (0, 1), 60, settings, outline=kind)
+                    for kind in ("round", "sharp"))
+    assert mixed.outline.is_round and not apart.outline.is_round
+    on = apart.outline.on
+    assert on.any() and not on.all()
+    assert np.abs(np.linalg.norm(apart.outline.normal[on], axis=1) - 1).max() < 1e-9
+    for sampled, meet in ((mixed, True), (apart, False)):
+        pair, on = sampled.neighbors.tocoo(), sampled.outline.on
+        assert (on[pair.row] != on[pair.col]).any() == meet
+        assert (sampled.frame[pair.row] == sampled.frame[pair.col]).all()
+        assert (sampled.neighbors.diagonal() == 1).all()
+    least = [s.pixel[~s.outline.on, 0].min() for s in (mixed, apart)]
+    assert least == [144, 142]  # a face is followed nearer to its edge
+
+
 @pytest.mark.parametrize("pivot", [(0.1, 0.0, 2.0), (-0.4, 0.0, 2.3)])
 def test_the_outline_of_a_cylinder_stays_tangent_to_it(pivot: tuple[float, float, float]) -> None:
     center, radius = np.array([0.1, 0.0, 2.0]), 0.06
@@ -99,17 +116,21 @@ def test_sharp_edges_and_other_pixels_do_not_slide() -> None:
     assert not slide_of_outline(Outline.none(1), motion, ray, depth, INTRINSICS).any()
 
 
-def test_a_round_bar_that_rolls_keeps_its_outline() -> None:
-    """An upright bar turns about its own axis: the outline stays, the surface does not."""
-    frames, settings, image = 3, RgbSettings(), ImageSettings()
+def upright_bar(frames: int) -> VideoEvidence:
+    """A plain bar in columns 140 to 179 of all frames."""
     columns = np.arange(320) + np.zeros((240, 1), int)
     moving = np.stack([(columns >= 140) & (columns < 180)] * frames)
-    gray = np.full(moving.shape[1:], 128, np.float32)
+    gray, image = np.full(moving.shape[1:], 128, np.float32), ImageSettings()
     none = np.zeros((*moving.shape, 3), np.float32)
-    video = VideoEvidence(
+    return VideoEvidence(
         (0, 0), INTRINSICS, moving, np.stack([appearance(gray, m, image) for m in moving]),
         none[1:, ..., :2], None, none, none, image)
-    sampled = sample_pixels(video, (0,), 60, settings, outline=True)
+
+
+def test_a_round_bar_that_rolls_keeps_its_outline() -> None:
+    """An upright bar turns about its own axis: the outline stays, the surface does not."""
+    settings, video = RgbSettings(), upright_bar(3)
+    sampled = sample_pixels(video, (0,), 60, settings, outline="round")
     on = sampled.outline.on
     column = sampled.pixel[:, 0]
     assert set(column[on]) == {140, 179}
