@@ -69,7 +69,7 @@ def turn_about(center: np.ndarray, angle: float) -> np.ndarray:
     return out
 
 
-def test_a_sharp_outline_is_apart_from_the_pixels_inside_and_moves_with_them() -> None:
+def test_a_sharp_outline_is_apart_from_the_pixels_inside() -> None:
     settings = RgbSettings()
     mixed, apart = (sample_pixels(upright_bar(2), (0, 1), 60, settings, outline=kind)
                     for kind in ("round", "sharp"))
