@@ -214,12 +214,13 @@ def _residuals(
                 rx += share * px[0, a, b] * e
                 ry += share * py[0, a, b] * e
             share = weight[1, a, b]
-            e = template[1, a, b] - (
-                c00 * target[iy, ix, 1] + c01 * target[iy, ix + 1, 1]
-                + c10 * target[iy + 1, ix, 1] + c11 * target[iy + 1, ix + 1, 1])
-            total += share * e * e
-            rx += share * px[1, a, b] * e
-            ry += share * py[1, a, b] * e
+            if share > 0.0:
+                e = template[1, a, b] - (
+                    c00 * target[iy, ix, 1] + c01 * target[iy, ix + 1, 1]
+                    + c10 * target[iy + 1, ix, 1] + c11 * target[iy + 1, ix + 1, 1])
+                total += share * e * e
+                rx += share * px[1, a, b] * e
+                ry += share * py[1, a, b] * e
     if m0 > 0:
         mean /= m0
         total -= m0 * mean * mean

@@ -28,9 +28,9 @@ from .points import (
     measure_patches,
     motions_from_frames,
     patch_misfit,
-    project_rays,
     track_misfit,
 )
+from .projection import project_rays
 from .residuals import RayResiduals, smoothness_blocks
 from .settings import RgbSettings
 
@@ -108,8 +108,9 @@ class RgbEvidence:
             cost = cost + self.settings.patch_label_weight * patch_costs(
                 rays, depth, measured.place, measured.place_information, self.settings)
         rank = self.rank(points, hypothesis.base)
+        parts = np.tile(np.arange(1, self.joints + 1), (len(key), 1))
         place = project_rays(  # in each key frame on each part
-            rays.motion[key][:, keys, 1:], points.ray[:, None, None], depth[:, None], k)
+            rays.motion.take(keys, axis=1), key, parts, points.ray, depth, k)
         tracks = average_along_tracks(points, cost, place)
         label = assign_labels(points, tracks, rank, self.settings.order_cost)
         if points.part is not None:

@@ -17,6 +17,7 @@ from ..chain import Articulation
 from ..images import PredictedPatches, VideoEvidence, find_patches
 from ..numerics import geman_mcclure_cost
 from .outline import Outline, slide_of_outline
+from .projection import distort, project_rays
 from .settings import RgbSettings
 from .tracks import chain_flow
 
@@ -75,8 +76,9 @@ def motions_from_frames(state: Articulation, keys: NDArray[np.int64]) -> Array:
 
 def predict_places(state: Articulation, points: InverseDepthPoints, intrinsics: Array) -> Array:
     """Return the place [N T 2], px, of each point in each frame."""
-    motion = motions_from_key(state, points)
-    return project_rays(motion, points.ray[:, None], points.inverse_depth[:, None], intrinsics)
+    keys, key = np.unique(points.frame, return_inverse=True)
+    return project_rays(motions_from_frames(state, keys), key, points.label[:, None], points.ray,
+                        points.inverse_depth[:, None], intrinsics)[:, :, 0]
 
 
 def predict_warps(state: Articulation, points: InverseDepthPoints, slope: Array) -> Array:
@@ -85,24 +87,9 @@ def predict_warps(state: Articulation, points: InverseDepthPoints, slope: Array)
     The surroundings lie in a plane, on which inverse depth is linear in the ray: with a slope [N 2]
     (see `inverse_depth_slopes`).
     """
-    motion = motions_from_key(state, points)
-    at, depth = _move(motion, points.ray[:, None], points.inverse_depth[:, None])
-    by_ray = motion[..., :3, :2] + motion[..., :3, 3:] * slope[:, None, None]
-    return (by_ray[..., :2, :] - at[..., None] * by_ray[..., 2:, :]) / depth[..., None]
-
-
-def project_rays(motion: Array, ray: Array, inverse_depth: Array, intrinsics: Array) -> Array:
-    """Return the places [... 2], px, of points on rays [... 3] under motions [... 4 4]."""
-    at, _ = _move(motion, ray, inverse_depth)
-    return at * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
-
-
-def _move(motion: Array, ray: Array, inverse_depth: Array) -> tuple[Array, Array]:
-    """Places [... 2] at depth 1, and depths [... 1] in units of the depth in the key frame."""
-    moved = np.einsum("...ab,...b->...a", motion[..., :3, :3], ray)
-    moved += inverse_depth[..., None] * motion[..., :3, 3]
-    depth = np.maximum(moved[..., 2:], 0.05)
-    return moved[..., :2] / depth, depth
+    keys, key = np.unique(points.frame, return_inverse=True)
+    return distort(motions_from_frames(state, keys), key, points.label, points.ray,
+                   points.inverse_depth, slope)
 
 
 def inverse_depth_slopes(points: InverseDepthPoints, settings: RgbSettings) -> Array:
@@ -197,9 +184,11 @@ def _find_patches(
     [N T 2 2]; see `predict_warps` for their slopes [N 2]."""
     n, frames = wanted.shape
     on = points.outline.on
-    slide = slide_of_outline(points.outline, motions_from_key(state, points), points.ray,
-                             points.inverse_depth, evidence.intrinsics)
-    at = predict_places(state, points, evidence.intrinsics) + slide
+    at, slide = predict_places(state, points, evidence.intrinsics), np.zeros(())
+    if points.outline.is_round:
+        slide = slide_of_outline(points.outline, motions_from_key(state, points), points.ray,
+                                 points.inverse_depth, evidence.intrinsics)
+    at = at + slide
     # inside, a patch that leaves the foreground is hidden; an outline may be on either side
     wanted = wanted & (on[:, None] | moving_pixels(evidence, at, np.arange(frames)[None])[2])
     # where no points follow the outline, patches near it show it as well
