@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from ...robots.geometry import Array, pinhole
 from ..images import VideoEvidence
-from .outline import Outline, OutlineKind, sample_outline, surfaces_at_outline
+from .outline import Outline, OutlineKind, edges_near_outline, sample_outline, surfaces_at_outline
 from .settings import RgbSettings
 
 
@@ -55,8 +55,8 @@ def sample_pixels(
     """Sample about `most` pixels of each key frame: the one with most texture of each cell; and one
     of each cell on the `outline`, if asked for.
 
-    The outline of a thick door is deeper than its face. So where it is sharp, pixels on it and
-    inside are no neighbors.
+    The outline of a thick door is deeper than its face. So pixels on its edges and inside are no
+    neighbors.
     """
     found = [_sample_frame(evidence, k, most, outline, settings) for k in frames]
     first = np.cumsum([0, *(len(pixel) for pixel, _, _ in found)])
@@ -64,7 +64,7 @@ def sample_pixels(
     for at, (here, on, cell) in zip(first, found, strict=False):
         if not len(here):
             continue
-        groups = [~on, on] if outline == "sharp" else [np.full(len(here), True)]
+        groups = [~on, on] if outline == "edge" else [np.full(len(here), True)]
         for group in map(np.flatnonzero, groups):
             pairs = _nearest_pairs(here[group], settings.label_neighbors)
             row.append(group[pairs[0]] + at)
@@ -76,13 +76,17 @@ def sample_pixels(
     pixels = np.concatenate([pixel for pixel, _, _ in found])
     on = np.concatenate([on for _, on, _ in found])
     at = (np.repeat(frames, np.diff(first)), pixels[:, 1], pixels[:, 0])
+    if outline == "edge":
+        surface = edges_near_outline(
+            evidence.moving, at[0], pixels, on, settings.edge_radius, settings.edge_reach)
+    else:
+        surface = surfaces_at_outline(evidence.moving, evidence.intrinsics, at[0], pixels, on)
     depth, part = evidence.inverse_depth, evidence.part
     return SampledPixels(
         at[0], pixels, pinhole.pixel_rays(evidence.intrinsics, pixels),
         np.ones(len(pixels)) if depth is None else depth[at].astype(np.float64),
         None if part is None else np.maximum(1, part[at].astype(np.int64)),
-        surfaces_at_outline(evidence.moving, evidence.intrinsics, at[0], pixels, on,
-                            sharp=outline == "sharp"),
+        surface,
         csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(pixels), len(pixels))),
         np.stack(nearest) if nearest else np.zeros((0, *evidence.moving.shape[1:]), np.int32),
     )

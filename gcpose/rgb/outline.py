@@ -1,13 +1,15 @@
-"""Points on the outline of what moves, and how the outline of a round link moves.
+"""Points on the outline of what moves, and how what is seen there slides over the surface.
 
 Where a round surface turns toward the camera, its outline does not move with the surface but slides
 over it (Cipolla and Giblin, Visual Motion of Curves and Surfaces, 2000). Around a point of the
-outline, the surface is taken for a cylinder that is as thick as the link appears.
+outline, the surface of a link is taken for a cylinder that is as thick as the link appears. The
+edges of a door are rounded with a small radius: their outline and their shading move as the center
+of the rounding does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -20,10 +22,10 @@ _MIN_LENGTH = 1e-9
 _NORMAL_BLUR = 1.5  # standard deviation of the blur before normals are taken, px
 _MAX_RADIUS = 80  # px; nothing thicker is searched
 _RISE = 0.5  # px that the distance from the outline may fall short while a radius is searched
+_MAX_EDGE_SHARE = 0.1  # of its distance from the axis, by which an edge is nearer to it
 
-OutlineKind = Literal["none", "round", "sharp"]
-"""Whether points on the outline are followed: of round links, over which it slides, or of a door,
-whose edges are sharp and move with it."""
+OutlineKind = Literal["none", "round", "edge"]
+"""Whether points on the outline are followed: of round links, or of the edges of a door."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,9 @@ class Outline:
     normal: Array
     """[N 3] of the surface, outward and at right angles to the ray"""
     radius: Array
-    """[N] half the thickness of the link, at depth 1; 0 where its edge is sharp"""
+    """[N] half the thickness of the link, at depth 1; 0 on edges"""
+    edge_radius: Array
+    """[N] radius of the rounding of a door's edge that is seen around each pixel; 0 elsewhere"""
 
     @property
     def is_round(self) -> bool:
@@ -45,7 +49,7 @@ class Outline:
     @classmethod
     def none(cls, count: int) -> Outline:
         """Return the outline of pixels of which none is on it."""
-        return cls(np.zeros(count, bool), np.zeros((count, 3)), np.zeros(count))
+        return cls(np.zeros(count, bool), np.zeros((count, 3)), np.zeros(count), np.zeros(count))
 
 
 def sample_outline(moving: NDArray[np.bool_], cell: int) -> NDArray[np.int64]:
@@ -64,18 +68,37 @@ def sample_outline(moving: NDArray[np.bool_], cell: int) -> NDArray[np.int64]:
 
 def surfaces_at_outline(
     moving: NDArray[np.bool_], intrinsics: Array, frame: NDArray[np.int64],
-    pixel: NDArray[np.int64], on: NDArray[np.bool_], sharp: bool = False,
+    pixel: NDArray[np.int64], on: NDArray[np.bool_],
 ) -> Outline:
-    """Return the surfaces at those pixels [N 2] of frames [N] that are on the outline of the
-    foreground [T h w]; of sharp edges, the radius is 0."""
+    """Return the surfaces of links at those pixels [N 2] of frames [N] that are on the outline of
+    the foreground [T h w]."""
     across, radius = np.zeros((len(on), 2)), np.zeros(len(on))
     for k in np.unique(frame[on]):
         mine = on & (frame == k)
         across[mine], radius[mine] = _normals_and_radii(moving[k].astype(np.uint8), pixel[mine])
     ray, focal = pinhole.pixel_rays(intrinsics, pixel), float(intrinsics[0, 0])
     tangent = np.stack([-across[:, 1], across[:, 0], np.zeros(len(on))], axis=1)
-    radius = np.zeros(len(on)) if sharp else radius / focal
-    return Outline(on, _unit_toward(np.cross(tangent, ray), across), radius)
+    return Outline(on, _unit_toward(np.cross(tangent, ray), across), radius / focal,
+                   np.zeros(len(on)))
+
+
+def edges_near_outline(
+    moving: NDArray[np.bool_], frame: NDArray[np.int64], pixel: NDArray[np.int64],
+    on: NDArray[np.bool_], radius: float, reach: float,
+) -> Outline:
+    """Return the edges of a door that pixels [N 2] of frames [N] show, of which some are on the
+    outline of the foreground [T h w].
+
+    The radius of their rounding falls to 0 at `reach` px from the outline: farther inside, patches
+    show what is on the face.
+    """
+    away, (u, v) = np.zeros(len(on)), pixel.T
+    for k in np.unique(frame):
+        mine = frame == k
+        inside = cv2.distanceTransform(moving[k].astype(np.uint8), cv2.DIST_L2, 5)
+        away[mine] = np.asarray(inside)[v[mine], u[mine]]
+    return replace(Outline.none(len(on)), on=on,
+                   edge_radius=radius * np.maximum(0.0, 1 - away / reach))
 
 
 def _normals_and_radii(
@@ -119,6 +142,22 @@ def slide_of_outline(
               for at in (center + radius[:, None] * n for n in (seen, moved_normal))]
     out[on] = intrinsics[[0, 1], [0, 1]] * (places[0] - places[1])
     return out
+
+
+def slide_of_edges(
+    outline: Outline, twist: Array, place: Array, frame: NDArray[np.int64], point: Array
+) -> Array:
+    """Return how far [N T 2], px, the rounded edges of a door slide over it.
+
+    The door turns by a twist [6]; its points [N 3], seen in frames [N], go to place [N T 2] px. The
+    center of a rounding is nearer to the axis by its radius, and moves as much less.
+    """
+    foot = np.cross(twist[:3], twist[3:])
+    from_axis = np.linalg.norm(np.cross(point - foot, twist[:3]), axis=1)
+    share = np.minimum(_MAX_EDGE_SHARE,
+                       outline.edge_radius / np.maximum(_MIN_LENGTH, from_axis))
+    start = place[np.arange(len(place)), frame]
+    return np.asarray(share[:, None, None] * (start[:, None] - place))
 
 
 def _rotate(rotation: Array, vector: Array) -> Array:

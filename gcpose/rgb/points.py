@@ -16,7 +16,7 @@ from ...robots.geometry import Array, inverse
 from ..chain import Articulation
 from ..images import PredictedPatches, VideoEvidence, find_patches
 from ..numerics import geman_mcclure_cost
-from .outline import Outline, slide_of_outline
+from .outline import Outline, slide_of_edges, slide_of_outline
 from .projection import distort, project_rays
 from .settings import RgbSettings
 from .tracks import chain_flow
@@ -62,22 +62,24 @@ class InverseDepthPoints:
                    Outline.none(len(ray)))
 
 
-def motions_from_key(state: Articulation, points: InverseDepthPoints) -> Array:
-    """Return the motion [N T 4 4] of each point's part from its key frame to each frame."""
-    keys, key = np.unique(points.frame, return_inverse=True)
-    return motions_from_frames(state, keys)[key, :, points.label]
-
-
 def motions_from_frames(state: Articulation, keys: NDArray[np.int64]) -> Array:
     """Return the motions [K T J+1 4 4] of all parts from each of K frames to each frame."""
     motion = state.motions(len(state.angle))
     return motion @ inverse(motion[keys])[:, None]
 
 
+def _motions_from_keys(
+    state: Articulation, points: InverseDepthPoints
+) -> tuple[Array, NDArray[np.int64]]:
+    """Motions [K T J+1 4 4] from the key frames, and the index [N] of each point's key frame."""
+    keys, key = np.unique(points.frame, return_inverse=True)
+    return motions_from_frames(state, keys), key
+
+
 def predict_places(state: Articulation, points: InverseDepthPoints, intrinsics: Array) -> Array:
     """Return the place [N T 2], px, of each point in each frame."""
-    keys, key = np.unique(points.frame, return_inverse=True)
-    return project_rays(motions_from_frames(state, keys), key, points.label[:, None], points.ray,
+    motion, key = _motions_from_keys(state, points)
+    return project_rays(motion, key, points.label[:, None], points.ray,
                         points.inverse_depth[:, None], intrinsics)[:, :, 0]
 
 
@@ -87,9 +89,8 @@ def predict_warps(state: Articulation, points: InverseDepthPoints, slope: Array)
     The surroundings lie in a plane, on which inverse depth is linear in the ray: with a slope [N 2]
     (see `inverse_depth_slopes`).
     """
-    keys, key = np.unique(points.frame, return_inverse=True)
-    return distort(motions_from_frames(state, keys), key, points.label, points.ray,
-                   points.inverse_depth, slope)
+    motion, key = _motions_from_keys(state, points)
+    return distort(motion, key, points.label, points.ray, points.inverse_depth, slope)
 
 
 def inverse_depth_slopes(points: InverseDepthPoints, settings: RgbSettings) -> Array:
@@ -186,8 +187,12 @@ def _find_patches(
     on = points.outline.on
     at, slide = predict_places(state, points, evidence.intrinsics), np.zeros(())
     if points.outline.is_round:
-        slide = slide_of_outline(points.outline, motions_from_key(state, points), points.ray,
+        motion, key = _motions_from_keys(state, points)
+        slide = slide_of_outline(points.outline, motion[key, :, points.label], points.ray,
                                  points.inverse_depth, evidence.intrinsics)
+    elif points.outline.edge_radius.any():
+        slide = slide_of_edges(points.outline, state.twist[0], at, points.frame,
+                               points.ray / points.inverse_depth[:, None])
     at = at + slide
     # inside, a patch that leaves the foreground is hidden; an outline may be on either side
     wanted = wanted & (on[:, None] | moving_pixels(evidence, at, np.arange(frames)[None])[2])

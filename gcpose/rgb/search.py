@@ -42,7 +42,7 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     refine = partial(refine_points, evidence)
     door = is_door(found[0].state)
     dense = evidence.sample(
-        keys, s.final_points, "sharp" if door else "round" if evidence.joints > 1 else "none")
+        keys, s.final_points, "edge" if door else "round" if evidence.joints > 1 else "none")
     found += [t for h in select_hypotheses(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
     found = thread_map(refine(many, 2, s.patch_reach_first), found)
     if door:

@@ -28,6 +28,9 @@ class RgbSettings:
     """Distance from the outline up to which brightness is not followed, px, where points on round
     outlines are followed."""
     rim_width_search: Count = 2  # The same elsewhere.
+    edge_radius: NonNegative = 0.004
+    """Radius of the rounding of a door's edges in the last refinement, in units of the distance."""
+    edge_reach: Positive = 15.0  # Distance from the outline up to which patches show an edge, px.
     label_neighbors: Count = 12  # Nearest sampled pixels over which label costs are averaged.
     same_pixel_cells: NonNegative = 1.5  # Reach of a pixel in other key frames, cells.
 

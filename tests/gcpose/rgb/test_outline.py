@@ -1,4 +1,4 @@
-"""Points on the outline, and how the outline of a round link moves."""
+"""Points on the outline, and how the outline of a round link and the edges of a door move."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from gcbench.gcpose.images.still_camera import VideoEvidence, appearance
 from gcbench.gcpose.rgb.labels import sample_pixels
 from gcbench.gcpose.rgb.outline import (
     Outline,
+    edges_near_outline,
     sample_outline,
+    slide_of_edges,
     slide_of_outline,
     surfaces_at_outline,
 )
@@ -69,14 +71,14 @@ def turn_about(center: np.ndarray, angle: float) -> np.ndarray:
     return out
 
 
-def test_a_sharp_outline_is_apart_from_the_pixels_inside() -> None:
+def test_the_edges_of_a_door_are_apart_from_its_face() -> None:
     settings = RgbSettings()
     mixed, apart = (sample_pixels(upright_bar(2), (0, 1), 60, settings, outline=kind)
-                    for kind in ("round", "sharp"))
+                    for kind in ("round", "edge"))
     assert mixed.outline.is_round and not apart.outline.is_round
     on = apart.outline.on
     assert on.any() and not on.all()
-    assert np.abs(np.linalg.norm(apart.outline.normal[on], axis=1) - 1).max() < 1e-9
+    assert not mixed.outline.edge_radius.any() and (apart.outline.edge_radius[on] > 0).all()
     for sampled, meet in ((mixed, True), (apart, False)):
         pair, on = sampled.neighbors.tocoo(), sampled.outline.on
         assert (on[pair.row] != on[pair.col]).any() == meet
@@ -98,7 +100,8 @@ def test_the_outline_of_a_cylinder_stays_tangent_to_it(pivot: tuple[float, float
     normal = np.array([1, 0, -x]) / np.hypot(1, x)
     surface = center + radius * normal
     ray, inverse_depth = surface / surface[2], np.array([1 / surface[2]])
-    outline = Outline(np.ones(1, bool), normal[None], np.array([radius / surface[2]]))
+    outline = Outline(
+        np.ones(1, bool), normal[None], np.array([radius / surface[2]]), np.zeros(1))
     slide = slide_of_outline(outline, motion[None], ray[None], inverse_depth, INTRINSICS)
     moved = motion[:, :3, :3] @ surface + motion[:, :3, 3]
     carried = FOCAL * moved[:, 0] / moved[:, 2]
@@ -107,13 +110,42 @@ def test_the_outline_of_a_cylinder_stays_tangent_to_it(pivot: tuple[float, float
     assert np.abs(carried + slide[0, :, 0] - exact).max() < 0.05
 
 
-def test_sharp_edges_and_other_pixels_do_not_slide() -> None:
+def test_only_outlines_of_links_slide_as_those_of_a_cylinder() -> None:
     motion = np.stack([turn_about(np.array([0, 0, 2.0]), a) for a in (0.0, 0.5)])[None]
     ray, depth = np.array([[0.1, 0.0, 1.0]]), np.array([0.5])
-    normal = np.array([[1, 0, -0.1]]) / np.hypot(1, 0.1)
-    sharp = Outline(np.ones(1, bool), normal, np.zeros(1))
-    assert np.abs(slide_of_outline(sharp, motion, ray, depth, INTRINSICS)).max() < 1e-9
     assert not slide_of_outline(Outline.none(1), motion, ray, depth, INTRINSICS).any()
+
+
+def test_edges_are_rounded_near_the_outline_only() -> None:
+    pixel = np.array([[80, 100], [80, 104], [80, 119], [80, 95]])
+    on = np.array([True, False, False, False])
+    edges = edges_near_outline(np.stack([bar(100, 140), bar(90, 150)]), np.array([0, 0, 0, 1]),
+                               pixel, on, 0.005, 15.0)
+    away = np.array([1, 5, 20, 6])  # px, to the nearest pixel outside
+    assert np.allclose(edges.edge_radius, 0.005 * np.maximum(0, 1 - away / 15), atol=2e-4)
+    assert (edges.on == on).all() and not edges.is_round
+
+
+@pytest.mark.parametrize("heading", [0.7, -1.2, 1.6])
+def test_a_rounded_edge_moves_as_the_center_of_its_rounding(heading: float) -> None:
+    """What is seen of the edge that is farthest from the hinge has a fixed normal."""
+    hinge, width, radius = np.array([-0.1, 0.0, 1.5]), 0.4, 0.01
+    outward = np.array([np.cos(heading), 0.0, np.sin(heading)])
+    motion = np.stack([turn_about(hinge, a) for a in np.radians([0.0, 5.0, -8.0])])
+
+    def column(at: np.ndarray) -> np.ndarray:
+        return FOCAL * at[..., 0] / at[..., 2] + INTRINSICS[0, 2]
+
+    edge = hinge + width * outward
+    moved = [(motion @ np.append(at, 1.0))[:, :3] for at in (edge, edge - radius * outward)]
+    rigid, seen = column(moved[0]), column(moved[1] + radius * outward)
+    axis = np.array([0.0, 1.0, 0.0])
+    place = np.stack([rigid, 0 * rigid], axis=1)[None]
+    door = replace(Outline.none(1), edge_radius=np.array([radius]))
+    slide = slide_of_edges(
+        door, np.concatenate([axis, np.cross(hinge, axis)]), place, np.zeros(1, int), edge[None])
+    assert np.abs(rigid - seen)[1:].max() > 0.2
+    assert np.abs(rigid + slide[0, :, 0] - seen).max() < 0.2 * np.abs(rigid - seen).max()
 
 
 def upright_bar(frames: int) -> VideoEvidence:
@@ -145,9 +177,9 @@ def test_a_round_bar_that_rolls_keeps_its_outline() -> None:
         InverseDepthPoints.without_measurements(
             sampled.frame, sampled.ray, one.astype(np.int64), before * one),
         outline=sampled.outline)
-    sharp = replace(points, outline=replace(sampled.outline, radius=0 * one))
+    flat = replace(points, outline=replace(sampled.outline, radius=0 * one))
     away = []
-    for p in (points, sharp):
+    for p in (points, flat):
         found = measure_patches(video, state, p, 6.0, 2, settings)
         assert (found.place_information[on, 1:, 0, 0] > 1).mean() > 0.5
         seen = found.place_information[..., 0, 0] > 1
