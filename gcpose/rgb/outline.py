@@ -39,7 +39,8 @@ class Outline:
     radius: Array
     """[N] half the thickness of the link, at depth 1; 0 on edges"""
     edge_radius: Array
-    """[N] radius of the rounding of a door's edge that is seen around each pixel; 0 elsewhere"""
+    """[N] radius of the rounding of a door's edge that is seen around each pixel, in units of the
+    distance; 0 elsewhere"""
 
     @property
     def is_round(self) -> bool:
@@ -89,8 +90,8 @@ def edges_near_outline(
     """Return the edges of a door that pixels [N 2] of frames [N] show, of which some are on the
     outline of the foreground [T h w].
 
-    The radius of their rounding falls to 0 at `reach` px from the outline: farther inside, patches
-    show what is on the face.
+    The radius of their rounding falls from `radius` (in units of the distance) to 0 at `reach` px
+    from the outline: farther inside, patches show what is on the face.
     """
     away, (u, v) = np.zeros(len(on)), pixel.T
     for k in np.unique(frame):
@@ -149,8 +150,8 @@ def slide_of_edges(
 ) -> Array:
     """Return how far [N T 2], px, the rounded edges of a door slide over it.
 
-    The door turns by a twist [6]; its points [N 3], seen in frames [N], go to place [N T 2] px. The
-    center of a rounding is nearer to the axis by its radius, and moves as much less.
+    The door turns about a twist [6]; its points [N 3] at key frames [N] go to place [N T 2] px. The
+    center of a rounding is nearer to the axis by its radius, and moves less by this share.
     """
     foot = np.cross(twist[:3], twist[3:])
     from_axis = np.linalg.norm(np.cross(point - foot, twist[:3]), axis=1)

@@ -1,4 +1,4 @@
-"""Compiled predictions: where the parts move pixels of key frames, and how these are distorted."""
+"""Compiled predictions: where parts move pixels of key frames, and how they distort patches."""
 
 from __future__ import annotations
 

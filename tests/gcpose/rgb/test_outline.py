@@ -113,7 +113,12 @@ def test_the_outline_of_a_cylinder_stays_tangent_to_it(pivot: tuple[float, float
 def test_only_outlines_of_links_slide_as_those_of_a_cylinder() -> None:
     motion = np.stack([turn_about(np.array([0, 0, 2.0]), a) for a in (0.0, 0.5)])[None]
     ray, depth = np.array([[0.1, 0.0, 1.0]]), np.array([0.5])
-    assert not slide_of_outline(Outline.none(1), motion, ray, depth, INTRINSICS).any()
+    normal = np.array([[1, 0, -0.1]]) / np.hypot(1, 0.1)
+    outline = replace(Outline.none(2), on=np.array([True, False]), normal=normal.repeat(2, axis=0),
+                      radius=np.full(2, 0.03), edge_radius=np.full(2, 0.01))
+    slide = slide_of_outline(outline, motion.repeat(2, axis=0), ray.repeat(2, axis=0),
+                             depth.repeat(2), INTRINSICS)
+    assert np.abs(slide[0, 1]).max() > 0.5 and not slide[1].any()
 
 
 def test_edges_are_rounded_near_the_outline_only() -> None:
@@ -157,6 +162,30 @@ def upright_bar(frames: int) -> VideoEvidence:
     return VideoEvidence(
         (0, 0), INTRINSICS, moving, np.stack([appearance(gray, m, image) for m in moving]),
         none[1:, ..., :2], None, none, none, image)
+
+
+def test_what_is_seen_of_a_rounded_edge_is_taken_for_more_motion() -> None:
+    settings, video = RgbSettings(edge_radius=0.03), upright_bar(3)
+    sampled = sample_pixels(video, (0,), 60, settings, outline="edge")
+    on, one = sampled.outline.on, np.ones(len(sampled.frame))
+    hinge, axis = np.array([0.0, 0.0, 1.4]), np.array([0.0, 1.0, 0.0])
+    state = Articulation(
+        np.concatenate([axis, np.cross(hinge, axis)])[None],
+        np.array([[0.0], [0.02], [0.03]]), np.zeros(1, bool), np.array([-1]))
+    points = replace(
+        InverseDepthPoints.without_measurements(
+            sampled.frame, sampled.ray, one.astype(np.int64), one), outline=sampled.outline)
+    sharp = replace(points, outline=replace(sampled.outline, edge_radius=0 * one))
+    places, seen = [], on[:, None] & np.array([False, True, True])
+    for p in (points, sharp):
+        found = measure_patches(video, state, p, 9.0, 2, settings)
+        seen = seen & (found.place_information[..., 0, 0] > 1)
+        places.append(found.place[..., 0])
+    motion = predict_places(state, points, INTRINSICS)[..., 0]
+    motion = motion - motion[:, :1]
+    share = 0.03 * (1 - 1 / settings.edge_reach) / 0.4  # about: all points are 0.4 from the hinge
+    assert seen.sum() > 20 and np.abs(share * motion[seen]).min() > 0.2
+    assert np.abs((places[0] - places[1] - share * motion)[seen]).max() < 0.05
 
 
 def test_a_round_bar_that_rolls_keeps_its_outline() -> None:
