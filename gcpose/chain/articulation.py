@@ -54,11 +54,14 @@ def take_step(state: Articulation, basis: tuple[Array, ...], step: Array) -> Art
     along their bases."""
     angle, twist, at = state.angle.copy(), state.twist.copy(), state.angle[1:].size
     angle[1:] += step[:at].reshape(angle[1:].shape)
+    by = np.zeros_like(twist)
     for j, b in enumerate(basis):
-        if b.shape[1]:
-            by = b @ step[at : at + b.shape[1]]
-            twist[j] = displace_axis(twist[j], by, bool(state.prismatic[j]))
+        by[j] = b @ step[at : at + b.shape[1]]
         at += b.shape[1]
+    for prismatic in (False, True):
+        mine = (state.prismatic == prismatic) & by.any(axis=1)
+        if mine.any():
+            twist[mine] = displace_axis(twist[mine], by[mine], prismatic)
     return replace(state, angle=angle, twist=twist)
 
 

@@ -1,6 +1,8 @@
-"""Compiled normal equations of bundle adjustment without depth."""
+"""Compiled loops of bundle adjustment without depth: normal equations, and planes of points."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,3 +115,37 @@ def _add_residual(
         for l in range(m + 1):
             matrix[m, l] += s0 * row[0, l] + s1 * row[1, l]
     return (w00 * d[0] * d[0] + 2 * w01 * d[0] * d[1] + w11 * d[1] * d[1], a0 * d[0] + a1 * d[1])
+
+
+@compiled
+def fit_slopes(
+    first: NDArray[np.signedinteger[Any]], neighbor: NDArray[np.signedinteger[Any]],
+    label: NDArray[np.int64], value: Array, prior: float,
+) -> Array:
+    """Return the slopes [N 2] of planes q(x, y) that are fitted to the points of one label among
+    the neighbors of each point and theirs.
+
+    value [N 3] (x, y, q); point i has the neighbors neighbor[first[i]:first[i + 1]]; `prior` is
+    added to the sums of squares of x and y.
+    """
+    out, seen = np.zeros((len(label), 2)), np.full(len(label), -1)
+    for i in range(len(label)):
+        count, x, y, q = 0, 0.0, 0.0, 0.0
+        xx, xy, yy, xq, yq = 0.0, 0.0, 0.0, 0.0, 0.0
+        for a in range(first[i], first[i + 1]):
+            for b in range(first[neighbor[a]], first[neighbor[a] + 1]):
+                j = neighbor[b]
+                if seen[j] == i or label[j] != label[i]:
+                    continue
+                seen[j] = i
+                u, v = value[j, 0] - value[i, 0], value[j, 1] - value[i, 1]
+                w = value[j, 2] - value[i, 2]
+                count, x, y, q = count + 1, x + u, y + v, q + w
+                xx, xy, yy = xx + u * u, xy + u * v, yy + v * v
+                xq, yq = xq + u * w, yq + v * w
+        n = max(1, count)
+        xx, xy, yy = xx - x * x / n + prior, xy - x * y / n, yy - y * y / n + prior
+        xq, yq = xq - x * q / n, yq - y * q / n
+        size = xx * yy - xy * xy
+        out[i, 0], out[i, 1] = (yy * xq - xy * yq) / size, (xx * yq - xy * xq) / size
+    return out

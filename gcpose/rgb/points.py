@@ -16,6 +16,7 @@ from ...robots.geometry import Array, inverse
 from ..chain import Articulation
 from ..images import PredictedPatches, VideoEvidence, find_patches
 from ..numerics import geman_mcclure_cost
+from .kernels import fit_slopes
 from .outline import Outline, slide_of_edges, slide_of_outline
 from .projection import distort, project_rays
 from .settings import RgbSettings
@@ -96,25 +97,15 @@ def predict_warps(state: Articulation, points: InverseDepthPoints, slope: Array)
 def inverse_depth_slopes(points: InverseDepthPoints, settings: RgbSettings) -> Array:
     """Return the slope [N 2] of inverse depth by the ray's x and y on the part of each point.
 
-    A plane is fitted to the neighbors on the same part, with a prior towards slope 0. On the
-    outline, where a surface is seen from the side, it is 0.
+    A plane is fitted to the neighbors and their neighbors on the same part, with a prior towards
+    slope 0. On the outline, where a surface is seen from the side, it is 0.
     """
     if points.neighbors is None:
         return np.zeros((len(points.ray), 2))
-    pair = csr_array(points.neighbors @ points.neighbors).tocoo()
-    i, j = pair.row, pair.col
-    alike = points.label[i] == points.label[j]
-    i, j = i[alike], j[alike]
-    value = np.column_stack([points.ray[:, :2], points.inverse_depth])
-    size = len(value)
-    count = np.maximum(1, np.bincount(i, minlength=size))
-    mean = np.stack([np.bincount(i, value[j, c], size) for c in range(3)], axis=1) / count[:, None]
-    off = value[j] - mean[i]
-    xx, xy, yy, xq, yq = (np.bincount(i, off[:, a] * off[:, b], size)
-                          for a, b in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2)))
-    prior = (settings.plane_depth_sigma / settings.slope_sigma) ** 2
-    xx, yy = xx + prior, yy + prior
-    slope = np.stack([yy * xq - xy * yq, xx * yq - xy * xq], axis=1) / (xx * yy - xy**2)[:, None]
+    slope = fit_slopes(
+        points.neighbors.indptr, points.neighbors.indices, points.label,
+        np.column_stack([points.ray[:, :2], points.inverse_depth]),
+        (settings.plane_depth_sigma / settings.slope_sigma) ** 2)
     steep = np.linalg.norm(slope, axis=1, keepdims=True)
     slope *= np.minimum(1.0, settings.max_slope / np.maximum(steep, settings.max_slope))
     return np.where(points.outline.on[:, None], 0.0, slope)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from ...robots.geometry import Array
 from ..chain import Articulation, relative_derivatives
@@ -69,19 +70,24 @@ class RayResiduals:
             self.settings.patch_weight * points.place_information, scale)
         matrix, vector = np.zeros((size, size)), np.zeros(size)
         coupling = np.zeros((len(points.ray), size))
+        # flow depends on the twists in two frames, a place on those in one
+        twists = 12 if points.flow_information.any() else 6
         for i, frame in enumerate(keys):
             each = relative_derivatives(derivative, from_key[i], derivative[frame : frame + 1])
             each = each.swapaxes(2, 3)
             each[frame] = 0.0
             for p in range(1, joints + 1):
-                pair = np.zeros((frames, 12, size))
+                mine = np.flatnonzero((key == i) & (points.label == p))
+                if not len(mine):
+                    continue
+                pair = np.zeros((frames, twists, size))
                 pair[:, :6] = each[:, p]
-                pair[:-1, 6:] = each[1:, p]
+                if twists > 6:
+                    pair[:-1, 6:] = each[1:, p]
                 flat = pair.reshape(-1, size)
-                matrix += flat.T @ (a[i, p] @ pair).reshape(-1, size)
-                vector += flat.T @ b[i, p].reshape(-1)
-                mine = (key == i) & (points.label == p)
-                coupling[mine] = c[mine].reshape(np.count_nonzero(mine), 12 * frames) @ flat
+                matrix += flat.T @ (a[i, p, :, :twists, :twists] @ pair).reshape(-1, size)
+                vector += flat.T @ b[i, p, :, :twists].reshape(-1)
+                coupling[mine] = c[mine, :, :twists].reshape(len(mine), -1) @ flat
         return matrix, vector, coupling, h, g
 
     def _solve_depths(self, coupling: Array, h: Array, g: Array) -> tuple[Array, Array]:
@@ -92,8 +98,9 @@ class RayResiduals:
         by_depth, alone = np.empty_like(coupling), np.empty_like(g)
         for mine, smooth in self.smoothness:
             square = smooth + np.diag(h[mine])
-            both = np.linalg.solve(square, np.column_stack(
-                [coupling[mine], g[mine] - smooth @ depth[mine]]))
+            right = np.column_stack([coupling[mine], g[mine] - smooth @ depth[mine]])
+            factor = cho_factor(square, check_finite=False)
+            both = cho_solve(factor, right, check_finite=False)
             by_depth[mine], alone[mine] = both[:, :-1], both[:, -1]
         return by_depth, alone
 
@@ -108,18 +115,26 @@ class RayResiduals:
 def smoothness_blocks(
     points: InverseDepthPoints, settings: RgbSettings
 ) -> list[tuple[NDArray[np.intp], Array]]:
-    """Return the points of each key frame, and the matrix [n n] of the prior that neighbors on one
-    part have equal depths."""
+    """Return the points of each part in each key frame, and the matrix [n n] of the prior that
+    neighbors among them have equal depths."""
+    names = points.frame * (points.label.max(initial=0) + 1) + points.label
+    _, group, count = np.unique(names, return_inverse=True, return_counts=True)
+    order, first = np.argsort(group, kind="stable"), np.cumsum(count) - count
+    place = np.empty(len(order), np.intp)
+    place[order] = np.arange(len(order)) - np.repeat(first, count)  # of each point in its group
+    near = [np.zeros((n, n)) for n in count]
+    if points.neighbors is not None:
+        pair = points.neighbors.tocoo()
+        alike = group[pair.row] == group[pair.col]
+        i, j = pair.row[alike], pair.col[alike]
+        here = np.argsort(group[i], kind="stable")
+        ends = np.cumsum(np.bincount(group[i], minlength=len(count)))[:-1]
+        for square, some in zip(near, np.split(here, ends), strict=True):
+            square[place[i[some]], place[j[some]]] = 1.0
     out: list[tuple[NDArray[np.intp], Array]] = []
-    for k in np.unique(points.frame):
-        mine = np.flatnonzero(points.frame == k)
-        smooth = np.zeros((len(mine), len(mine)))
-        if points.neighbors is not None:
-            near = points.neighbors[mine][:, mine].toarray()
-            near *= points.label[mine, None] == points.label[mine]
-            near /= (np.maximum(1.0, near.sum(axis=1, keepdims=True))
-                     * settings.neighbor_depth_sigma**2)
-            near = (near + near.T) / 2
-            smooth = np.diag(near.sum(axis=1)) - near
-        out.append((mine, smooth))
+    for mine, square in zip(np.split(order, first[1:]), near, strict=True):
+        square /= (np.maximum(1.0, square.sum(axis=1, keepdims=True))
+                   * settings.neighbor_depth_sigma**2)
+        square = (square + square.T) / 2
+        out.append((mine, np.diag(square.sum(axis=1)) - square))
     return out

@@ -34,7 +34,7 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     many = evidence.sample(keys, s.max_points)
     step = s.final_key_frame_step
     few = evidence.sample((last // (2 * step) * step,), s.exchange_points)  # the middle key frame
-    found = [evidence.label(h, many) for h in initialize_by_sweeps(evidence)]
+    found = thread_map(partial(evidence.label, points=many), initialize_by_sweeps(evidence))
     if not found:
         return None
     score = partial(score_hypothesis, settings=s)
@@ -52,10 +52,12 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
         found = refine_in_stages(found, best, (s.refined_kept, refine(many, 3, s.patch_reach)))
     others = exchange_parallel_turns(evidence, min(found, key=score), few, s.exchanged_kept)
     settle = VideoAdjustment(s.settle_scales, depth_sigma=s.depth_sigma_bundle)
-    others = [run_em(evidence, h, [((), many), ((settle,), many)]) for h in others]
-    found += thread_map(refine(many, 3, s.patch_reach_first), others)
-    final = [evidence.label(h, dense) for h in best(found, s.final_kept, labels=1.0)]
-    final = thread_map(refine(dense, 3, s.patch_reach), final)
+    again = refine(many, 3, s.patch_reach_first)
+    found += thread_map(
+        lambda h: again(run_em(evidence, h, [((), many), ((settle,), many)])), others)
+    last = refine(dense, 3, s.patch_reach)
+    final = thread_map(
+        lambda h: last(evidence.label(h, dense)), best(found, s.final_kept, labels=1.0))
     chosen = min(final, key=score)
     return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
                     if other[0] is not chosen.state]
@@ -178,11 +180,12 @@ def exchange_parallel_turns(
             for foot in candidate_feet(state, j, hinge, feet, settings.exchange_feet)
         ]
         others += [redistribute(state, j, share) for share in settings.exchange_shares]
-        found += [evidence.label(replace(hypothesis, state=other), points)
-                  for other in others if other is not None]
+        found += thread_map(
+            lambda other: evidence.label(replace(hypothesis, state=other), points),
+            [other for other in others if other is not None])
     how = VideoAdjustment(settings.exchange_scales, depth_sigma=settings.depth_sigma_exchange)
-    found = [run_em(evidence, h, [((how,), points)] * 2)
-             for h in select_hypotheses(found, 4 * most, settings)]
+    found = thread_map(lambda h: run_em(evidence, h, [((how,), points)] * 2),
+                       select_hypotheses(found, 4 * most, settings))
     return select_hypotheses(found, most, settings)
 
 

@@ -155,6 +155,40 @@ def test_depths_of_neighbours_on_one_part_are_alike() -> None:
     assert apart[1] > 0.7 * apart[0] > 0.05  # parts that are behind one another stay apart
 
 
+def test_the_smoothness_of_all_points_falls_into_blocks_of_parts() -> None:
+    state, _ = chain()
+    rays = measured(state, 1.0, 0.0, False)
+    pairs = neighbors(rays)
+    rays = replace(rays, neighbors=pairs)
+    near = pairs.toarray() * (rays.label[:, None] == rays.label)
+    weight = near / near.sum(axis=1, keepdims=True) / SETTINGS.neighbor_depth_sigma**2
+    weight = (weight + weight.T) / 2
+    whole = np.zeros(near.shape)
+    for mine, block in smoothness_blocks(rays, SETTINGS):
+        assert len({(f, p) for f, p in zip(rays.frame[mine], rays.label[mine], strict=True)}) == 1
+        whole[np.ix_(mine, mine)] += block
+    assert np.allclose(whole, np.diag(weight.sum(axis=1)) - weight)
+
+
+def test_slopes_are_those_of_planes_by_least_squares() -> None:
+    state, _ = chain()
+    rays, rng = measured(state, 1.0, 0.0, False), np.random.default_rng(3)
+    depth = 1.0 + 0.01 * rng.standard_normal(len(rays.ray))
+    pairs = neighbors(rays)
+    rays = replace(rays, neighbors=pairs, inverse_depth=depth)
+    slopes = inverse_depth_slopes(rays, SETTINGS)
+    pair = pairs.toarray()
+    around = pair @ pair > 0
+    ridge = SETTINGS.plane_depth_sigma / SETTINGS.slope_sigma * np.eye(2)
+    for i in range(0, len(depth), 7):
+        mine = around[i] & (rays.label == rays.label[i])
+        at, q = rays.ray[mine, :2], depth[mine]
+        rows = np.vstack([at - at.mean(axis=0), ridge])
+        fit = np.linalg.lstsq(rows, np.append(q - q.mean(), [0.0, 0.0]), rcond=None)[0]
+        limit = min(1.0, SETTINGS.max_slope / max(SETTINGS.max_slope, np.linalg.norm(fit)))
+        assert np.allclose(slopes[i], limit * fit)
+
+
 def test_scale_does_not_matter() -> None:
     one, two = (adjusted(scale)[0].state.angle for scale in (1.0, 7.0))
     assert np.degrees(np.abs(one - two)).max() < 0.1
