@@ -48,6 +48,10 @@ class ImageSettings:
     brightness_blur: Positive = 0.8  # Standard deviation of the blur of brightness, px.
     outline_blur: Positive = 1.0  # Standard deviation of the blur of the outline, px.
     outline_contrast: Positive = 60.0  # Grey levels of the outline's channel inside of what moves.
+    sharp_distance: Positive = 3.0  # Distance from what moves at which a background is known, px.
+    sharp_contrast: NonNegative = 20.0
+    """Least difference of what moves from the background at a sharp outline, grey levels."""
+    sharp_rest: NonNegative = 4.0  # Largest difference beside it, grey levels.
     texture_blur: Positive = 1.0  # Standard deviation of the blur before gradients, px.
     texture_window: Positive = 2.0  # Standard deviation of the structure tensor's window, px.
     texture_scale: Positive = 60.0
@@ -62,6 +66,8 @@ class ImageSettings:
     patch_rate: NonNegative = 0.02  # Error of a patch's model for each frame between, px.
     outline_sigma: Positive = 0.05  # Error of an outline's model, px.
     outline_rate: NonNegative = 0.01  # The same for each frame between, px.
+    vague_outline_share: Share = 0.3
+    """Share of its information that the outline of a round link has where it is not sharp."""
     patch_floor: Positive = 30.0  # Variance of a pixel, squared grey levels.
     patch_gain: NonNegative = 8.0  # Share of the remaining squared difference that is added to it.
     patch_ridge: NonNegative = 0.01  # Damping of the Gauss-Newton steps, as a share of the trace.

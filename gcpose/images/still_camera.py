@@ -17,6 +17,7 @@ from .flow import Flow, for_cuts_of
 from .foreground import Foreground
 from .regions import bounding_box
 from .settings import ImageSettings
+from .sharp_outline import sharp_outlines
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class VideoEvidence:
     """[T h w] a network's or measured, about 1"""
     part: NDArray[np.uint8] | None = None
     """[T h w] true parts, for an oracle"""
+    sharp: NDArray[np.bool_] | None = None
+    """[T h w] where an outline of the foreground is sharp; None: everywhere"""
     true_flow: bool = False
     """Whether the flow is the true one, for an oracle"""
 
@@ -74,6 +77,7 @@ def video_evidence(
     """
     rgb, part = observation.rgb, observation.part
     assert rgb is not None
+    estimated = part is None and observation.mask is None
     if part is not None:
         moving = part > 0
     else:
@@ -108,6 +112,7 @@ def video_evidence(
         flow, back, texture,
         texture if observation.flow is None else np.full_like(texture, sure),
         settings, inverse_depth, None if part is None else part[:, box[0], box[1]],
+        sharp_outlines(crop, inside, settings) if estimated else None,
         observation.flow is not None,
     )
 

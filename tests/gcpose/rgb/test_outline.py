@@ -215,3 +215,31 @@ def test_a_round_bar_that_rolls_keeps_its_outline() -> None:
         away.append(np.abs((found.place - predict_places(state, p, INTRINSICS))[seen][:, 0]))
     assert away[0].max() < 0.2
     assert away[1].max() > 2.0
+
+
+def test_a_vague_outline_counts_less() -> None:
+    """In the key frame or in the other one; brightness counts as before."""
+    settings, video = RgbSettings(), upright_bar(3)
+    sampled = sample_pixels(video, (0,), 60, settings, outline="round")
+    on, column = sampled.outline.on, sampled.pixel[:, 0]
+    still = Articulation(np.array([[0.0, 1.0, 0.0, -1.0, 0.0, 0.0]]), np.zeros((3, 1)),
+                         np.zeros(1, bool), np.array([-1]))
+    one = np.ones(len(on))
+    points = replace(
+        InverseDepthPoints.without_measurements(
+            sampled.frame, sampled.ray, one.astype(np.int64), one), outline=sampled.outline)
+    left = np.arange(320) < 160
+    sharp = np.stack([np.broadcast_to(left | (t == 1), (240, 320)) for t in range(3)])
+    sharp[0, :, 179] = True
+    before, after = (
+        measure_patches(v, still, points, 6.0, 2, settings).place_information[..., 0, 0]
+        for v in (video, replace(video, sharp=sharp)))
+    assert (before[on, 1:] > 1).mean() > 0.5
+    vague = on & (column == 179)
+    share = ImageSettings().vague_outline_share
+    assert np.allclose(after[vague, 2], share * before[vague, 2])
+    assert np.allclose(after[vague, 1], before[vague, 1])
+    assert np.allclose(after[~vague], before[~vague])
+    hidden = replace(video, sharp=sharp & (np.arange(320) != 179))
+    start = measure_patches(hidden, still, points, 6.0, 2, settings).place_information[..., 0, 0]
+    assert np.allclose(start[vague, 1:], share * before[vague, 1:])
