@@ -186,7 +186,8 @@ def _find_patches(
                                points.ray / points.inverse_depth[:, None])
     at = at + slide
     # inside, a patch that leaves the foreground is hidden; an outline may be on either side
-    wanted = wanted & (on[:, None] | moving_pixels(evidence, at, np.arange(frames)[None])[2])
+    u, v, inside = moving_pixels(evidence, at, np.arange(frames)[None])
+    wanted = wanted & (on[:, None] | inside)
     # where no points follow the outline, patches near it show it as well
     channels = np.stack([~on, on | ~on.any()], axis=1)
     patches = PredictedPatches(
@@ -194,18 +195,11 @@ def _find_patches(
         wanted, channels, reach)
     place, information = find_patches(evidence.appearance, patches, evidence.settings)
     if points.outline.is_round and evidence.sharp is not None:
-        sharp = _on_sharp_outlines(evidence.sharp, at)
+        sharp = evidence.sharp[np.arange(frames), v, u]
         sharp &= sharp[np.arange(n), points.frame][:, None]
         share = np.where(on[:, None] & ~sharp, evidence.settings.vague_outline_share, 1.0)
         information = information * share[..., None, None]
     return place - slide, information
-
-
-def _on_sharp_outlines(sharp: NDArray[np.bool_], at: Array) -> NDArray[np.bool_]:
-    """Whether places [N T 2] px are where the outline is sharp [T h w]."""
-    frames, height, width = sharp.shape
-    pixel = np.rint(np.clip(at, 0, [width - 1, height - 1])).astype(np.int64)
-    return np.asarray(sharp[np.arange(frames), pixel[..., 1], pixel[..., 0]])
 
 
 def add_tracks(

@@ -117,7 +117,9 @@ def smoothness_blocks(
 ) -> list[tuple[NDArray[np.intp], Array]]:
     """Return the points of each part in each key frame, and the matrix [n n] of the prior that
     neighbors among them have equal depths."""
-    names = points.frame * (points.label.max(initial=0) + 1) + points.label
+    if not len(points.frame):
+        return []
+    names = points.frame * (points.label.max() + 1) + points.label
     _, group, count = np.unique(names, return_inverse=True, return_counts=True)
     order, first = np.argsort(group, kind="stable"), np.cumsum(count) - count
     place = np.empty(len(order), np.intp)

@@ -168,6 +168,9 @@ def test_the_smoothness_of_all_points_falls_into_blocks_of_parts() -> None:
         assert len({(f, p) for f, p in zip(rays.frame[mine], rays.label[mine], strict=True)}) == 1
         whole[np.ix_(mine, mine)] += block
     assert np.allclose(whole, np.diag(weight.sum(axis=1)) - weight)
+    none, no = np.zeros(0, np.int64), np.zeros(0)
+    empty = InverseDepthPoints.without_measurements(none, np.zeros((0, 3)), none, no)
+    assert smoothness_blocks(empty, SETTINGS) == []
 
 
 def test_slopes_are_those_of_planes_by_least_squares() -> None:
