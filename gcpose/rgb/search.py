@@ -78,7 +78,9 @@ def search_door(
     s = evidence.settings
     score = partial(score_hypothesis, settings=s)
     best = partial(select_hypotheses, settings=s, key=score)
-    others = exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
+    others: list[VideoHypothesis] = []
+    if evidence.priors.axis_dof:  # another turn needs another axis
+        others = exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
     found = found + thread_map(refine_points(evidence, points, 2, s.patch_reach_first), others)
     refine = refine_points(evidence, points, 2, s.patch_reach)
 
@@ -172,7 +174,9 @@ def exchange_parallel_turns(
         cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
         if abs(cosine) < settings.parallel_cosine:
             continue
-        places = spread_places(at, settings.exchange_places, settings.spread_points)
+        places = at[:0]
+        if evidence.priors.axis_dof:  # else the axes stay where they are known to be
+            places = spread_places(at, settings.exchange_places, settings.spread_points)
         feet = np.stack([np.cross(state.twist[j, :3], state.twist[j, 3:]), *places])
         others = [
             keep_total_turn(state, j, hinge, foot, settings)

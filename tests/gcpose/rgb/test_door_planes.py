@@ -23,7 +23,7 @@ from gcbench.gcpose.rgb.door_planes import (
 )
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, predict_places
-from gcbench.gcpose.rgb.search import score_hypothesis, search_door
+from gcbench.gcpose.rgb.search import exchange_parallel_turns, score_hypothesis, search_door
 from gcbench.gcpose.rgb.settings import RgbSettings
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door
@@ -170,6 +170,35 @@ def test_a_door_that_turns_the_wrong_way_is_mended() -> None:
     best = min(found, key=lambda h: score_hypothesis(h, SETTINGS))
     assert score_hypothesis(best, SETTINGS) < score_hypothesis(wrong, SETTINGS)
     assert np.degrees(abs(best.state.angle[-1, 0] - near.state.angle[-1, 0])) < 5
+
+
+def test_a_known_axis_of_a_door_stays_in_its_place() -> None:
+    evidence, near, true = door_hypothesis()
+    known = RgbEvidence(
+        evidence.video, replace(evidence.priors, line=near.state.twist), SETTINGS)
+    sampled = known.sample((0, 4), 60)
+    start = replace(near, points=replace(near.points, inverse_depth=true))
+    start = known.refine_by_patches(start, sampled, 2, SETTINGS.patch_reach)
+    found = search_door(known, [start], sampled)
+    assert all(np.allclose(h.state.twist, near.state.twist) for h in found)
+    free = search_door(evidence, [start], sampled)
+    assert not all(np.allclose(h.state.twist, near.state.twist) for h in free)
+
+
+def test_known_parallel_axes_stay_in_their_places() -> None:
+    evidence, near, _ = door_hypothesis()
+    aside = near.state.twist.copy()
+    aside[0, 3:] += np.cross([0.1, 0.0, 0.0], aside[0, :3])
+    line, parent = np.concatenate([near.state.twist, aside]), np.array([-1, 0])
+    two = JointPriors(np.zeros(2, bool), parent, line[:, :3], line)
+    state = Articulation(line, near.state.angle * [0.5, 0.5], two.prismatic, parent)
+    for priors, stay in ((two, True), (replace(two, line=None), False)):
+        both = RgbEvidence(evidence.video, priors, SETTINGS)
+        points = both.sample((0, 4), 60)
+        start = both.label(replace(near, state=state), points)
+        found = exchange_parallel_turns(both, start, both.sample((4,), 60), 3)
+        assert found
+        assert all(np.allclose(h.state.twist, line) for h in found) == stay
 
 
 def test_a_single_part_keeps_the_depths_of_bundle_adjustment() -> None:
