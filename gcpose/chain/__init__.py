@@ -10,13 +10,21 @@ from .beam import (
     axis_directions,
     axis_twists,
     beam_search,
+    merge_beams,
     select_by_steps,
     spread_places,
 )
 from .chain_fit import Chains, Goal, fit_chains, fit_displacements, misfit
 from .kernels import add_normal_equations
 from .kinematics import ancestors, displace_axis, relative_derivatives, screws_of
-from .priors import JointPriors, axis_from_twist, joint_priors, twist_about, twist_spaces
+from .priors import (
+    JointPriors,
+    axis_from_twist,
+    joint_priors,
+    scale_axes,
+    twist_about,
+    twist_spaces,
+)
 from .settings import ChainSettings
 from .weak_prior import HingePrior, extent, locate_hinges, offset_from_axis, prior_equations
 
@@ -24,7 +32,7 @@ __all__ = [
     "Articulation", "Beam", "ChainSettings", "Chains", "Goal", "HingePrior", "JointPriors",
     "StepCosts", "StepGrid", "add_normal_equations", "ancestors", "axis_bases", "axis_directions",
     "axis_from_twist", "axis_twists", "beam_search", "displace_axis", "extent", "extrapolate_to",
-    "fit_chains", "fit_displacements", "joint_priors", "locate_hinges", "misfit",
-    "offset_from_axis", "prior_equations", "relative_derivatives", "screws_of", "select_by_steps",
-    "spread_places", "take_step", "twist_about", "twist_spaces",
+    "fit_chains", "fit_displacements", "joint_priors", "locate_hinges", "merge_beams", "misfit",
+    "offset_from_axis", "prior_equations", "relative_derivatives", "scale_axes", "screws_of",
+    "select_by_steps", "spread_places", "take_step", "twist_about", "twist_spaces",
 ]

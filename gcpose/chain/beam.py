@@ -7,7 +7,7 @@ hardly matters for a small turn.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -100,11 +100,11 @@ def beam_search(
             if len(lines) == 1:
                 step = np.linspace(step[0], step[-1], 2 * settings.beam_values - 1)
             extended.append(extend(group, priors.parent[j], lines, step, costs, grid.width))
-        beam = Beam(*(np.concatenate(parts) for parts in zip(*extended, strict=True)))
+        beam = merge_beams(extended)
         kept = grid.width
         if priors.direction is None:
             kept //= settings.beam_divisor
-        beam = select_chains(beam, np.argsort(beam.cost.mean(axis=1), kind="stable")[:kept])
+        beam = select_chains(beam, np.arange(min(kept, len(beam.cost))))
     return beam
 
 
@@ -126,6 +126,12 @@ def extend(
         np.concatenate([beam.twist[old], lines[line][:, None]], axis=1),
         np.concatenate([beam.angle[old], step[value][:, None]], axis=1),
     )
+
+
+def merge_beams(beams: Sequence[Beam]) -> Beam:
+    """Return the chains of all beams, the best first."""
+    merged = Beam(*(np.concatenate(parts) for parts in zip(*beams, strict=True)))
+    return select_chains(merged, np.argsort(merged.cost.mean(axis=1), kind="stable"))
 
 
 def select_chains(beam: Beam, which: NDArray[np.intp]) -> Beam:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,15 @@ def joint_priors(observation: Observation) -> JointPriors:
     if line is not None:
         return JointPriors(prismatic, parent, line[:, :3], twists_of(line, prismatic))
     return JointPriors(prismatic, parent, observation.axis_direction, None)
+
+
+def scale_axes(known: JointPriors, factor: float) -> JointPriors:
+    """Return the same joints in another unit of length."""
+    if known.line is None:
+        return known
+    line = known.line.copy()
+    line[~known.prismatic, 3:] *= factor
+    return replace(known, line=line)
 
 
 def twist_spaces(priors: JointPriors) -> tuple[Array, ...]:

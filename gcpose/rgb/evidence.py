@@ -62,6 +62,18 @@ def places_at_start(hypothesis: VideoHypothesis, key: int) -> Array:
     return np.einsum("nab,nb->na", back[:, :3, :3], here) + back[:, :3, 3]
 
 
+def center_depths(hypothesis: VideoHypothesis) -> VideoHypothesis:
+    """Return the same motion in that unit of length in which the median inverse depth is 1, as the
+    priors expect; the images do not change."""
+    state, points = hypothesis.state, hypothesis.points
+    scale = float(np.median(points.inverse_depth))
+    lengths = np.where(state.prismatic[:, None], 1.0, np.repeat([1.0, scale], 3))
+    state = replace(state, twist=state.twist * lengths,
+                    angle=state.angle * np.where(state.prismatic, scale, 1.0))
+    return replace(hypothesis, state=state,
+                   points=replace(points, inverse_depth=points.inverse_depth / scale))
+
+
 class RgbEvidence:
     """A plain video (see `estimator.Evidence`)."""
 
@@ -124,7 +136,8 @@ class RgbEvidence:
         penalty = (s.score_flow * float(by_flow[mine].mean())
                    + s.score_inversions * label_inversions(label, rank, points.frame)
                    + s.score_offset * self.axis_offset(out))
-        return replace(out, penalty=penalty)
+        out = replace(out, penalty=penalty)
+        return center_depths(out) if self.priors.line is not None else out
 
     def axis_offset(self, hypothesis: VideoHypothesis) -> float:
         """Return the number of axes far from their hinges, of joints that a part carries.

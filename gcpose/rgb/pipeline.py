@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from ...errors import MethodError
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array, pinhole
-from ..chain import JointPriors, screws_of
+from ..chain import Articulation, JointPriors, scale_axes, screws_of
 from ..estimator import calibrate_deviation, spread_of_motions
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .evidence import RgbEvidence, VideoHypothesis
@@ -47,7 +47,7 @@ def estimate_rgb(
     if found is None:
         return None
     best, others = found
-    unit = np.where(known.prismatic, distance, 1.0)
+    unit = np.where(known.prismatic, length_unit(known, best.state), 1.0)
     angle, sigma = unit * best.state.angle, unit * reported_deviation(best, others, settings)
     if known.line is None or known.prismatic.all():  # lengths are in units of the distance
         sigma[1:, known.prismatic] = settings.sigma_unknown
@@ -84,16 +84,23 @@ def object_distance(known: JointPriors, evidence: VideoEvidence) -> float:
     return float(np.clip(np.median(found), 0.05, 100.0))
 
 
+def length_unit(known: JointPriors, state: Articulation) -> float:
+    """Return the unit of length of a motion by its known axes, m; 1 if none is known."""
+    turns = ~known.prismatic
+    if known.line is None or not turns.any():
+        return 1.0
+    in_metres, in_units = (max(1e-9, float(np.linalg.norm(twist[turns, 3:])))
+                           for twist in (known.line, state.twist))
+    return in_metres / in_units
+
+
 def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array | None:
     """Return the base point [3] at depth 1 of a serial chain of several joints, or None.
 
-    It is the world's origin, if that is known and near what moves. Where axes are known they are
-    better evidence: a folded arm may hide its base.
+    It is the world's origin, if that is known and near what moves.
     """
     world, parent = observation.cam_from_world, observation.parents
-    if world is None or observation.axis_line is not None:
-        return None
-    if len(parent) < 2 or np.any(parent != np.arange(-1, len(parent) - 1)):
+    if world is None or len(parent) < 2 or np.any(parent != np.arange(-1, len(parent) - 1)):
         return None
     origin = world[:3, 3]
     if origin[2] <= 0:
@@ -102,15 +109,6 @@ def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array 
     at = pinhole.project(evidence.intrinsics, origin)[:2]
     away = np.hypot(u - at[0], v - at[1]).min()
     return origin / origin[2] if away < max(np.ptp(u), np.ptp(v)) else None
-
-
-def scale_axes(known: JointPriors, factor: float) -> JointPriors:
-    """Return the same joints in another unit of length."""
-    if known.line is None:
-        return known
-    line = known.line.copy()
-    line[~known.prismatic, 3:] *= factor
-    return replace(known, line=line)
 
 
 def label_video(

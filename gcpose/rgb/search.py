@@ -9,7 +9,14 @@ from functools import partial
 import numpy as np
 
 from ...robots.geometry import Array
-from ..chain import Articulation, extrapolate_to, select_by_steps, spread_places
+from ..chain import (
+    Articulation,
+    extrapolate_to,
+    merge_beams,
+    scale_axes,
+    select_by_steps,
+    spread_places,
+)
 from ..estimator import label_difference, refine_in_stages, run_em, select_distinct
 from ..images import geodesic_rank
 from ..numerics import thread_map
@@ -136,7 +143,10 @@ def sweep_hypotheses(
     """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
     known, settings = evidence.priors, evidence.settings
     most = settings.sweep_kept
-    beam = select_by_steps(sweep_flow(evidence.video, known, points, to, settings), most)
+    scales = (1.0,) if known.line is None else settings.sweep_scales
+    found = [sweep_flow(evidence.video, scale_axes(known, scale), points, to, settings)
+             for scale in scales]
+    beam = select_by_steps(merge_beams(found), most)
     one = np.ones(len(points.frame), np.int64)
     start = InverseDepthPoints.without_measurements(points.frame, points.ray, one, points.expected)
     bases = base_candidates(evidence, points, 0)

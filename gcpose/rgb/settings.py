@@ -104,6 +104,8 @@ class RgbSettings:
     hinge_depths: Scales = (0.85, 1.15)  # Depths of those places.
     root_depths: Scales = (0.8, 0.95, 1.1, 1.3, 1.6)  # Depths of the first hinge.
     spread_points: Count = 400  # Points from which such places are chosen.
+    sweep_scales: Scales = (0.7, 1.0, 1.4)
+    """Units of length that are tried where axes are known, in the distance by these axes."""
     beam_width: Count = 1200  # Chains that are extended by the next joint.
     sweep_limit: Positive = 9.0  # Cost at which flow counts as an outlier, in variances.
     outside_cost: NonNegative = 0.5  # Cost of a place outside of the image, in costs of an outlier.
