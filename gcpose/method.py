@@ -19,8 +19,8 @@ from .images import (
     row_suffix,
     training_of,
 )
-from .rgb import estimate_rgb
-from .rgbd import estimate_rgbd
+from .rgb import estimate_rgb, has_square_pixels
+from .rgbd import depth_video, estimate_rgbd
 from .settings import Settings
 
 _DEFAULT = Settings()
@@ -35,7 +35,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "22"
+    version = "23"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -63,8 +63,8 @@ class GCPose:
             named or find_flow("dis-fine", of),
             find_foreground(foreground or "network", settings.images),
             find_depth(depth) if depth else None,
-            bidirectional=settings.rgb.track_share > 0)
-        """On plain video."""
+            bidirectional=settings.rgb.track_share > 0, averages_depth=True)
+        """On images."""
         self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
                                 foreground=foreground)
         self.name += "".join(f" {k}={v}" for k, v in settings.changes().items())
@@ -77,17 +77,36 @@ class GCPose:
             return self._estimate(observation)
 
     def _estimate(self, observation: Observation) -> Estimate:
-        priors, settings = joint_priors(observation), self.settings
+        priors = joint_priors(observation)
         if observation.depth is None:
-            found = estimate_rgb(observation, priors, self.front_end, settings.rgb,
-                                 settings.images)
+            found = self._estimate_by_images(observation, priors)
         else:
-            found = estimate_rgbd(observation, priors, self.flow, settings.rgbd, settings.images)
+            found = self._estimate_by_depth(observation, priors)
         if (found is None or found.sigma is None
                 or not np.isfinite([found.displacement, found.sigma]).all()):
             found = self._static(observation, priors)
         limit = np.where(priors.prismatic, _RELIABLE_SLIDE, _RELIABLE_TURN)
         return replace(found, reliable=None if found.sigma is None else found.sigma[-1] <= limit)
+
+    def _estimate_by_images(
+        self, observation: Observation, priors: JointPriors
+    ) -> Estimate | None:
+        settings = self.settings
+        return estimate_rgb(observation, priors, self.front_end, settings.rgb, settings.images)
+
+    def _estimate_by_depth(
+        self, observation: Observation, priors: JointPriors
+    ) -> Estimate | None:
+        """By depth; or where the object is too small for its noise, by images, with depth as a
+        prior."""
+        settings = self.settings
+        video = depth_video(observation, self.flow, settings.rgbd, settings.images)
+        if video is None:
+            return None
+        share = video.noise_share(observation.n_joints, settings.rgbd.chain)
+        if share > settings.rgbd.max_noise_share and has_square_pixels(observation.intrinsics):
+            return self._estimate_by_images(observation, priors)
+        return estimate_rgbd(video, priors, self.flow, settings.rgbd)
 
     def _static(self, observation: Observation, priors: JointPriors) -> Estimate:
         """Return zero displacements with a large standard deviation."""

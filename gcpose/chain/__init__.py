@@ -22,6 +22,7 @@ from .priors import (
     axis_from_twist,
     joint_priors,
     scale_axes,
+    scale_twists,
     twist_about,
     twist_spaces,
 )
@@ -33,6 +34,6 @@ __all__ = [
     "StepCosts", "StepGrid", "add_normal_equations", "ancestors", "axis_bases", "axis_directions",
     "axis_from_twist", "axis_twists", "beam_search", "displace_axis", "extent", "extrapolate_to",
     "fit_chains", "fit_displacements", "joint_priors", "locate_hinges", "merge_beams", "misfit",
-    "offset_from_axis", "prior_equations", "relative_derivatives", "scale_axes", "screws_of",
-    "select_by_steps", "spread_places", "take_step", "twist_about", "twist_spaces",
+    "offset_from_axis", "prior_equations", "relative_derivatives", "scale_axes", "scale_twists",
+    "screws_of", "select_by_steps", "spread_places", "take_step", "twist_about", "twist_spaces",
 ]

@@ -25,7 +25,8 @@ class JointPriors:
     line: Array | None
     """[J 6] axes as twists, if known (see kinematics.py)"""
     base: Array | None = None
-    """[3] where the chain begins, at depth 1, if known; used without depth only"""
+    """[3] where the chain begins, if known; used on plain video only, at depth 1 if that is not
+    measured"""
 
     @property
     def axis_dof(self) -> int:
@@ -46,9 +47,13 @@ def scale_axes(known: JointPriors, factor: float) -> JointPriors:
     """Return the same joints in another unit of length."""
     if known.line is None:
         return known
-    line = known.line.copy()
-    line[~known.prismatic, 3:] *= factor
-    return replace(known, line=line)
+    return replace(known, line=scale_twists(known.line, known.prismatic, factor))
+
+
+def scale_twists(twist: Array, prismatic: NDArray[np.bool_], factor: float) -> Array:
+    """Return twists [J 6] in another unit of length; the direction of a slide has none."""
+    lengths = np.where(prismatic[:, None], 1.0, np.repeat([1.0, factor], 3))
+    return np.asarray(twist * lengths, np.float64)
 
 
 def twist_spaces(priors: JointPriors) -> tuple[Array, ...]:

@@ -54,7 +54,7 @@ def find_foreground(name: str, settings: ImageSettings) -> Foreground:
 class LearnedForeground:
     """The foreground of a network, which sees all frames at once."""
 
-    training = "supervised: masks of synthetic video, for rgb"
+    training = "supervised: masks of synthetic video, for rgb and rgbd-noise"
 
     def __init__(self, network: ForegroundInference, settings: ImageSettings) -> None:
         """Take a network and the settings of its input."""

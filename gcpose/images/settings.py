@@ -107,5 +107,8 @@ class ImageSettings:
     layer_spacing: Positive = 4.0  # Spacing of depth layers, standard deviations of the median.
     plane_ridge: NonNegative = 0.01  # Damping of slopes, as a share of the trace.
     noisy_change_threshold: Count = 2  # Change where a surface is fitted, grey levels.
+    noisy_depth_radius: Count = 8  # Radius of the windows in which depth is averaged, px.
+    noisy_depth_rim: Count = 2  # Distance from the outline of pixels that hardly count in it, px.
+    noisy_depth_rim_weight: Positive = 1e-3  # Weight of these, by that of the others.
     noisy_margin: Count = 21  # Side of the window by which the changing region is dilated, px.
     noisy_crop_margin: Count = 16  # Margin of the crop whose flow is computed, px.

@@ -43,6 +43,8 @@ class VideoEvidence:
     settings: ImageSettings
     inverse_depth: Image | None = None
     """[T h w] a network's or measured, about 1"""
+    distance: float | None = None
+    """The unit of length of `inverse_depth`, m, where it was measured"""
     part: NDArray[np.uint8] | None = None
     """[T h w] true parts, for an oracle"""
     sharp: NDArray[np.bool_] | None = None
@@ -66,6 +68,8 @@ class FrontEnd:
     """None: without depth."""
     bidirectional: bool = False
     """Whether flow is also estimated from each frame to the one before."""
+    averages_depth: bool = False
+    """Whether noisy depth is averaged over what moves."""
 
 
 def video_evidence(
@@ -98,12 +102,14 @@ def video_evidence(
     elif front_end.bidirectional:
         back = np.ascontiguousarray(_estimate_flow(sized, crop[::-1])[::-1])
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in crop])
-    inverse_depth = None
-    depth = observation.depth
+    inverse_depth, distance, depth = None, None, observation.depth
     if depth is None and front_end.depth is not None:
         depth = np.stack([front_end.depth(i) for i in rgb])
     if depth is not None:
-        inverse_depth = _relative_inverse_depth(depth[:, box[0], box[1]], inside, settings)
+        if observation.depth_noise > 0 and front_end.averages_depth:
+            depth = average_depth(depth, moving, settings)
+        inverse_depth, unit = _relative_inverse_depth(depth[:, box[0], box[1]], inside, settings)
+        distance = None if observation.depth is None else unit
     texture = np.stack([texture_confidence(g, settings) for g in gray])
     sure = np.array([1, 0, 1], np.float32)
     return VideoEvidence(
@@ -111,7 +117,7 @@ def video_evidence(
         np.stack([appearance(g, m, settings) for g, m in zip(gray, inside, strict=True)]),
         flow, back, texture,
         texture if observation.flow is None else np.full_like(texture, sure),
-        settings, inverse_depth, None if part is None else part[:, box[0], box[1]],
+        settings, inverse_depth, distance, None if part is None else part[:, box[0], box[1]],
         sharp_outlines(crop, inside, settings) if estimated else None,
         observation.flow is not None,
     )
@@ -127,15 +133,32 @@ def _cut_flow(flow: NDArray[np.float32], box: tuple[slice, slice]) -> Image:
     return np.ascontiguousarray(np.nan_to_num(flow[:, box[0], box[1]]), np.float32)
 
 
+def average_depth(
+    depth: NDArray[np.float32], inside: NDArray[np.bool_], settings: ImageSettings
+) -> NDArray[np.float32]:
+    """Return the mean depth [T H W] around each pixel, of pixels inside of what moves [T H W]; 0
+    where there are none. Those at its rim, which may be of the background, hardly count."""
+    s, out = settings, np.zeros(depth.shape, np.float32)
+    window, rim = (2 * s.noisy_depth_radius + 1,) * 2, np.ones((2 * s.noisy_depth_rim + 1,) * 2)
+    for t, mask in enumerate(inside & (depth > 0)):
+        inner = cv2.erode(mask.astype(np.float32), rim)
+        weight = inner + np.float32(s.noisy_depth_rim_weight) * mask
+        total, count = (cv2.boxFilter(image, -1, window, normalize=False,
+                                      borderType=cv2.BORDER_CONSTANT)
+                        for image in (weight * depth[t], weight))
+        np.divide(total, count, out=out[t], where=count > s.noisy_depth_rim_weight / 2)
+    return out
+
+
 def _relative_inverse_depth(
     depth: NDArray[np.float32], inside: NDArray[np.bool_], settings: ImageSettings
-) -> Image:
-    """Inverse depth about 1, the median of what moves."""
+) -> tuple[Image, float]:
+    """Inverse depth about 1, and the depth that is 1: the median of what moves."""
     known = inside & (depth > 0)
-    middle = np.median(depth[known]) if known.any() else 1.0
+    middle = float(np.median(depth[known])) if known.any() else 1.0
     out = (middle / np.where(depth > 0, depth, middle)).clip(
         settings.min_relative_depth, settings.max_relative_depth)
-    return out.astype(np.float32)
+    return out.astype(np.float32), middle
 
 
 def appearance(gray: Image, moving: NDArray[np.bool_], settings: ImageSettings) -> Image:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from .evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from .labels import SampledPixels
-from .pipeline import estimate_rgb
+from .pipeline import estimate_rgb, has_square_pixels
 from .points import InverseDepthPoints
 from .search import base_candidates
 from .settings import RgbSettings
 
 __all__ = [
     "InverseDepthPoints", "RgbEvidence", "RgbSettings", "SampledPixels", "VideoAdjustment",
-    "VideoHypothesis", "base_candidates", "estimate_rgb",
+    "VideoHypothesis", "base_candidates", "estimate_rgb", "has_square_pixels",
 ]

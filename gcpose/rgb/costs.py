@@ -36,16 +36,18 @@ class MovedRays:
 
 
 def flow_costs(
-    rays: MovedRays, start: Array, evidence: VideoEvidence, iterations: int, settings: RgbSettings
+    rays: MovedRays, expected: Array, start: Array, evidence: VideoEvidence, iterations: int,
+    settings: RgbSettings,
 ) -> tuple[Array, Array]:
     """Return the cost [N J] per frame of each part by flow, and the inverse depth [N J] with it.
 
-    The depth is found in a number of iterations from start [N J]. A part that moves a foreground
+    The depth is found in a number of iterations from start [N J], with a prior about the expected
+    inverse depth [N]. A part that moves a foreground
     pixel to where the background is seen is an outlier.
     """
     s = settings
     return _flow_costs(
-        rays.ray, rays.key, start, rays.motion, rays.camera, evidence.flow,
+        rays.ray, rays.key, expected, start, rays.motion, rays.camera, evidence.flow,
         evidence.flow_confidence, evidence.moving, iterations,
         (s.outlier_width * s.outlier_width, s.background_cost, s.flow_sigma, s.flow_rate),
         _depth_prior(s.depth_sigma, s),
@@ -87,7 +89,7 @@ def _project(
 
 @compiled
 def _flow_costs(
-    ray: Array, key: NDArray[np.int64], start: Array, relative: Array,
+    ray: Array, key: NDArray[np.int64], expected: Array, start: Array, relative: Array,
     camera: tuple[float, float, float], flow: Image, confidence: Image, moving: NDArray[np.bool_],
     iterations: int, costs: tuple[float, float, float, float],
     prior: tuple[float, float, float, float],
@@ -99,7 +101,7 @@ def _flow_costs(
         for p in range(1, parts + 1):
             q, total, count = start[i, p - 1], 0.0, 0
             for step in range(iterations + 1):
-                g, h = (1.0 - q) / (sigma * sigma), 1.0 / (sigma * sigma)
+                g, h = (expected[i] - q) / (sigma * sigma), 1.0 / (sigma * sigma)
                 total, count, g, h = _add_flow(relative[key[i], :, p], ray[i], q, camera, flow,
                                                confidence, moving, costs, g, h)
                 if step < iterations:

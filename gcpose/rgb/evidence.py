@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...robots.geometry import Array, inverse
-from ..chain import HingePrior, JointPriors, locate_hinges, offset_from_axis
+from ..chain import HingePrior, JointPriors, locate_hinges, offset_from_axis, scale_twists
 from ..estimator import Adjustment, Hypothesis, Round, run_em, track
 from ..images import VideoEvidence, geodesic_rank
 from ..numerics import Solver
@@ -67,8 +67,7 @@ def center_depths(hypothesis: VideoHypothesis) -> VideoHypothesis:
     priors expect; the images do not change."""
     state, points = hypothesis.state, hypothesis.points
     scale = float(np.median(points.inverse_depth))
-    lengths = np.where(state.prismatic[:, None], 1.0, np.repeat([1.0, scale], 3))
-    state = replace(state, twist=state.twist * lengths,
+    state = replace(state, twist=scale_twists(state.twist, state.prismatic, scale),
                     angle=state.angle * np.where(state.prismatic, scale, 1.0))
     return replace(hypothesis, state=state,
                    points=replace(points, inverse_depth=points.inverse_depth / scale))
@@ -108,7 +107,8 @@ class RgbEvidence:
         depth = np.repeat(depth[:, None], self.joints, axis=1)
         by_flow = np.zeros_like(depth)
         for iterations in self.settings.depth_rounds:
-            by_flow, depth = flow_costs(rays, depth, self.video, iterations, self.settings)
+            by_flow, depth = flow_costs(
+                rays, points.expected, depth, self.video, iterations, self.settings)
             if iterations:
                 depth = points.average(depth)
         by_flow[points.outline.on] = 0.0  # there, flow is a mixture: neighbors label these pixels
@@ -137,7 +137,8 @@ class RgbEvidence:
                    + s.score_inversions * label_inversions(label, rank, points.frame)
                    + s.score_offset * self.axis_offset(out))
         out = replace(out, penalty=penalty)
-        return center_depths(out) if self.priors.line is not None else out
+        unit_is_free = self.priors.line is not None and self.video.distance is None
+        return center_depths(out) if unit_is_free else out
 
     def axis_offset(self, hypothesis: VideoHypothesis) -> float:
         """Return the number of axes far from their hinges, of joints that a part carries.
@@ -156,7 +157,8 @@ class RgbEvidence:
             out = np.zeros(len(points.frame))
             for f in np.unique(points.frame):
                 mine = points.frame == f
-                out[mine] = geodesic_rank(points.ray[mine], base[None], self.video.settings)
+                out[mine] = geodesic_rank(
+                    points.ray[mine], base[None] / base[2], self.video.settings)
             self._ranks[name] = out
         return self._ranks[name]
 

@@ -19,7 +19,7 @@ def sweep_flow(
 ) -> Beam:
     """Return chains over frames 0 and `to`, the best first; points are of frame 0."""
     s = settings
-    places = spread_places(points.ray, s.hinge_places, s.spread_points)
+    places = spread_places(points.ray / points.expected[:, None], s.hinge_places, s.spread_points)
     roots = places if known.base is None else known.base[None]
     frames = min(to, s.max_step_frames)
     grid = StepGrid(
@@ -55,7 +55,8 @@ def accumulate_flow(
     information: Array = np.asarray(np.linalg.inv(covariance), np.float64) * found[:, None, None]
     k = evidence.intrinsics
     column = np.concatenate(
-        [points.ray[:, :2], at, information.reshape(-1, 4)[:, [0, 1, 3]]], axis=1)
+        [points.ray[:, :2], at, information.reshape(-1, 4)[:, [0, 1, 3]],
+         points.expected[:, None]], axis=1)
     camera = (float(k[0, 0]), float(k[0, 2]), float(k[1, 2]))
     return flow_step_costs(evidence.moving[to], camera, column, settings)
 
@@ -66,8 +67,8 @@ def flow_step_costs(
 ) -> StepCosts:
     """Return the costs of points of frame 0 in another frame with a foreground [h w].
 
-    Columns [N 7] are the ray at depth 1 (2), the place by flow (2), px, and its information uu, uv,
-    vv; the camera is the focal length and the principal point, px.
+    Columns [N 8] are the ray at depth 1 (2), the place by flow (2), px, its information uu, uv, vv,
+    and the expected inverse depth; the camera is the focal length and the principal point, px.
     """
     s = settings
     numbers = (s.sweep_limit, s.outside_cost, s.background_cost, s.depth_sigma,
@@ -90,10 +91,10 @@ def _cost(
     """Robust cost of point i under a motion [4 4], at its best depth after one iteration."""
     focal, cu, cv = camera
     limit, outside, background, sigma, low, high = numbers
-    a, b = column[i, 0], column[i, 1]
-    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + m[0, 3]
-    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + m[1, 3]
-    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + m[2, 3])
+    a, b, e = column[i, 0], column[i, 1], column[i, 7]
+    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + e * m[0, 3]
+    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + e * m[1, 3]
+    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + e * m[2, 3])
     u, v = focal * x / z + cu, focal * y / z + cv
     du = focal * (m[0, 3] - x / z * m[2, 3]) / z  # by inverse depth
     dv = focal * (m[1, 3] - y / z * m[2, 3]) / z

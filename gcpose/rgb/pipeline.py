@@ -2,7 +2,8 @@
 
 Parts and motion come from flow under the chain, first between few frames, then over all of them
 (Sec. 3.2 and 3.3). Bundle adjustment with an unknown depth for every point refines them (Sec. 3.4).
-Scale cannot be observed, and nothing here depends on it.
+Scale cannot be observed, and nothing here depends on it. Where depth is measured, but with much
+noise, it is the prior of the depth of every point, and gives the scale.
 """
 
 from __future__ import annotations
@@ -16,44 +17,54 @@ from scipy.spatial import KDTree
 from ...errors import MethodError
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array, pinhole
-from ..chain import Articulation, JointPriors, scale_axes, screws_of
+from ..chain import Articulation, JointPriors, scale_axes, scale_twists, screws_of
 from ..estimator import calibrate_deviation, spread_of_motions
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .evidence import RgbEvidence, VideoHypothesis
 from .points import predict_places
 from .search import Alternatives, search_video
-from .settings import RgbSettings
+from .settings import RgbSettings, with_measured_depth
 
 
 def estimate_rgb(
     observation: Observation, known: JointPriors, front_end: FrontEnd, settings: RgbSettings,
     image_settings: ImageSettings,
 ) -> Estimate | None:
-    """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4); None where nothing is
-    seen to move.
+    """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4), with their depth as a
+    prior if there is any; None where nothing is seen to move.
     """
     rgb, k = observation.rgb, observation.intrinsics
     if rgb is None or len(rgb) < 2:
         return None
-    if not np.isclose(k[0, 0], k[1, 1], rtol=1e-3):
+    if not has_square_pixels(k):
         raise MethodError(f"gcpose on rgb needs square pixels, not focal lengths {k[0, 0]:g} and "
                           f"{k[1, 1]:g} px; resize the images first")
     evidence = video_evidence(observation, front_end, image_settings)
     if evidence is None:
         return None
-    distance = object_distance(known, evidence)
+    if evidence.distance is not None:
+        settings = with_measured_depth(settings)
+    distance = evidence.distance or object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
     found = search_video(RgbEvidence(evidence, scale_axes(known, 1 / distance), settings))
     if found is None:
         return None
     best, others = found
-    unit = np.where(known.prismatic, length_unit(known, best.state), 1.0)
+    metres, line = evidence.distance or length_unit(known, best.state), known.line
+    if line is None and metres is not None:
+        line = scale_twists(best.state.twist, known.prismatic, metres)
+    unit = np.where(known.prismatic, metres or 1.0, 1.0)
     angle, sigma = unit * best.state.angle, unit * reported_deviation(best, others, settings)
-    if known.line is None or known.prismatic.all():  # lengths are in units of the distance
+    if metres is None:
         sigma[1:, known.prismatic] = settings.sigma_unknown
-    screw = None if known.line is None else screws_of(known.line, known.prismatic)
+    screw = None if line is None else screws_of(line, known.prismatic)
     part = label_video(evidence, best, rgb.shape[:3], settings.part_stride)
     return Estimate(angle, screw, part, sigma)
+
+
+def has_square_pixels(intrinsics: Array) -> bool:
+    """Return whether both focal lengths are alike, as this estimator needs."""
+    return bool(np.isclose(intrinsics[0, 0], intrinsics[1, 1], rtol=1e-3))
 
 
 def reported_deviation(best: VideoHypothesis, others: Alternatives, settings: RgbSettings) -> Array:
@@ -84,18 +95,19 @@ def object_distance(known: JointPriors, evidence: VideoEvidence) -> float:
     return float(np.clip(np.median(found), 0.05, 100.0))
 
 
-def length_unit(known: JointPriors, state: Articulation) -> float:
-    """Return the unit of length of a motion by its known axes, m; 1 if none is known."""
+def length_unit(known: JointPriors, state: Articulation) -> float | None:
+    """Return the unit of length of a motion by its known axes, m; None if no axis tells it."""
     turns = ~known.prismatic
     if known.line is None or not turns.any():
-        return 1.0
+        return None
     in_metres, in_units = (max(1e-9, float(np.linalg.norm(twist[turns, 3:])))
                            for twist in (known.line, state.twist))
     return in_metres / in_units
 
 
 def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array | None:
-    """Return the base point [3] at depth 1 of a serial chain of several joints, or None.
+    """Return the base point [3] of a serial chain of several joints, at depth 1 if no depth is
+    measured, or None.
 
     It is the world's origin, if that is known and near what moves.
     """
@@ -108,7 +120,8 @@ def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array 
     v, u = np.nonzero(evidence.moving.any(axis=0))
     at = pinhole.project(evidence.intrinsics, origin)[:2]
     away = np.hypot(u - at[0], v - at[1]).min()
-    return origin / origin[2] if away < max(np.ptp(u), np.ptp(v)) else None
+    unit = evidence.distance or origin[2]
+    return origin / unit if away < max(np.ptp(u), np.ptp(v)) else None
 
 
 def label_video(

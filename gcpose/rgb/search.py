@@ -47,10 +47,12 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     score = partial(score_hypothesis, settings=s)
     best = partial(select_hypotheses, settings=s, key=score)
     refine = partial(refine_points, evidence)
-    door = is_door(found[0].state)
+    door = evidence.video.distance is None and is_door(found[0].state)
     dense = evidence.sample(
         keys, s.final_points, "edge" if door else "round" if evidence.joints > 1 else "none")
-    found += [t for h in select_hypotheses(found, s.tilted_kept, s) for t in vary_door_plane(h, s)]
+    if door:
+        found += [t for h in select_hypotheses(found, s.tilted_kept, s)
+                  for t in vary_door_plane(h, s)]
     found = thread_map(refine(many, 2, s.patch_reach_first), found)
     if door:
         for _ in range(s.door_rounds):
@@ -143,7 +145,8 @@ def sweep_hypotheses(
     """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
     known, settings = evidence.priors, evidence.settings
     most = settings.sweep_kept
-    scales = (1.0,) if known.line is None else settings.sweep_scales
+    unit_is_free = known.line is not None and evidence.video.distance is None
+    scales = settings.sweep_scales if unit_is_free else (1.0,)
     found = [sweep_flow(evidence.video, scale_axes(known, scale), points, to, settings)
              for scale in scales]
     beam = select_by_steps(merge_beams(found), most)
@@ -155,18 +158,19 @@ def sweep_hypotheses(
 
 
 def base_candidates(evidence: RgbEvidence, points: SampledPixels, key: int) -> list[Array]:
-    """Return points [3] at depth 1 where the chain may begin in a key frame, the slower first."""
+    """Return points [3] where the chain may begin in a key frame, the slower first."""
     if evidence.priors.base is not None:
         return [evidence.priors.base]
     s, (u, v) = evidence.settings, points.pixel.T
     around = slice(max(0, key - s.base_frames), key + s.base_frames + 1)
     speed = np.linalg.norm(evidence.video.flow[around, v, u], axis=2).mean(axis=0)
     slow = points.average(speed[:, None])[:, 0]
+    place = points.ray / points.expected[:, None]
     start = points.ray[slow <= np.quantile(slow, s.base_slow_share)]
     out: list[Array] = []
     for _ in range(2):
         rank = geodesic_rank(points.ray, start, evidence.video.settings)
-        out.append(points.ray[rank <= s.base_end_share].mean(axis=0))
+        out.append(place[rank <= s.base_end_share].mean(axis=0))
         start = points.ray[rank >= 1 - s.base_end_share]
     return out
 

@@ -6,7 +6,7 @@ displacements in rad, or in that unit where a joint slides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ..chain import ChainSettings
 from ..numerics import DEGREE, Count, NonNegative, Positive, Scales, Share
@@ -64,6 +64,9 @@ class RgbSettings:
     together, so that it is loose."""
     depth_sigma_tracking: Positive = 0.3  # The same while tracking.
     depth_sigma_exchange: Positive = 0.2  # The same where parallel axes exchange turns.
+    depth_sigma_measured: Positive = 0.05
+    """Each of these standard deviations where depth is measured: about the measured depth."""
+    hinge_depths_measured: Scales = (1.0, 1.05)  # Depths of the places of hinges, by the measured.
     min_inverse_depth: Positive = 0.4  # Least inverse depth.
     max_inverse_depth: Positive = 2.5  # Largest inverse depth.
     max_depth_step: Positive = 0.1  # Largest change of an inverse depth in an iteration.
@@ -180,3 +183,12 @@ class RgbSettings:
     sigma_floor: NonNegative = 0.3 * DEGREE  # Least standard deviation that is reported, rad.
     sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
     part_stride: Count = 2  # Pixels from one to the next whose part is looked up.
+
+
+def with_measured_depth(settings: RgbSettings) -> RgbSettings:
+    """Return the settings for a video whose depth is measured."""
+    s, sigma = settings, settings.depth_sigma_measured
+    return replace(
+        s, depth_sigma=sigma, depth_sigma_patch=sigma, depth_sigma_bundle=sigma,
+        depth_sigma_tracking=sigma, depth_sigma_exchange=sigma,
+        hinge_depths=s.hinge_depths_measured, root_depths=s.hinge_depths_measured)

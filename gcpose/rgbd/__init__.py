@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .pipeline import estimate_rgbd
+from .pipeline import depth_video, estimate_rgbd
 from .settings import RgbdSettings
 
-__all__ = ["RgbdSettings", "estimate_rgbd"]
+__all__ = ["RgbdSettings", "depth_video", "estimate_rgbd"]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...renderer.types import Estimate, Observation
 from ...robots.geometry import Array
-from ..chain import Articulation, JointPriors, screws_of
+from ..chain import Articulation, ChainSettings, JointPriors, extent, screws_of
 from ..estimator import Adjustment, adjust, calibrate_deviation
-from ..images import Flow, ImageSettings, surfaces_from_depth, surfaces_from_noisy_depth
+from ..images import Flow, ImageSettings, Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 from ..numerics import thread_map
 from .evidence import RgbdEvidence
 from .labels import moving_mask
@@ -17,22 +19,47 @@ from .search import is_unreliable, search_hypotheses
 from .settings import RgbdSettings
 
 
-def estimate_rgbd(
-    observation: Observation, priors: JointPriors, flow: Flow, settings: RgbdSettings,
-    images: ImageSettings,
-) -> Estimate | None:
-    """Estimate the motion of one sequence with depth (Sec. 3.2 to 3.4); None where nothing is seen
-    to move. The flow is for starts and for noisy depth."""
+@dataclass(frozen=True)
+class DepthVideo:
+    """A video with depth."""
+
+    rgb: NDArray[np.uint8]
+    """[T H W 3]"""
+    surfaces: Surfaces
+    moving: NDArray[np.bool_]
+    """[T H W] what may move"""
+
+    def noise_share(self, joints: int, settings: ChainSettings) -> float:
+        """Return the noise of the surfaces by the size of a part: the extent of what moves in frame
+        0 by the number of joints."""
+        v, u = np.nonzero(self.moving[0])
+        size = extent(self.surfaces.points(0, np.column_stack([u, v])), settings) / joints
+        return self.surfaces.noise / max(1e-9, size)
+
+
+def depth_video(
+    observation: Observation, flow: Flow, settings: RgbdSettings, images: ImageSettings
+) -> DepthVideo | None:
+    """Return what an observation with depth shows; None where nothing moves. The flow is for noisy
+    depth."""
     rgb, depth, noise = observation.rgb, observation.depth, observation.depth_noise
     if rgb is None or depth is None or len(depth) < 2:
         return None
     surfaces = (
         surfaces_from_noisy_depth(depth, rgb, observation.intrinsics, noise, flow, images)
         if noise > 0 else surfaces_from_depth(depth, observation.intrinsics, images))
-    mask = moving_mask(surfaces, rgb, settings.labels)
-    if np.count_nonzero(mask[0]) < settings.min_moving_pixels:
+    moving = moving_mask(surfaces, rgb, settings.labels)
+    if np.count_nonzero(moving[0]) < settings.min_moving_pixels:
         return None
-    evidence = RgbdEvidence(surfaces, rgb, mask, priors, settings)
+    return DepthVideo(rgb, surfaces, moving)
+
+
+def estimate_rgbd(
+    video: DepthVideo, priors: JointPriors, flow: Flow, settings: RgbdSettings
+) -> Estimate:
+    """Estimate the motion of one sequence with depth (Sec. 3.2 to 3.4). The flow is for starts."""
+    surfaces = video.surfaces
+    evidence = RgbdEvidence(surfaces, video.rgb, video.moving, priors, settings)
     best = search_hypotheses(evidence, flow)
     scales = settings.final_scales_noisy if surfaces.noise else settings.final_scales
     final = adjust(evidence.without_flow(), best, Adjustment(scales))

@@ -198,6 +198,9 @@ class RgbdSettings:
 
     candidates: Count = 1500  # Sampled points of a frame.
     candidates_noisy: Count = 900
+    max_noise_share: Positive = 0.06
+    """Noise of the surfaces, by the size of a part, above which images are better evidence than
+    depth."""
     min_moving_pixels: Count = 30  # If fewer pixels of frame 0 may move, all joints are static.
     final_scales: Scales = (0.25, 0.12, 0.12)  # Robust scales of the last bundle adjustment.
     final_scales_noisy: Scales = (1.0, 0.6, 0.4, 0.4)

@@ -88,7 +88,7 @@ def test_a_sweep_holds_the_first_steps_by_flow() -> None:
     rays = measured(state, 1.0, 0.0, False)
     mine = rays.frame == 0
     there = rays.place[mine, 3]
-    sure = np.tile([4.0, 0.0, 4.0], (len(there), 1))
+    sure = np.tile([4.0, 0.0, 4.0, 1.0], (len(there), 1))
     column = np.column_stack([rays.ray[mine, :2], there, sure])
     flow = flow_step_costs(np.ones((240, 320), bool), (600.0, 160.0, 120.0), column, SETTINGS)
     motion = state.motions(4)[3]
@@ -119,7 +119,7 @@ def test_a_joint_that_nothing_carries_turns_about_a_root() -> None:
     state, at = chain()
     known = JointPriors(state.prismatic, state.parent, state.twist[:, :3], None)
     flow = flow_step_costs(np.ones((240, 320), bool), (600.0, 160.0, 120.0),
-                      np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0]]), SETTINGS)
+                      np.array([[0.0, 0.1, 160.0, 180.0, 4.0, 0.0, 4.0, 1.0]]), SETTINGS)
     twist = beam_search(known, flow, StepGrid(at[:1], at[1:], 0.2, 0.1, 50), ChainSettings()).twist
     away = np.stack([np.linalg.norm(np.cross(p, twist[..., :3]) - twist[..., 3:], axis=2)
                      for p in at])
