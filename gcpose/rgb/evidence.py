@@ -84,6 +84,11 @@ class RgbEvidence:
         self._samples: dict[tuple[tuple[int, ...], int, OutlineKind], SampledPixels] = {}
         self._ranks: dict[tuple[SampledPixels, tuple[float, ...]], Array] = {}
 
+    @property
+    def unit_is_free(self) -> bool:
+        """Whether known axes do not tell how far away the points are."""
+        return self.priors.line is not None and self.video.distance is None
+
     def sample(
         self, frames: tuple[int, ...], most: int, outline: OutlineKind = "none"
     ) -> SampledPixels:
@@ -137,8 +142,7 @@ class RgbEvidence:
                    + s.score_inversions * label_inversions(label, rank, points.frame)
                    + s.score_offset * self.axis_offset(out))
         out = replace(out, penalty=penalty)
-        unit_is_free = self.priors.line is not None and self.video.distance is None
-        return center_depths(out) if unit_is_free else out
+        return center_depths(out) if self.unit_is_free else out
 
     def axis_offset(self, hypothesis: VideoHypothesis) -> float:
         """Return the number of axes far from their hinges, of joints that a part carries.

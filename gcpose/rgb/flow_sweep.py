@@ -91,10 +91,10 @@ def _cost(
     """Robust cost of point i under a motion [4 4], at its best depth after one iteration."""
     focal, cu, cv = camera
     limit, outside, background, sigma, low, high = numbers
-    a, b, e = column[i, 0], column[i, 1], column[i, 7]
-    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + e * m[0, 3]
-    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + e * m[1, 3]
-    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + e * m[2, 3])
+    a, b, expected = column[i, 0], column[i, 1], column[i, 7]
+    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + expected * m[0, 3]
+    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + expected * m[1, 3]
+    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + expected * m[2, 3])
     u, v = focal * x / z + cu, focal * y / z + cv
     du = focal * (m[0, 3] - x / z * m[2, 3]) / z  # by inverse depth
     dv = focal * (m[1, 3] - y / z * m[2, 3]) / z

@@ -145,8 +145,7 @@ def sweep_hypotheses(
     """Return the best chains over frames 0 and `to`, labeled from each candidate of the base."""
     known, settings = evidence.priors, evidence.settings
     most = settings.sweep_kept
-    unit_is_free = known.line is not None and evidence.video.distance is None
-    scales = settings.sweep_scales if unit_is_free else (1.0,)
+    scales = settings.sweep_scales if evidence.unit_is_free else (1.0,)
     found = [sweep_flow(evidence.video, scale_axes(known, scale), points, to, settings)
              for scale in scales]
     beam = select_by_steps(merge_beams(found), most)

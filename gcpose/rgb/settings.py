@@ -65,8 +65,7 @@ class RgbSettings:
     depth_sigma_tracking: Positive = 0.3  # The same while tracking.
     depth_sigma_exchange: Positive = 0.2  # The same where parallel axes exchange turns.
     depth_sigma_measured: Positive = 0.05
-    """Each of these standard deviations where depth is measured: about the measured depth."""
-    hinge_depths_measured: Scales = (1.0, 1.05)  # Depths of the places of hinges, by the measured.
+    """What takes the place of each of these where depth is measured, about the measured depth."""
     min_inverse_depth: Positive = 0.4  # Least inverse depth.
     max_inverse_depth: Positive = 2.5  # Largest inverse depth.
     max_depth_step: Positive = 0.1  # Largest change of an inverse depth in an iteration.
@@ -106,6 +105,8 @@ class RgbSettings:
     hinge_places: Count = 14  # Places in the image where a hinge may be.
     hinge_depths: Scales = (0.85, 1.15)  # Depths of those places.
     root_depths: Scales = (0.8, 0.95, 1.1, 1.3, 1.6)  # Depths of the first hinge.
+    hinge_depths_measured: Scales = (1.0, 1.05)
+    """Depths of all hinges by the measured depth, where there is one."""
     spread_points: Count = 400  # Points from which such places are chosen.
     sweep_scales: Scales = (0.7, 1.0, 1.4)
     """Units of length that are tried where axes are known, in the distance by these axes."""
