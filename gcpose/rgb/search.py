@@ -157,19 +157,19 @@ def sweep_hypotheses(
 
 
 def base_candidates(evidence: RgbEvidence, points: SampledPixels, key: int) -> list[Array]:
-    """Return points [3] where the chain may begin in a key frame, the slower first."""
+    """Return points [3] where the chain may begin in a key frame, the slower first; at depth 1 if
+    it is not known."""
     if evidence.priors.base is not None:
         return [evidence.priors.base]
     s, (u, v) = evidence.settings, points.pixel.T
     around = slice(max(0, key - s.base_frames), key + s.base_frames + 1)
     speed = np.linalg.norm(evidence.video.flow[around, v, u], axis=2).mean(axis=0)
     slow = points.average(speed[:, None])[:, 0]
-    place = points.ray / points.expected[:, None]
     start = points.ray[slow <= np.quantile(slow, s.base_slow_share)]
     out: list[Array] = []
     for _ in range(2):
         rank = geodesic_rank(points.ray, start, evidence.video.settings)
-        out.append(place[rank <= s.base_end_share].mean(axis=0))
+        out.append(points.ray[rank <= s.base_end_share].mean(axis=0))
         start = points.ray[rank >= 1 - s.base_end_share]
     return out
 
