@@ -111,7 +111,7 @@ def list_methods() -> list[dict[str, str]]:
                 method = declaration_of(load_method(name), name)
                 inputs, knowledge = " ".join(method.inputs), " ".join(method.knowledge)
                 training = method.training
-            except ConfigError as error:  # it needs an option
+            except (ConfigError, MethodError) as error:  # it needs an option, or PyTorch
                 training = str(error)
         records.append({"method": name, "inputs": inputs, "knowledge": knowledge,
                         "training": training})
