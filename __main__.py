@@ -6,6 +6,7 @@ its command, and its docstring is their help. It calls the public API, and retur
 when a command runs, so that `gcbench --help` answers at once.
 """
 
+import faulthandler
 import os
 import signal
 import sys
@@ -61,6 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     0: success. 1: `verify` found an error, or no estimate of `eval` succeeded. 2: an error message,
     or nothing can render (`doctor`). 130: Ctrl-C. 141: the reader of the output has closed it.
     """
+    if argv is None and sys.stderr is not None:
+        faulthandler.enable()  # says where a library crashed
     args = list(sys.argv[1:] if argv is None else argv)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):

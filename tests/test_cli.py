@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -293,6 +294,17 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
     os.close(write)
     assert done.returncode == 141
     assert not done.stderr
+
+
+@pytest.mark.parametrize("closed", ["", " 2>&-"])
+def test_a_crash_of_a_library_says_where(closed: str) -> None:
+    code = ("import os, signal; from gcbench.__main__ import COMMANDS, main; "
+            "COMMANDS['doctor'] = lambda *_: os.kill(os.getpid(), signal.SIGSEGV); main()")
+    done = subprocess.run(["bash", "-c", f'"$0" -c "$1" doctor{closed}', sys.executable, code],
+                          capture_output=True, text=True)
+    assert done.returncode in (-signal.SIGSEGV, 128 + signal.SIGSEGV)
+    assert closed or "Segmentation fault" in done.stderr
+    assert closed or 'line 1 in <lambda>' in done.stderr
 
 
 # -- robots and doctor ------------------------------------------------------------------------
