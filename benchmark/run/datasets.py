@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import count
 from pathlib import Path
 
 from ...errors import ConfigError, DatasetError
@@ -18,8 +21,9 @@ from ...renderer.dataset import (
     sequence_name,
     sequence_paths,
 )
-from ...renderer.runtime import command_line
+from ...renderer.runtime import command_line, say
 from ...renderer.scene import config_tree, differences
+from ...robots.files import FolderInUseError
 from ..protocol import truth_digest
 from .suite import Suite
 
@@ -95,6 +99,8 @@ def from_suite(
 ) -> list[Data]:
     """Open the datasets of a suite, in FOLDER/SUITE/NAME; missing sequences are rendered first.
 
+    While another process renders one of them, the call waits.
+
     Raises DatasetError if a folder holds another dataset, or rendering fails, and ConfigError if
     the suite lacks a selected dataset, a dataset lacks a selected sequence, or a sequence is
     missing that may not be rendered.
@@ -118,13 +124,26 @@ def from_suite(
         if missing:
             print(f"{name}: {missing} of {len(wanted)} sequences to render", file=sys.stderr)
         if may_render:
-            render_dataset(entry.config, wanted, path, workers, progress and missing > 0)
+            render = partial(render_dataset, entry.config, wanted, path, workers,
+                             progress and missing > 0)
+            _when_free(render, name)
         elif changed := differences(
                 config_tree(open_dataset(path).config), config_tree(entry.config)):
             raise DatasetError(f"{path} is not the dataset of the suite ({changed[0]}); delete it")
         here = replace(selection, sequences=",".join(map(str, wanted)))
         out.append(select(name, path, here, allow_model=True))
     return out
+
+
+def _when_free(render: Callable[[], object], name: str) -> None:
+    """Render once no other process writes to the dataset; it may evaluate on the same suite."""
+    for tries in count():
+        with suppress(FolderInUseError):
+            render()
+            return
+        if tries == 1:  # a complete dataset is in use for a moment only
+            say(f"{name}: waits for another gcbench that renders it")
+        time.sleep(1.0)
 
 
 def select(

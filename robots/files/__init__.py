@@ -12,7 +12,7 @@ from .atomic import (
 )
 from .bounded import hash_files, read_bounded
 from .download import WheelFiles, cache_folder
-from .lock import LOCK, lock_briefly, lock_folder
+from .lock import LOCK, FolderInUseError, lock_briefly, lock_folder
 from .paths import (
     MATERIALS,
     TEXTURES,
@@ -26,9 +26,9 @@ from .progress import show_progress
 from .xml import Element, new_element, parse_xml, refuse_doctype, xml_bytes
 
 __all__ = [
-    "LOCK", "MATERIALS", "TEXTURES", "Asset", "AssetFinder", "Element", "MissingAssetError",
-    "OutsideAssetError", "WheelFiles", "asset_finder", "cache_folder", "create_atomically",
-    "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder", "new_element",
-    "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers", "scratch_folder",
-    "show_progress", "temporary_name", "write_atomically", "xml_bytes",
+    "LOCK", "MATERIALS", "TEXTURES", "Asset", "AssetFinder", "Element", "FolderInUseError",
+    "MissingAssetError", "OutsideAssetError", "WheelFiles", "asset_finder", "cache_folder",
+    "create_atomically", "create_folder_atomically", "hash_files", "lock_briefly", "lock_folder",
+    "new_element", "parse_xml", "read_bounded", "refuse_doctype", "remove_leftovers",
+    "scratch_folder", "show_progress", "temporary_name", "write_atomically", "xml_bytes",
 ]

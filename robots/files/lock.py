@@ -15,9 +15,13 @@ from ...errors import ConfigError
 LOCK = ".lock"
 
 
+class FolderInUseError(ConfigError):
+    """Another process has locked the folder."""
+
+
 @contextmanager
 def lock_folder(out: Path, shared: bool = False) -> Generator[Callable[[], bool]]:
-    """Lock the folder `out` for this process while the block runs, or raise ConfigError.
+    """Lock the folder `out` for this process while the block runs, or raise FolderInUseError.
 
     Shared locks exclude only those that are not. The block gets a function that makes the lock
     exclusive, and returns whether no other process has it; False if the system cannot tell.
@@ -27,8 +31,9 @@ def lock_folder(out: Path, shared: bool = False) -> Generator[Callable[[], bool]
             fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError as error:
             file.seek(0)
-            raise ConfigError(f"another gcbench is writing to {out} (process "
-                              f"{file.read(20).strip()}); wait for it, or stop it") from error
+            process = file.read(20).strip()
+            raise FolderInUseError(f"another gcbench is writing to {out} (process {process}); "
+                                   "wait for it, or stop it") from error
         except OSError as error:
             # On a file system without locks two runs would only do the same work twice.
             if error.errno not in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):

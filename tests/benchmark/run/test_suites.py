@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import distribution
 from pathlib import Path
@@ -15,6 +16,7 @@ from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.scene.models import draw_instance
 from gcbench.renderer.scene.sampling import Streams
 from gcbench.robots.catalog import is_category
+from gcbench.robots.files import lock_folder
 
 from ...support import bench_data
 
@@ -146,6 +148,34 @@ def test_what_is_missing_is_rendered_first(
         datasets.from_suite(suite, tmp_path, datasets.Selection(datasets=("one", "tow")))
     with pytest.raises(GcbenchError, match="--datasets chooses from a suite; with --data"):
         datasets.from_folders([tmp_path / "mine/one"], datasets.Selection(datasets=("one",)))
+
+
+def test_what_another_process_renders_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "mine/one"
+    bench_data.make_dataset(folder, 2)
+    waited: list[float] = []
+
+    def wait(seconds: float) -> None:
+        waited.append(seconds)
+        if len(waited) == 3:
+            lock.close()
+
+    def render(*_: object) -> None:
+        with lock_folder(folder):
+            pass
+
+    monkeypatch.setattr(datasets.time, "sleep", wait)
+    monkeypatch.setattr(generate, "render_dataset", render)
+    with ExitStack() as lock:
+        lock.enter_context(lock_folder(folder))
+        data = datasets.from_suite(parse_suite(MINE, "mine"), tmp_path,
+                                   datasets.Selection(datasets=("one",)))
+    assert len(data[0].sequences) == 2
+    assert len(waited) == 3
+    assert capsys.readouterr().err == (
+        "gcbench: mine/one: waits for another gcbench that renders it\n")
 
 
 def test_the_recipes_are_in_the_wheel() -> None:
