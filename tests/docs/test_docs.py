@@ -151,6 +151,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def run_page(page: Path, modes: tuple[str, ...], rendered: dict[str, Path]) -> None:
     """Run the blocks of the page whose mode is one of these."""
     runner = Page(rendered, {"__name__": "__page__"})
+    need_torch(page)
     for block in blocks(page):
         if block.mode in modes and "--8<--" not in block.text:
             try:
@@ -159,6 +160,12 @@ def run_page(page: Path, modes: tuple[str, ...], rendered: dict[str, Path]) -> N
                 if hasattr(error, "add_note"):
                     error.add_note(f"{name(page)}:{block.line}")
                 raise
+
+
+def need_torch(file: Path) -> None:
+    """Skip the test of a page or example that imports PyTorch where there is none."""
+    if re.search(r"(?m)^(import|from) torch\b", file.read_text()):
+        pytest.importorskip("torch", reason="PyTorch is in the extra learn")
 
 
 def modes_of(page: Path) -> set[str]:
@@ -193,8 +200,7 @@ def test_an_example_runs(
     example: Path, folder: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    if "import torch" in example.read_text():
-        pytest.importorskip("torch")
+    need_torch(example)
     monkeypatch.setattr(sys, "argv", [str(example), "--small", "--out", "out/data"])
     runpy.run_path(str(example), run_name="__main__")
     assert capsys.readouterr().out.strip()

@@ -14,6 +14,7 @@ import importlib.metadata
 import io
 import re
 from contextlib import redirect_stdout, suppress
+from importlib.util import find_spec
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import SimpleNamespace
@@ -71,12 +72,15 @@ def load_everything() -> None:
     import gcbench
     from gcbench.__main__ import COMMANDS, main
 
+    # Modules that need PyTorch say so; without it, their commands do the same.
+    missing = () if find_spec("torch") else (ModuleNotFoundError, gcbench.GcbenchError)
     root = Path(str(gcbench.__file__)).parent
     for path in sorted(root.glob("*/**/*.py")):
         parts = path.relative_to(root).with_suffix("").parts
         name = ".".join(["gcbench", *parts]).removesuffix(".__init__")
         if parts[0] in ("robots", "renderer", "gcpose", "benchmark") and not _EXTRA & {*parts}:
-            importlib.import_module(name)
+            with suppress(*missing):
+                importlib.import_module(name)
     for name in _LAZY:
         importlib.import_module(name)
     metadata = importlib.metadata  # it reads the packages again for each question
