@@ -16,6 +16,12 @@ from ..chain import Articulation
 from .settings import RgbSettings
 
 
+def parallel_joints(state: Articulation, settings: RgbSettings) -> list[int]:
+    """Return the joints whose axis is parallel to that of the next joint."""
+    cosine = np.einsum("jc,jc->j", state.twist[:-1, :3], state.twist[1:, :3])
+    return np.flatnonzero(np.abs(cosine) >= settings.parallel_cosine).tolist()
+
+
 def candidate_feet(
     state: Articulation, joint: int, hinge: Array, places: Array, most: int
 ) -> Array:

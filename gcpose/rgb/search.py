@@ -24,7 +24,7 @@ from .door_planes import exchange_door_turn, is_door, search_depths, vary_door_p
 from .evidence import PACE_STEPS, RgbEvidence, VideoAdjustment, VideoHypothesis, places_at_start
 from .flow_sweep import sweep_flow
 from .labels import SampledPixels
-from .parallel_axes import candidate_feet, keep_total_turn, redistribute
+from .parallel_axes import candidate_feet, keep_total_turn, parallel_joints, redistribute
 from .points import InverseDepthPoints
 from .settings import RgbSettings
 
@@ -59,7 +59,9 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
             found = search_door(evidence, found, many)
     else:
         found = refine_in_stages(found, best, (s.refined_kept, refine(many, 3, s.patch_reach)))
-    others = exchange_parallel_turns(evidence, min(found, key=score), few, s.exchanged_kept)
+    several = len(parallel_joints(min(found, key=score).state, s)) > 1
+    others = [other for h in best(found, s.exchanged_from if several else 1, labels=1.0)
+              for other in exchange_parallel_turns(evidence, h, few, s.exchanged_kept)]
     settle = VideoAdjustment(s.settle_scales, depth_sigma=s.depth_sigma_bundle)
     again = refine(many, 3, s.patch_reach_first)
     found += thread_map(
@@ -183,10 +185,7 @@ def exchange_parallel_turns(
         return []
     at = places_at_start(hypothesis, int(points.frame[0]))
     found: list[VideoHypothesis] = []
-    for j in range(evidence.joints - 1):
-        cosine = float(state.twist[j, :3] @ state.twist[j + 1, :3])
-        if abs(cosine) < settings.parallel_cosine:
-            continue
+    for j in parallel_joints(state, settings):
         places = at[:0]
         if evidence.priors.axis_dof:  # else the axes stay where they are known to be
             places = spread_places(at, settings.exchange_places, settings.spread_points)

@@ -162,7 +162,10 @@ class RgbSettings:
     door_rounds: Count = 2  # Rounds in which other turns and depths of a door are tried.
     doors_kept: tuple[Count, ...] = (8, 5, 3)
     """Distinct hypotheses of a door in the rounds that search its depths."""
-    exchanged_kept: Count = 3  # Distinct hypotheses with turns shared otherwise.
+    exchanged_from: Count = 3
+    """Distinct motions whose turns are exchanged, if several pairs of neighboring axes are
+    parallel; else only those of the best."""
+    exchanged_kept: Count = 3  # Distinct hypotheses of each with turns shared otherwise.
     final_kept: Count = 3  # Distinct hypotheses in the last refinement.
     patch_outlier_cost: NonNegative = 9.0  # Score of a patch that is found elsewhere.
     patch_missing_cost: NonNegative = 4.0  # Score of a patch that is not found.

@@ -2,14 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations, pairwise
+from typing import Any
+
 import numpy as np
 import pytest
-from gcbench.gcpose.rgb.parallel_axes import candidate_feet, keep_total_turn, redistribute
+from gcbench.gcpose.chain.priors import JointPriors
+from gcbench.gcpose.images.flow import dis_flow
+from gcbench.gcpose.images.foreground import subtract_background
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.images.still_camera import FrontEnd, video_evidence
+from gcbench.gcpose.rgb import search
+from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
+from gcbench.gcpose.rgb.parallel_axes import (
+    candidate_feet,
+    keep_total_turn,
+    parallel_joints,
+    redistribute,
+)
 from gcbench.gcpose.rgb.settings import RgbSettings
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ...support.ray_scenes import FRAMES, chain
+from ...support.ray_scenes import FRAMES, chain, door
+
+
+def test_neighboring_axes_are_parallel() -> None:
+    state, _ = chain()
+    assert parallel_joints(state, RgbSettings()) == [1]
+    opposite = state.twist * np.array([1, -1, 1])[:, None]
+    assert parallel_joints(replace(state, twist=opposite), RgbSettings()) == [1]
+    one = replace(state, twist=state.twist[:1], angle=state.angle[:, :1])
+    assert parallel_joints(one, RgbSettings()) == []
 
 
 @given(share=st.floats(-3, 3))
@@ -45,3 +70,41 @@ def test_the_foot_is_where_the_hinge_keeps_its_distance(most: int) -> None:
     feet = candidate_feet(state, 1, at[2], places, most)
     assert len(feet) == 1 + most
     assert np.allclose(feet[:2], [at[0], at[1]])
+
+
+@pytest.mark.parametrize(("joints", "motions"), [(2, range(1, 2)), (3, range(2, 4))])
+def test_the_best_motions_exchange_turns(
+    joints: int, motions: range, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    front = FrontEnd(dis_flow, lambda rgb: subtract_background(rgb, ImageSettings()))
+    observation = door(0.5)
+    video = video_evidence(observation, front, ImageSettings())
+    direction = observation.axis_direction
+    assert video is not None and direction is not None
+    settings = RgbSettings(  # few, which takes less time
+        sweep_points=120, tracking_points=50, max_points=60, final_points=80, exchange_points=80,
+        beam_width=200, sweep_kept=20, first_kept=12, half_kept=8, tracked_kept=8,
+        exchange_places=4, distinct_motion=0.05)
+    priors = JointPriors(np.zeros(joints, bool), np.arange(joints) - 1,
+                         np.repeat(direction, joints, axis=0), None)
+    asked: list[VideoHypothesis] = []
+    found: list[list[VideoHypothesis]] = []
+    exchange, compare = search.exchange_parallel_turns, search.compare_scores
+
+    def record(evidence: RgbEvidence, hypothesis: VideoHypothesis, *others: Any) -> Any:
+        asked.append(hypothesis)
+        return exchange(evidence, hypothesis, *others)
+
+    def keep(stage: list[VideoHypothesis], tuned: RgbSettings) -> Any:
+        found.append(stage)
+        return compare(stage, tuned)
+
+    monkeypatch.setattr(search, "exchange_parallel_turns", record)
+    monkeypatch.setattr(search, "compare_scores", keep)
+    assert search.search_video(RgbEvidence(video, priors, settings)) is not None
+    scores = [search.score_hypothesis(h, settings) for h in asked]
+    assert len(asked) in motions
+    assert all(a <= b for a, b in pairwise(scores))
+    last = [h.state.angle[-1] for h in asked]
+    assert all(np.abs(a - b).max() > settings.distinct_motion for a, b in combinations(last, 2))
+    assert len(found[0]) > len(asked)  # what was found before, and what they gave
