@@ -48,8 +48,9 @@ class EvalConfig(ExecutorOptions):
     ground truth."""
     flow: str = ""
     """Optical flow, for methods with this option: dis, dis-fine, raft, raft:WEIGHTS,
-    flownet2:CHECKPOINT or torchvision:NAME[:WEIGHTS] (torchvision downloads its own weights).
-    Default: chosen by the method. Becomes part of the row's name."""
+    flownet2:CHECKPOINT or torchvision:NAME[:WEIGHTS] (torchvision downloads its own weights); or
+    dis-fine+ and one of these names, such as dis-fine+raft, for two flows. Default: chosen by the
+    method. Becomes part of the row's name."""
     depth: str = ""
     """Single-image depth, for methods with this option: none, mono:FOLDER (Monodepth2 weights) or
     hf:MODEL (a folder or OWNER/NAME on the Hugging Face hub, read by transformers; hf-metric and

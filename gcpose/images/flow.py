@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -23,6 +24,25 @@ class Flow(Protocol):
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Return the displacement (du, dv) [H W 2], px, of each pixel of image a [H W 3] to b."""
         ...
+
+
+@dataclass(frozen=True)
+class FlowPair:
+    """Two flows, which err differently; as a flow, their mean."""
+
+    one: Flow
+    two: Flow
+    training: str = ""
+    """What their networks were trained on"""
+
+    def for_cuts_of(self, height: int, width: int) -> FlowPair:
+        """Return the same for crops of images of a size, px."""
+        return replace(self, one=for_cuts_of(self.one, height, width),
+                       two=for_cuts_of(self.two, height, width))
+
+    def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the mean [H W 2], px."""
+        return np.asarray((self.one(rgb_a, rgb_b) + self.two(rgb_a, rgb_b)) / 2, np.float32)
 
 
 def for_cuts_of(flow: Flow, height: int, width: int) -> Flow:
@@ -59,11 +79,13 @@ def _dis(
 
 
 _NAMES = ("dis", "dis-fine", "raft", "raft:WEIGHTS", "flownet2:CHECKPOINT",
-          "torchvision:NAME[:WEIGHTS]")
+          "torchvision:NAME[:WEIGHTS]", "dis-fine+FLOW")
 
 
 def find_flow(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
     """Return the flow of a name: one of `_NAMES`, where capitals stand for files and networks.
+
+    `dis-fine+FLOW` is a `FlowPair`.
 
     Raises:
         ConfigError: If the name is unknown, or a file is missing or does not fit.
@@ -74,6 +96,9 @@ def find_flow(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
         return dis_flow
     if name == "dis-fine":
         return partial(fine_dis_flow, settings=settings)
+    if name.startswith("dis-fine+"):
+        second = find_flow(name.removeprefix("dis-fine+"), settings)
+        return FlowPair(find_flow("dis-fine", settings), second, getattr(second, "training", ""))
     if kind == "raft":
         from . import network_flow
 

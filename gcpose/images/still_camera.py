@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from ...renderer.types import Observation
 from ...robots.geometry import Array
 from ..numerics import Image
 from .depth import Depth
-from .flow import Flow, for_cuts_of
+from .flow import Flow, FlowPair, for_cuts_of
 from .foreground import Foreground
 from .regions import bounding_box
 from .settings import ImageSettings
@@ -39,7 +39,8 @@ class VideoEvidence:
     texture_confidence: Image
     """[T h w 3] uu, uv, vv: 1 in the direction of a strong gradient, 0 of none"""
     flow_confidence: Image
-    """[T h w 3] the same; 1 in all directions where the flow is the true one"""
+    """[T h w 3] the same, less where two flows differ; 1 in all directions where the flow is the
+    true one"""
     settings: ImageSettings
     inverse_depth: Image | None = None
     """[T h w] a network's or measured, about 1"""
@@ -51,6 +52,8 @@ class VideoEvidence:
     """[T h w] where an outline of the foreground is sharp; None: everywhere"""
     true_flow: bool = False
     """Whether the flow is the true one, for an oracle"""
+    others: tuple[VideoEvidence, ...] = ()
+    """The same video by other flows, which err otherwise"""
 
     @property
     def frames(self) -> int:
@@ -95,12 +98,13 @@ def video_evidence(
     k[0, 2] -= box[1].start
     k[1, 2] -= box[0].start
     sized = for_cuts_of(front_end.flow, *rgb.shape[1:3])
+    first, second = (sized.one, sized.two) if isinstance(sized, FlowPair) else (sized, None)
     flow, back = observation.flow, observation.flow_backward
-    flow = _estimate_flow(sized, crop) if flow is None else _cut_flow(flow, box)
+    flow = _estimate_flow(first, crop) if flow is None else _cut_flow(flow, box)
     if back is not None:
         back = _cut_flow(back, box)
     elif front_end.bidirectional:
-        back = np.ascontiguousarray(_estimate_flow(sized, crop[::-1])[::-1])
+        back = np.ascontiguousarray(_estimate_flow(first, crop[::-1])[::-1])
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in crop])
     inverse_depth, distance, depth = None, None, observation.depth
     if depth is None and front_end.depth is not None:
@@ -112,7 +116,7 @@ def video_evidence(
         distance = None if observation.depth is None else unit
     texture = np.stack([texture_confidence(g, settings) for g in gray])
     sure = np.array([1, 0, 1], np.float32)
-    return VideoEvidence(
+    evidence = VideoEvidence(
         (box[1].start, box[0].start), k, inside,
         np.stack([appearance(g, m, settings) for g, m in zip(gray, inside, strict=True)]),
         flow, back, texture,
@@ -121,11 +125,26 @@ def video_evidence(
         sharp_outlines(crop, inside, settings) if estimated else None,
         observation.flow is not None,
     )
+    if second is None or evidence.true_flow:
+        return evidence
+    return _with_second_flow(evidence, _estimate_flow(second, crop))
 
 
 def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
     """Flow [T-1 h w 2] from each image to the next."""
     return np.stack([flow(a, b) for a, b in itertools.pairwise(images)]).astype(np.float32)
+
+
+def _with_second_flow(evidence: VideoEvidence, flow: Image) -> VideoEvidence:
+    """The same, and beside it the video by a second flow [T-1 h w 2], and by the mean of both,
+    which counts less where they differ."""
+    s = evidence.settings.flow
+    mean, difference = (evidence.flow + flow) / 2, evidence.flow - flow
+    limit = s.difference**2 + s.difference_rate**2 * (mean**2).sum(axis=3)
+    confidence = evidence.flow_confidence.copy()
+    confidence[:-1] *= (limit / (limit + (difference**2).sum(axis=3)))[..., None]
+    return replace(evidence, others=(
+        replace(evidence, flow=flow), replace(evidence, flow=mean, flow_confidence=confidence)))
 
 
 def _cut_flow(flow: NDArray[np.float32], box: tuple[slice, slice]) -> Image:

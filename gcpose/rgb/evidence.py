@@ -89,6 +89,16 @@ class RgbEvidence:
         """Whether known axes do not tell how far away the points are."""
         return self.priors.line is not None and self.video.distance is None
 
+    @property
+    def final_keys(self) -> tuple[int, ...]:
+        """The key frames of refinements."""
+        return tuple(range(0, self.video.frames, self.settings.final_key_frame_step))
+
+    def by_each_flow(self) -> list[RgbEvidence]:
+        """Return this evidence, and that by each other flow of the video."""
+        return [self, *(RgbEvidence(video, self.priors, self.settings)
+                        for video in self.video.others)]
+
     def sample(
         self, frames: tuple[int, ...], most: int, outline: OutlineKind = "none"
     ) -> SampledPixels:

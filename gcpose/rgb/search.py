@@ -35,21 +35,37 @@ Alternatives = list[tuple[Articulation, float]]
 
 def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] | None:
     """Return the best articulation, and the other motions of the last two stages; None where too
-    few moving pixels are seen."""
+    few moving pixels are seen.
+
+    Each flow of the video has its search. Their best motions are compared by the first flow.
+    """
+    s = evidence.settings
+    stages = [search_motions(each) for each in evidence.by_each_flow()]
+    best = [h for found in stages for h in select_hypotheses(
+        found, s.final_kept, s, labels=1.0, key=partial(score_hypothesis, settings=s))]
+    if not best:
+        return None
+    stages.append(refine_last(evidence, best))
+    chosen = min(stages[-1], key=partial(score_hypothesis, settings=s))
+    return chosen, [other for stage in stages for other in compare_scores(stage, s)
+                    if other[0] is not chosen.state]
+
+
+def search_motions(evidence: RgbEvidence) -> list[VideoHypothesis]:
+    """Return the motions of the stage before the last; none where too few moving pixels are
+    seen."""
     s, last = evidence.settings, evidence.video.frames - 1
-    keys = tuple(range(0, last + 1, s.final_key_frame_step))
+    keys = evidence.final_keys
     many = evidence.sample(keys, s.max_points)
     step = s.final_key_frame_step
     few = evidence.sample((last // (2 * step) * step,), s.exchange_points)  # the middle key frame
     found = thread_map(partial(evidence.label, points=many), initialize_by_sweeps(evidence))
     if not found:
-        return None
+        return []
     score = partial(score_hypothesis, settings=s)
     best = partial(select_hypotheses, settings=s, key=score)
     refine = partial(refine_points, evidence)
-    door = evidence.video.distance is None and is_door(found[0].state)
-    dense = evidence.sample(
-        keys, s.final_points, "edge" if door else "round" if evidence.joints > 1 else "none")
+    door = shows_door(evidence, found[0])
     if door:
         found += [t for h in select_hypotheses(found, s.tilted_kept, s)
                   for t in vary_door_plane(h, s)]
@@ -64,14 +80,24 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
               for other in exchange_parallel_turns(evidence, h, few, s.exchanged_kept)]
     settle = VideoAdjustment(s.settle_scales, depth_sigma=s.depth_sigma_bundle)
     again = refine(many, 3, s.patch_reach_first)
-    found += thread_map(
+    return found + thread_map(
         lambda h: again(run_em(evidence, h, [((), many), ((settle,), many)])), others)
-    last = refine(dense, 3, s.patch_reach)
-    final = thread_map(
-        lambda h: last(evidence.label(h, dense)), best(found, s.final_kept, labels=1.0))
-    chosen = min(final, key=score)
-    return chosen, [other for stage in (found, final) for other in compare_scores(stage, s)
-                    if other[0] is not chosen.state]
+
+
+def refine_last(evidence: RgbEvidence, found: list[VideoHypothesis]) -> list[VideoHypothesis]:
+    """Return hypotheses that are refined by more points, and by points on the outline."""
+    s = evidence.settings
+    door = shows_door(evidence, found[0])
+    dense = evidence.sample(
+        evidence.final_keys, s.final_points,
+        "edge" if door else "round" if evidence.joints > 1 else "none")
+    refine = refine_points(evidence, dense, 3, s.patch_reach)
+    return thread_map(lambda h: refine(evidence.label(h, dense)), found)
+
+
+def shows_door(evidence: RgbEvidence, hypothesis: VideoHypothesis) -> bool:
+    """Return whether a hypothesis is a door whose depth is not measured."""
+    return evidence.video.distance is None and is_door(hypothesis.state)
 
 
 def refine_points(

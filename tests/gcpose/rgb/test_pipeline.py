@@ -11,7 +11,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
 from gcbench.gcpose.chain.articulation import Articulation
-from gcbench.gcpose.chain.priors import JointPriors, scale_axes
+from gcbench.gcpose.chain.priors import JointPriors, joint_priors, scale_axes
 from gcbench.gcpose.estimator import BundleEquations
 from gcbench.gcpose.images.flow import Flow, dis_flow
 from gcbench.gcpose.images.foreground import subtract_background
@@ -23,7 +23,7 @@ from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance
 from gcbench.gcpose.rgb.points import InverseDepthPoints
-from gcbench.gcpose.rgb.search import score_hypothesis, select_hypotheses
+from gcbench.gcpose.rgb.search import score_hypothesis, search_video, select_hypotheses
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.renderer.types.observation import Observation
 
@@ -94,6 +94,16 @@ def test_a_door_opens_without_depth() -> None:
     assert np.degrees(np.abs(estimate.displacement[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
     assert estimate.sigma is not None and estimate.reliable is not None
     assert estimate.sigma[0] == 0 and estimate.reliable.all()
+
+
+def test_each_flow_has_its_search() -> None:
+    observation = door(0.5)
+    video, priors = evidence_of(observation), joint_priors(observation)
+    one = search_video(RgbEvidence(video, priors, SETTINGS))
+    two = search_video(RgbEvidence(replace(video, others=(video,)), priors, SETTINGS))
+    assert one is not None and two is not None
+    assert len(two[1]) + 1 == 2 * (len(one[1]) + 1)  # the best one is no alternative
+    np.testing.assert_allclose(two[0].state.angle, one[0].state.angle, atol=1e-3)
 
 
 def test_a_true_mask_replaces_the_foreground() -> None:

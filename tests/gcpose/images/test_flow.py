@@ -1,0 +1,61 @@
+"""Two flows, and the evidence by each of them and by their mean."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gcbench.errors import ConfigError
+from gcbench.gcpose.images import FrontEnd, ImageSettings, subtract_background, video_evidence
+from gcbench.gcpose.images.flow import Flow, FlowPair, dis_flow, find_flow, fine_dis_flow
+from gcbench.gcpose.method import GCPose
+from numpy.typing import NDArray
+
+from ...support.ray_scenes import door, texture
+
+SETTINGS = ImageSettings()
+
+
+def constant(left: float, right: float) -> Flow:
+    """A flow to the right, in px: one number in the left half of the image, another in the
+    right half."""
+
+    def flow(rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
+        height, width = rgb_a.shape[:2]
+        out, middle = np.zeros((height, width, 2), np.float32), width // 2
+        out[:, :middle, 0], out[:, middle:, 0] = left, right
+        return out
+
+    return flow
+
+
+def test_a_name_makes_two_flows() -> None:
+    rng = np.random.default_rng(5)
+    a, b = texture(rng, 64, 96, 3.0), texture(rng, 64, 96, 3.0)
+    flow = find_flow("dis-fine+dis")
+    assert isinstance(flow, FlowPair)
+    one, two = fine_dis_flow(a, b), dis_flow(a, b)
+    assert np.abs(one - two).max() > 1
+    np.testing.assert_allclose(flow(a, b), (one + two) / 2, atol=1e-5)
+    method = GCPose(flow="dis-fine+dis")
+    assert method.name == "gcpose flow=dis-fine+dis"
+    assert method.training == GCPose().training
+    with pytest.raises(ConfigError, match="no flow 'raft2'"):
+        find_flow("dis-fine+raft2")
+
+
+def test_the_mean_counts_less_where_two_flows_differ() -> None:
+    front = FrontEnd(FlowPair(constant(3, 3), constant(3, 7)),
+                     lambda rgb: subtract_background(rgb, SETTINGS))
+    video = video_evidence(door(0.5), front, SETTINGS)
+    assert video is not None
+    second, mean = video.others
+    middle = video.flow.shape[2] // 2
+    for each, right in ((video, 3), (second, 7), (mean, 5)):
+        np.testing.assert_allclose(each.flow[:, :, :middle, 0], 3)
+        np.testing.assert_allclose(each.flow[:, :, middle:, 0], right)
+    of, found = SETTINGS.flow, video.flow_confidence
+    assert found.max() > 0.5 and second.flow_confidence is found
+    limit = of.difference**2 + (5 * of.difference_rate) ** 2
+    share = np.ones((*found.shape[:3], 1))
+    share[:-1, :, middle:] = limit / (limit + 4**2)
+    np.testing.assert_allclose(mean.flow_confidence, found * share, rtol=1e-5)
