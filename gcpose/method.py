@@ -11,6 +11,7 @@ from ..renderer.types import Estimate, Inputs, Knowledge, Observation
 from .chain import JointPriors, joint_priors, screws_of
 from .images import (
     Flow,
+    FlowPair,
     FrontEnd,
     dis_flow,
     find_depth,
@@ -59,11 +60,13 @@ class GCPose:
         of = settings.images.flow
         named = (find_flow(flow, of) if flow else None) if isinstance(flow, str) else flow
         self.flow: Flow = named or dis_flow
+        one, two = (named.one, named.two) if isinstance(named, FlowPair) else (named, None)
         self.front_end = FrontEnd(
-            named or find_flow("dis-fine", of),
+            one or find_flow("dis-fine", of),
             find_foreground(foreground or "network", settings.images),
             find_depth(depth) if depth else None,
-            bidirectional=settings.rgb.track_share > 0, averages_depth=True)
+            bidirectional=settings.rgb.track_share > 0, averages_depth=True,
+            second_flow=two)
         """On images."""
         self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
                                 foreground=foreground)

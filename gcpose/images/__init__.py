@@ -6,7 +6,16 @@
 from __future__ import annotations
 
 from .depth import Depth, find_depth
-from .flow import Flow, dis_flow, find_flow, fine_dis_flow, for_cuts_of, row_suffix, training_of
+from .flow import (
+    Flow,
+    FlowPair,
+    dis_flow,
+    find_flow,
+    fine_dis_flow,
+    for_cuts_of,
+    row_suffix,
+    training_of,
+)
 from .foreground import Foreground, LearnedForeground, find_foreground, subtract_background
 from .foreground_input import (
     FOREGROUND_CHANNELS,
@@ -23,10 +32,10 @@ from .still_camera import FrontEnd, VideoEvidence, video_evidence
 from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 
 __all__ = [
-    "FOREGROUND_CHANNELS", "Candidates", "Depth", "Flow", "Foreground", "ForegroundInference",
-    "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches", "Square", "Surfaces",
-    "VideoEvidence", "changing_square", "color_and_change", "cut_square", "dis_flow", "find_depth",
-    "find_flow", "find_foreground", "find_patches", "fine_dis_flow", "for_cuts_of", "geodesic_rank",
-    "row_suffix", "smooth_costs", "subtract_background", "surfaces_from_depth",
-    "surfaces_from_noisy_depth", "training_of", "video_evidence",
+    "FOREGROUND_CHANNELS", "Candidates", "Depth", "Flow", "FlowPair", "Foreground",
+    "ForegroundInference", "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches",
+    "Square", "Surfaces", "VideoEvidence", "changing_square", "color_and_change", "cut_square",
+    "dis_flow", "find_depth", "find_flow", "find_foreground", "find_patches", "fine_dis_flow",
+    "for_cuts_of", "geodesic_rank", "row_suffix", "smooth_costs", "subtract_background",
+    "surfaces_from_depth", "surfaces_from_noisy_depth", "training_of", "video_evidence",
 ]

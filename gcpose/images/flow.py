@@ -28,7 +28,7 @@ class Flow(Protocol):
 
 @dataclass(frozen=True)
 class FlowPair:
-    """Two flows, which err differently; as a flow, their mean."""
+    """Two flows with different errors; a call returns their mean."""
 
     one: Flow
     two: Flow

@@ -13,7 +13,7 @@ from ...renderer.types import Observation
 from ...robots.geometry import Array
 from ..numerics import Image
 from .depth import Depth
-from .flow import Flow, FlowPair, for_cuts_of
+from .flow import Flow, for_cuts_of
 from .foreground import Foreground
 from .regions import bounding_box
 from .settings import ImageSettings
@@ -53,7 +53,7 @@ class VideoEvidence:
     true_flow: bool = False
     """Whether the flow is the true one, for an oracle"""
     others: tuple[VideoEvidence, ...] = ()
-    """The same video by other flows, which err otherwise"""
+    """The evidence in the same video by other flows"""
 
     @property
     def frames(self) -> int:
@@ -73,6 +73,8 @@ class FrontEnd:
     """Whether flow is also estimated from each frame to the one before."""
     averages_depth: bool = False
     """Whether noisy depth is averaged over what moves."""
+    second_flow: Flow | None = None
+    """Another flow, of which evidence is made as well."""
 
 
 def video_evidence(
@@ -98,13 +100,12 @@ def video_evidence(
     k[0, 2] -= box[1].start
     k[1, 2] -= box[0].start
     sized = for_cuts_of(front_end.flow, *rgb.shape[1:3])
-    first, second = (sized.one, sized.two) if isinstance(sized, FlowPair) else (sized, None)
     flow, back = observation.flow, observation.flow_backward
-    flow = _estimate_flow(first, crop) if flow is None else _cut_flow(flow, box)
+    flow = _estimate_flow(sized, crop) if flow is None else _cut_flow(flow, box)
     if back is not None:
         back = _cut_flow(back, box)
     elif front_end.bidirectional:
-        back = np.ascontiguousarray(_estimate_flow(first, crop[::-1])[::-1])
+        back = np.ascontiguousarray(_estimate_flow(sized, crop[::-1])[::-1])
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in crop])
     inverse_depth, distance, depth = None, None, observation.depth
     if depth is None and front_end.depth is not None:
@@ -125,9 +126,9 @@ def video_evidence(
         sharp_outlines(crop, inside, settings) if estimated else None,
         observation.flow is not None,
     )
-    if second is None or evidence.true_flow:
+    if front_end.second_flow is None or evidence.true_flow:
         return evidence
-    return _with_second_flow(evidence, _estimate_flow(second, crop))
+    return _with_second_flow(evidence, for_cuts_of(front_end.second_flow, *rgb.shape[1:3]), crop)
 
 
 def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
@@ -135,16 +136,23 @@ def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
     return np.stack([flow(a, b) for a, b in itertools.pairwise(images)]).astype(np.float32)
 
 
-def _with_second_flow(evidence: VideoEvidence, flow: Image) -> VideoEvidence:
-    """The same, and beside it the video by a second flow [T-1 h w 2], and by the mean of both,
-    which counts less where they differ."""
-    s = evidence.settings.flow
-    mean, difference = (evidence.flow + flow) / 2, evidence.flow - flow
+def _with_second_flow(
+    evidence: VideoEvidence, flow: Flow, images: NDArray[np.uint8]
+) -> VideoEvidence:
+    """The evidence with two others: by a second flow, and by the mean of both flows, which counts
+    less where they differ."""
+    s, one, two = evidence.settings.flow, evidence.flow, _estimate_flow(flow, images)
+    back, mean_back = evidence.flow_backward, None
+    if back is not None:
+        first, back = back, np.ascontiguousarray(_estimate_flow(flow, images[::-1])[::-1])
+        mean_back = (first + back) / 2
+    mean = (one + two) / 2
     limit = s.difference**2 + s.difference_rate**2 * (mean**2).sum(axis=3)
     confidence = evidence.flow_confidence.copy()
-    confidence[:-1] *= (limit / (limit + (difference**2).sum(axis=3)))[..., None]
+    confidence[:-1] *= (limit / (limit + ((one - two) ** 2).sum(axis=3)))[..., None]
     return replace(evidence, others=(
-        replace(evidence, flow=flow), replace(evidence, flow=mean, flow_confidence=confidence)))
+        replace(evidence, flow=two, flow_backward=back),
+        replace(evidence, flow=mean, flow_backward=mean_back, flow_confidence=confidence)))
 
 
 def _cut_flow(flow: NDArray[np.float32], box: tuple[slice, slice]) -> Image:

@@ -37,22 +37,35 @@ def test_a_name_makes_two_flows() -> None:
     assert np.abs(one - two).max() > 1
     np.testing.assert_allclose(flow(a, b), (one + two) / 2, atol=1e-5)
     method = GCPose(flow="dis-fine+dis")
+    end = method.front_end
+    assert end.second_flow is dis_flow
+    np.testing.assert_array_equal(end.flow(a, b), one)
     assert method.name == "gcpose flow=dis-fine+dis"
     assert method.training == GCPose().training
     with pytest.raises(ConfigError, match="no flow 'raft2'"):
         find_flow("dis-fine+raft2")
 
 
-def test_the_mean_counts_less_where_two_flows_differ() -> None:
+def test_a_method_without_searches_takes_the_mean_of_two_flows() -> None:
     front = FrontEnd(FlowPair(constant(3, 3), constant(3, 7)),
                      lambda rgb: subtract_background(rgb, SETTINGS))
+    video = video_evidence(door(0.5), front, SETTINGS)
+    assert video is not None and not video.others
+    np.testing.assert_allclose(np.unique(video.flow[..., 0]), [3, 5])
+
+
+def test_the_mean_counts_less_where_two_flows_differ() -> None:
+    front = FrontEnd(constant(3, 3), lambda rgb: subtract_background(rgb, SETTINGS),
+                     bidirectional=True, second_flow=constant(3, 7))
     video = video_evidence(door(0.5), front, SETTINGS)
     assert video is not None
     second, mean = video.others
     middle = video.flow.shape[2] // 2
     for each, right in ((video, 3), (second, 7), (mean, 5)):
-        np.testing.assert_allclose(each.flow[:, :, :middle, 0], 3)
-        np.testing.assert_allclose(each.flow[:, :, middle:, 0], right)
+        assert each.flow_backward is not None
+        for flow in (each.flow, each.flow_backward):
+            np.testing.assert_allclose(flow[:, :, :middle, 0], 3)
+            np.testing.assert_allclose(flow[:, :, middle:, 0], right)
     of, found = SETTINGS.flow, video.flow_confidence
     assert found.max() > 0.5 and second.flow_confidence is found
     limit = of.difference**2 + (5 * of.difference_rate) ** 2
