@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from .convolution import WeightReader
 from .depth import Depth, find_depth
 from .flow import (
     Flow,
@@ -34,8 +35,9 @@ from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 __all__ = [
     "FOREGROUND_CHANNELS", "Candidates", "Depth", "Flow", "FlowPair", "Foreground",
     "ForegroundInference", "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches",
-    "Square", "Surfaces", "VideoEvidence", "changing_square", "color_and_change", "cut_square",
-    "dis_flow", "find_depth", "find_flow", "find_foreground", "find_patches", "fine_dis_flow",
-    "for_cuts_of", "geodesic_rank", "row_suffix", "smooth_costs", "subtract_background",
-    "surfaces_from_depth", "surfaces_from_noisy_depth", "training_of", "video_evidence",
+    "Square", "Surfaces", "VideoEvidence", "WeightReader", "changing_square", "color_and_change",
+    "cut_square", "dis_flow", "find_depth", "find_flow", "find_foreground", "find_patches",
+    "fine_dis_flow", "for_cuts_of", "geodesic_rank", "row_suffix", "smooth_costs",
+    "subtract_background", "surfaces_from_depth", "surfaces_from_noisy_depth", "training_of",
+    "video_evidence",
 ]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, suggestion
+from .raft_network import RAFT_WEIGHTS, load_raft
 from .settings import FlowSettings
 
 _DEFAULT = FlowSettings()
@@ -89,7 +90,7 @@ def find_flow(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
 
     Raises:
         ConfigError: If the name is unknown, or a file is missing or does not fit.
-        MethodError: If PyTorch or torchvision is missing.
+        MethodError: If PyTorch or torchvision is missing, for networks other than `raft`.
     """
     kind, _, file = name.partition(":")
     if name == "dis":
@@ -100,23 +101,11 @@ def find_flow(name: str, settings: FlowSettings = _DEFAULT) -> Flow:
         second = find_flow(name.removeprefix("dis-fine+"), settings)
         return FlowPair(find_flow("dis-fine", settings), second, getattr(second, "training", ""))
     if kind == "raft":
-        from . import network_flow
+        return load_raft(Path(file) if file else RAFT_WEIGHTS, settings)
+    if kind in ("flownet2", "torchvision"):
+        from .network_flow import find_network_flow
 
-        return network_flow.load_raft(Path(file) if file else network_flow.SHIPPED, settings)
-    if kind == "flownet2":
-        if not file:
-            raise ConfigError(
-                "flownet2 needs its checkpoint, which is not distributed with gcbench: "
-                "--flow flownet2:FlowNet2_checkpoint.pth.tar"
-            )
-        from . import network_flow
-
-        return network_flow.load_flownet2(Path(file), settings)
-    if kind == "torchvision":
-        from . import network_flow
-
-        network, _, weights = file.partition(":")
-        return network_flow.load_torchvision(network, weights, settings)
+        return find_network_flow(name, settings)
     raise ConfigError(f"no flow {name!r}{suggestion(name, _NAMES)}; there are {', '.join(_NAMES)}")
 
 

@@ -12,19 +12,46 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import ConfigError
 from ..networks import flownet2, raft
 from ..networks.torch_runtime import F, find_device, nn, pad_image, torch, unit_range
 from ..networks.weights import read_weights
+from .raft_network import RAFT_TRAINING, RAFT_WEIGHTS
 from .settings import FlowSettings
 
-SHIPPED = Path(__file__).parents[1] / "weights" / "raft.safetensors"
 _DEFAULT = FlowSettings()
 
 
-def load_raft(
-    weights: Path = SHIPPED, settings: FlowSettings = _DEFAULT, device: str = "auto"
+def find_network_flow(name: str, settings: FlowSettings = _DEFAULT) -> NetworkFlow:
+    """Return the flow of a network, which can be tuned, by the name that `find_flow` takes.
+
+    Raises:
+        ConfigError: If the name is of no network, or a file is missing or does not fit.
+        MethodError: If torchvision is missing.
+    """
+    kind, _, file = name.partition(":")
+    if kind == "raft":
+        return load_tunable_raft(Path(file) if file else RAFT_WEIGHTS, settings)
+    if kind == "flownet2":
+        if not file:
+            raise ConfigError(
+                "flownet2 needs its checkpoint, which is not distributed with gcbench: "
+                "--flow flownet2:FlowNet2_checkpoint.pth.tar"
+            )
+        return load_flownet2(Path(file), settings)
+    if kind == "torchvision":
+        network, _, weights = file.partition(":")
+        return load_torchvision(network, weights, settings)
+    raise ConfigError(f"no network to tune in the flow {name!r}; use raft:WEIGHTS, "
+                      "flownet2:CHECKPOINT or torchvision:NAME")
+
+
+def load_tunable_raft(
+    weights: Path = RAFT_WEIGHTS, settings: FlowSettings = _DEFAULT, device: str = "auto"
 ) -> RaftFlow:
     """Load the flow with the weights of a safetensors file; default: those that gcbench has.
+
+    `raft_network.load_raft` computes the same without PyTorch.
 
     Raises:
         ConfigError: If the file is missing or holds another network's weights.
@@ -51,7 +78,7 @@ class NetworkFlow(ABC):
 class RaftFlow(NetworkFlow):
     """The flow of a `Raft` network, enlarged to the resolution of the images."""
 
-    training = "supervised: flow of synthetic video"
+    training = RAFT_TRAINING
 
     def __init__(
         self, network: raft.Raft, settings: FlowSettings = _DEFAULT, factor: float = 0
@@ -62,12 +89,12 @@ class RaftFlow(NetworkFlow):
 
     def for_cuts_of(self, height: int, width: int) -> RaftFlow:
         """Return the same for crops of images of a size, reduced as whole images are."""
-        return RaftFlow(self.network, self.settings, self.reduction(height, width))
+        return RaftFlow(self.network, self.settings, self.settings.raft_reduction(height, width))
 
     def tensor(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> torch.Tensor:
         """Return the flow [1 2 H W] px, with gradients."""
         height, width = rgb_a.shape[:2]
-        factor = self.factor or self.reduction(height, width)
+        factor = self.factor or self.settings.raft_reduction(height, width)
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
         device = next(self.network.parameters()).device
         a, b = (
@@ -79,10 +106,6 @@ class RaftFlow(NetworkFlow):
         full = F.interpolate(flow, size=(height, width), mode="bilinear", align_corners=False)
         by = torch.tensor([width / small[0], height / small[1]], device=device)
         return full * by[:, None, None]
-
-    def reduction(self, height: int, width: int) -> float:
-        """Return the factor by which images of a size are reduced."""
-        return max(1.0, min(height, width) / self.settings.raft_side)
 
 
 def load_flownet2(

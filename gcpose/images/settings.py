@@ -26,6 +26,10 @@ class FlowSettings:
     """Learning rate at which `raft` and the networks of torchvision are tuned to a video."""
     flownet2_rate: Positive = 5e-7  # The same of `flownet2` (Sec. 4.1).
 
+    def raft_reduction(self, height: int, width: int) -> float:
+        """Return the factor by which `raft` reduces images of a size, px."""
+        return max(1.0, min(height, width) / self.raft_side)
+
 
 @dataclass(frozen=True)
 class ImageSettings:

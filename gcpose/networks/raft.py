@@ -4,6 +4,7 @@ Features are at a quarter of the resolution, with a window of correlations aroun
 scales (20 and 40 px to each side). Starting from zero flow, a gated unit looks up correlations
 where the flow points and corrects it, several times; a convex combination upsamples it. Plain
 surfaces have no texture inside: the context network is a U-Net, so that outlines reach far.
+`gcpose.images.raft_network` computes the same without PyTorch.
 """
 
 # pyright: basic

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError, MethodError
+from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
 from ...robots.geometry import Array
 from ...robots.motion import ChainAxes
@@ -108,7 +108,7 @@ class Epipolar:
             GcbenchError: If the flow is no network, a file is missing, or PyTorch is.
         """
         self.name += _suffix(settings, flow=flow)
-        self.settings, self.network = settings, _network(flow, self.name, settings)
+        self.settings, self.network = settings, _network(flow, settings)
         self.training = training_of(self.network, then=_TUNED)
 
     def estimate(self, observation: Observation) -> Estimate:
@@ -141,7 +141,7 @@ class WithDepth:
             GcbenchError: If the flow is no network, a file is missing, or PyTorch is.
         """
         self.name += _suffix(settings, flow=flow, depth=depth)
-        self.settings, self.network = settings, _network(flow, self.name, settings)
+        self.settings, self.network = settings, _network(flow, settings)
         self.depth = find_depth(depth) if depth else None
         self.training = training_of(self.depth, self.network, then=_TUNED)
         if self.depth is None:
@@ -166,16 +166,14 @@ def _suffix(settings: PublishedSettings, **options: str) -> str:
     return row_suffix(**options) + "".join(f" {k}={v}" for k, v in settings.changes().items())
 
 
-def _network(flow: str, name: str, settings: PublishedSettings) -> Any:
-    """The flow network of a name."""
+def _network(flow: str, settings: PublishedSettings) -> Any:
+    """The flow network of a name; it needs PyTorch."""
+    from ..images.network_flow import find_network_flow
+
     paper, of = settings.paper, settings.images.flow
     if not flow:
         of = replace(of, raft_iterations=paper.tuning_iterations, raft_side=paper.tuning_side)
-    network = find_flow(flow or "raft", of)
-    if not hasattr(network, "network"):
-        raise ConfigError(f"{name}: no network to tune; use raft:WEIGHTS, flownet2:CHECKPOINT or "
-                          "torchvision:NAME")
-    return network
+    return find_network_flow(flow or "raft", of)
 
 
 # -- the stages -------------------------------------------------------------------------------

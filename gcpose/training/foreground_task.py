@@ -19,6 +19,7 @@ from ..images import (
     ForegroundInference,
     ImageSettings,
     LearnedForeground,
+    WeightReader,
     subtract_background,
 )
 from ..networks.foreground import ForegroundNet
@@ -87,7 +88,8 @@ class ForegroundTask(TrainingTask):
         """Return the overlap with the truth in whole images, of this network and without it."""
         settings = ImageSettings()
         tensors = {k: v.detach().float().cpu().numpy() for k, v in network.state_dict().items()}
-        learned = LearnedForeground(ForegroundInference(tensors, self.name), settings)
+        read = WeightReader(tensors, "the foreground", self.name)
+        learned = LearnedForeground(ForegroundInference(read), settings)
         methods: dict[str, Foreground] = {
             "background": lambda rgb: subtract_background(rgb, settings), "network": learned}
         found: dict[str, list[float]] = {name: [] for name in methods}

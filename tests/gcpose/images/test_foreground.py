@@ -169,7 +169,7 @@ def test_numpy_computes_what_pytorch_does() -> None:
     [
         ("networks", "perhaps you meant network"),
         ("network:", "no foreground 'network:'"),
-        ("network:missing.safetensors", "No such file"),
+        ("network:missing.safetensors", "there is no such file"),
         ("network:{0}/other.safetensors", "enter.0.filter.weight is missing"),
         ("network:{0}/shape.safetensors", r"bottom.filter.weight is \[1\]"),
         ("network:{0}/nan.safetensors", "out.bias is not finite"),

@@ -17,7 +17,8 @@ from gcbench.gcpose.images.settings import FlowSettings
 
 torch = pytest.importorskip("torch", reason="networks need PyTorch")
 
-from gcbench.gcpose.images.network_flow import SHIPPED, RaftFlow, load_raft  # noqa: E402
+from gcbench.gcpose.images import raft_network  # noqa: E402
+from gcbench.gcpose.images.network_flow import RaftFlow, load_tunable_raft  # noqa: E402
 from gcbench.gcpose.networks import flownet2, monodepth2, raft  # noqa: E402
 from gcbench.gcpose.networks.torch_runtime import warp_image  # noqa: E402
 
@@ -128,7 +129,17 @@ def test_raft_weights_round_trip(tmp_path: Path) -> None:
     a, b = picture(rng, 64, 96), picture(rng, 64, 96)
     found = find_flow(f"raft:{path}")(a, b)
     assert np.ptp(found) > 0.1
-    np.testing.assert_array_equal(found, RaftFlow(moved)(a, b))
+    np.testing.assert_allclose(found, RaftFlow(moved)(a, b), atol=2e-3)
+
+
+def test_numpy_computes_the_flow_that_pytorch_does() -> None:
+    """Where the flow leaves the image and its windows, too."""
+    rng = np.random.default_rng(7)
+    a = picture(rng, 150, 203)
+    b = np.roll(a, (3, 20), (0, 1))
+    found, expected = raft_network.load_raft()(a, b), load_tunable_raft(device="cpu")(a, b)
+    assert np.ptp(expected) > 10
+    np.testing.assert_allclose(found, expected, atol=5e-3)
 
 
 def test_flownet2_is_the_official_one() -> None:
@@ -196,7 +207,7 @@ def test_a_missing_package_is_named_with_how_to_get_it(  # type: ignore[no-untyp
 
 
 @pytest.mark.parametrize("asked", [
-    "images.flow.find_flow('raft')", "images.flow.find_flow('flownet2:x')",
+    "images.network_flow.find_network_flow('raft')", "images.flow.find_flow('flownet2:x')",
     "images.depth.find_depth('mono:x')", "training.loop", "paper.pipeline.Epipolar()",
     "paper.fine_tune",
 ])
@@ -220,7 +231,7 @@ def test_depth_none_is_none() -> None:
 
 
 def test_the_weights_that_come_with_it_are_small_and_see_how_a_plain_bar_moves() -> None:
-    assert SHIPPED.stat().st_size < 3_000_000
+    assert raft_network.RAFT_WEIGHTS.stat().st_size < 3_000_000
     rng = np.random.default_rng(2)
     plain = np.full((144, 176, 3), 90, np.uint8)  # a plain bar on a ground with texture
     ground = cv2.GaussianBlur(rng.uniform(0, 255, plain.shape), (0, 0), 3).astype(np.uint8)
@@ -228,7 +239,7 @@ def test_the_weights_that_come_with_it_are_small_and_see_how_a_plain_bar_moves()
     bar[40:100, 50:90] = True
     a = np.where(bar[..., None], plain, ground)
     b = np.where(np.roll(bar, shift, 1)[..., None], plain, ground)
-    found, dis = (f(a, b)[bar].mean(axis=0) for f in (load_raft(device="cpu"), fine_dis_flow))
+    found, dis = (f(a, b)[bar].mean(axis=0) for f in (raft_network.load_raft(), fine_dis_flow))
     assert np.linalg.norm(found - (shift, 0)) < np.linalg.norm(dis - (shift, 0))
 
 
@@ -240,7 +251,7 @@ def test_a_row_says_what_its_networks_were_trained_on() -> None:
     assert load_method(source).training == "none"
     assert load_method(with_options(source, {"flow": "dis"})).training == "none"
     assert load_method(with_options(source, {"flow": "raft"})).training in said
-    networks = NetworkDepth(dis_flow, "x"), load_raft(), dis_flow, None  # type: ignore[arg-type]
+    networks = NetworkDepth(dis_flow, "x"), raft_network.load_raft(), dis_flow, None  # type: ignore[arg-type]
     assert training_of(*networks, then="y") == "x; supervised: flow of synthetic video; y"
     assert len(training_of(NetworkDepth(dis_flow, 300 * "x"))) == 200  # type: ignore[arg-type]
 
@@ -295,8 +306,10 @@ def test_a_wrong_file_is_told_in_one_line(network: raft.Raft, tmp_path: Path) ->
     torch.save([1, 2], case("list.pth", "no tensors by name"))
     for name, said in cases.items():
         with pytest.raises(GcbenchError) as caught:
-            load_raft(tmp_path / name)
+            load_tunable_raft(tmp_path / name)
         assert said in str(caught.value) and "\n" not in str(caught.value), name
+        with pytest.raises(GcbenchError, match=rf"{name}: (no |step\.bias )\S+ \S+.*"):
+            raft_network.load_raft(tmp_path / name)
 
 
 def test_a_checkpoint_runs_nothing(tmp_path: Path) -> None:

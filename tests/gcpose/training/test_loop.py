@@ -258,14 +258,15 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(
 
 
 def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> None:
-    from gcbench.gcpose.images.network_flow import SHIPPED
+    from gcbench.gcpose.images.raft_network import RAFT_WEIGHTS
     from gcbench.gcpose.networks.weights import read_tensors
     from gcbench.gcpose.training.flow_task import FlowTask
     from gcbench.gcpose.training.loop import train
 
-    begun = replace(config(to_learn_from(tmp_path / "d"), tmp_path / "out", 1), start_from=SHIPPED)
+    begun = replace(config(to_learn_from(tmp_path / "d"), tmp_path / "out", 1),
+                    start_from=RAFT_WEIGHTS)
     train(FlowTask(begun))
-    before, after = read_tensors(SHIPPED), read_tensors(tmp_path / "out/raft.safetensors")
+    before, after = read_tensors(RAFT_WEIGHTS), read_tensors(tmp_path / "out/raft.safetensors")
     moved = [float((after[key] - before[key].float()).abs().max()) for key in before]
     assert 0 < max(moved) < 1e-3  # one step at the rate of a beginning
     train(FlowTask(begun))  # a run that is done stays as it is
@@ -276,10 +277,11 @@ def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> No
 def test_the_command_measures_weights_without_a_step(
     torch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from gcbench.gcpose.images.network_flow import SHIPPED
+    from gcbench.gcpose.images.raft_network import RAFT_WEIGHTS
 
     held, out = to_learn_from(tmp_path / "held"), tmp_path / "out"
-    args = f"train flow --steps 0 --start-from {SHIPPED} --held-out {held} --out {out} --workers 1"
+    args = (f"train flow --steps 0 --start-from {RAFT_WEIGHTS} --held-out {held} --out {out} "
+            "--workers 1")
     assert main(args.split()) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith(str(held)) and said[-1] == str(out)

@@ -380,13 +380,13 @@ def test_features_that_are_computed_once_train_as_those_of_each_step(tmp_path: P
 
 
 def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
-    from gcbench.gcpose.images.network_flow import SHIPPED
+    from gcbench.gcpose.images.raft_network import RAFT_WEIGHTS
 
     listed = "--weights dishwasher or microwave or oven, or your own: gcbench train screwnet"
     with pytest.raises(GcbenchError, match=listed):
         load_method("screwnet")
     none = tmp_path / "none.safetensors"
-    for path, said in ((SHIPPED, "no weights of screwnet"), (none, "no file and no weights")):
+    for path, said in ((RAFT_WEIGHTS, "no weights of screwnet"), (none, "no file and no weights")):
         with pytest.raises(GcbenchError, match=said):
             load_method(with_options("screwnet", {"weights": str(path)}))
     broken = ScrewNet(8)
