@@ -13,10 +13,12 @@ SECONDS_PER_FRAME = {
     ("gcpose", "rgbd", "free"): 0.33, ("gcpose", "rgbd-noise", "kinematics"): 0.1,
     ("gcpose", "rgbd-noise", "axes"): 0.25, ("gcpose", "rgbd-noise", "free"): 0.4,
     ("gcpose", "rgb", "kinematics"): 0.7, ("gcpose", "rgb", "axes"): 1.0,
-    ("gcpose", "rgb", "free"): 1.3, ("icp", "rgbd", "axes"): 0.2,
+    ("gcpose", "rgb", "free"): 1.3, ("gcpose flow=dis-fine+raft", "rgb", "axes"): 3.0,
+    ("icp", "rgbd", "axes"): 0.2,
     ("hold-still", "none", "none"): 0.001, ("constant-velocity", "none", "none"): 0.001,
 }
-"""Typical time of methods of this package, on one core, at 640 x 480 px."""
+"""Typical time of methods of this package, on one core, at 640 x 480 px; that of a method without
+options stands for rows with others."""
 _INPUTS = ("none", "rgbd", "rgbd-noise", "rgb")  # cheap to expensive, as a rule
 _COMPILED = "gcpose"
 
@@ -94,7 +96,9 @@ class Clock:
 
 
 def _expected_seconds(row: Row) -> float | None:
-    return SECONDS_PER_FRAME.get((row.method.partition(" ")[0], row.inputs, row.knowledge))
+    names = row.method, row.method.partition(" ")[0]
+    found = (SECONDS_PER_FRAME.get((name, row.inputs, row.knowledge)) for name in names)
+    return next(filter(None, found), None)
 
 
 def _plural(n: int, word: str) -> str:

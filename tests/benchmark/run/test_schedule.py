@@ -54,6 +54,16 @@ def test_the_plan_names_the_time_of_known_methods(jobs: list[Job]) -> None:
     assert describe_plan([done], 1) == "plan: 1 row x 3 sequences, 3 of 3 estimates exist"
 
 
+@pytest.mark.parametrize(("flow", "seconds"), [("raft", 15), ("dis-fine+raft", 35)])
+def test_the_plan_knows_options_that_take_longer(
+    folder: Path, tmp_path: Path, flow: str, seconds: int
+) -> None:
+    (data,) = from_folders([folder])
+    row = dataclasses.replace(RGB, method=f"gcpose flow={flow}")
+    job = prepare_job(describe_run(row, row.name, data, {}), data, tmp_path)
+    assert f"about {seconds} s" in describe_plan([job], 1)
+
+
 def test_the_time_left_follows_the_times_of_each_row(jobs: list[Job]) -> None:
     foreign, _, rgbd = jobs
     clock = Clock(1, [foreign, rgbd])
