@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from ..numerics import Image, compiled, thread_map
 from .convolution import WeightReader, read_network
@@ -44,7 +45,8 @@ class RaftInference:
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
         a, b = (_pad(cv2.resize(image, small, interpolation=cv2.INTER_AREA) / np.float32(255))
                 for image in (rgb_a, rgb_b))
-        flow = self.network(a, b, self.settings.raft_iterations)[: small[1], : small[0]]
+        with threadpool_limits(1, "blas"):  # beside other processes its threads mostly wait
+            flow = self.network(a, b, self.settings.raft_iterations)[: small[1], : small[0]]
         full = cv2.resize(flow, (width, height), interpolation=cv2.INTER_LINEAR)
         return full * np.array([width / small[0], height / small[1]], np.float32)
 
