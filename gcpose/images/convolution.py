@@ -31,10 +31,6 @@ class Filter:
     side: int
 
     @property
-    def inputs(self) -> int:
-        return len(self.matrix) // self.side**2
-
-    @property
     def outputs(self) -> int:
         return self.matrix.shape[1]
 

@@ -133,7 +133,7 @@ def test_raft_weights_round_trip(tmp_path: Path) -> None:
 
 
 def test_numpy_computes_the_flow_that_pytorch_does() -> None:
-    """Where the flow leaves the image and its windows, too."""
+    """Near the edge, too, where the flow leaves the image."""
     rng = np.random.default_rng(7)
     a = picture(rng, 150, 203)
     b = np.roll(a, (3, 20), (0, 1))
@@ -308,7 +308,8 @@ def test_a_wrong_file_is_told_in_one_line(network: raft.Raft, tmp_path: Path) ->
         with pytest.raises(GcbenchError) as caught:
             load_tunable_raft(tmp_path / name)
         assert said in str(caught.value) and "\n" not in str(caught.value), name
-        with pytest.raises(GcbenchError, match=rf"{name}: (no |step\.bias )\S+ \S+.*"):
+        told = r"no safetensors file|expected \[|not finite"
+        with pytest.raises(GcbenchError, match=rf"{name}: .*({told})"):
             raft_network.load_raft(tmp_path / name)
 
 
