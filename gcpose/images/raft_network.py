@@ -43,8 +43,8 @@ class RaftInference:
         height, width = rgb_a.shape[:2]
         factor = self.factor or self.settings.raft_reduction(height, width)
         small = (max(1, round(width / factor)), max(1, round(height / factor)))
-        a, b = (_pad(cv2.resize(image, small, interpolation=cv2.INTER_AREA) / np.float32(255))
-                for image in (rgb_a, rgb_b))
+        a, b = (_pad(np.divide(cv2.resize(image, small, interpolation=cv2.INTER_AREA), 255,
+                               dtype=np.float32)) for image in (rgb_a, rgb_b))
         with threadpool_limits(1, "blas"):  # beside other processes its threads mostly wait
             flow = self.network(a, b, self.settings.raft_iterations)[: small[1], : small[0]]
         full = cv2.resize(flow, (width, height), interpolation=cv2.INTER_LINEAR)
@@ -98,12 +98,12 @@ class RaftNetwork:
             around = _enlarge(self._wide.of_frame(_pool(hidden, 2)))
             near = self._near.of_frame(hidden, rectify=False)
             flow = flow + self._step.of_frame(np.maximum(near + around, 0), rectify=False)
-        mask = self._mask[1].of_frame(self._mask[0].of_frame(hidden), rectify=False) / 4
-        return _upsample(flow, mask)
+        mask = self._mask[1].of_frame(self._mask[0].of_frame(hidden), rectify=False)
+        return _upsample(flow, np.divide(mask, 4, dtype=np.float32))
 
     def _motion(self, windows: list[Image], flow: Image) -> Image:
         """Return what is known of the motion [h w 64] where the flow points."""
-        seen = np.concatenate([_sample(window, flow / np.float32(d))
+        seen = np.concatenate([_sample(window, np.divide(flow, d, dtype=np.float32))
                                for window, d in zip(windows, _DILATIONS, strict=True)], axis=2)
         both = [self._seen.of_frame(seen), self._moved.of_frame(flow)]
         return np.concatenate([self._both.of_frame(np.concatenate(both, axis=2)), flow], axis=2)
@@ -262,14 +262,14 @@ def _pad(image: Image) -> Image:
 
 def _pool(x: Image, size: int) -> Image:
     h, w, c = x.shape
-    return x.reshape(h // size, size, w // size, size, c).mean(axis=(1, 3))
+    return x.reshape(h // size, size, w // size, size, c).mean(axis=(1, 3), dtype=np.float32)
 
 
 def _blur(x: Image) -> Image:
     """Return the mean of 3 x 3 cells, at the edge of those that there are."""
     total, count = (cv2.boxFilter(y, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
                     for y in (x, np.ones(x.shape[:2], np.float32)))
-    return total / count[..., None]
+    return np.divide(total, count[..., None], dtype=np.float32)
 
 
 def _enlarge(x: Image) -> Image:
@@ -277,10 +277,10 @@ def _enlarge(x: Image) -> Image:
     for axis in range(2):
         one = np.take(x, range(-1, x.shape[axis] - 1), axis, mode="clip")
         two = np.take(x, range(1, x.shape[axis] + 1), axis, mode="clip")
-        both = np.stack([0.75 * x + 0.25 * one, 0.75 * x + 0.25 * two], axis + 1)
+        both = np.stack([0.75 * x + 0.25 * one, 0.75 * x + 0.25 * two], axis + 1, dtype=np.float32)
         x = both.reshape(*(n * (2 if k == axis else 1) for k, n in enumerate(x.shape)))
     return x
 
 
 def _sigmoid(x: Image) -> Image:
-    return 1 / (1 + np.exp(-x))
+    return np.reciprocal(1 + np.exp(-x), dtype=np.float32)
