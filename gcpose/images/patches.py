@@ -67,22 +67,17 @@ def _find(
 ) -> tuple[Array, Array]:
     n, frames = wanted.shape
     height, width = images.shape[1:3]
+    values = images.reshape(-1)
     found = place.copy()
     info = np.zeros((n, frames, 2, 2))
-    size = 2 * radius + 1
-    template, weight = np.zeros((2, size, size)), np.zeros((2, size, size))
-    gx, gy = np.zeros((2, size, size)), np.zeros((2, size, size))
-    px, py = np.zeros((2, size, size)), np.zeros((2, size, size))
-    window = np.zeros((size, size))
-    for a in range(size):
-        for b in range(size):
-            window[a, b] = np.exp(-((a - radius) ** 2 + (b - radius) ** 2) / (radius * radius))
+    size = (2 * radius + 1) ** 2
+    patch, warped = np.zeros((11, size), np.float32), np.zeros((6, size), np.float32)
+    _write_window(radius, patch)
     for i in range(n):
         u, v = int(np.rint(pixel[i, 0])), int(np.rint(pixel[i, 1]))
         if min(u, v) < radius + 1 or u >= width - radius - 1 or v >= height - radius - 1:
             continue
-        m0, m1 = _read_template(
-            images[frame[i]], u, v, window, channels[i], contrast, template, gx, gy, weight)
+        m0, m1 = _read_patch(images[frame[i]], u, v, channels[i], contrast, patch)
         sigma, rate = errors[:2] if channels[i, 0] else errors[2:]
         for t in range(frames):
             if not wanted[i, t]:
@@ -91,18 +86,19 @@ def _find(
             det = w[0, 0] * w[1, 1] - w[0, 1] * w[1, 0]
             if det < min_area or det > max_area:
                 continue
-            hxx, hxy, hyy = _warp_gradients(w, det, gx, gy, weight, m0, px, py)
+            hxx, hxy, hyy = _warp(w, det, patch, m0, warped)
             damping = ridge * (hxx + hyy) + ridge_floor
             dxx, dyy = hxx + damping, hyy + damping
             dd = dxx * dyy - hxy * hxy
             x0, y0 = place[i, t, 0], place[i, t, 1]
             x, y, ok, total = x0, y0, True, 0.0
+            rim = 1 + radius * (abs(w[0, 0]) + abs(w[0, 1]) + abs(w[1, 0]) + abs(w[1, 1]))
             for _ in range(iterations):
-                rim = 1 + radius * (abs(w[0, 0]) + abs(w[0, 1]) + abs(w[1, 0]) + abs(w[1, 1]))
                 if not (rim < x < width - rim - 1 and rim < y < height - rim - 1):
                     ok = False
                     break
-                rx, ry, total = _residuals(images[t], x, y, w, template, weight, px, py, m0)
+                rx, ry, total = _residuals(
+                    values, t * height * width, width, x, y, patch, warped, m0)
                 sx, sy = (dyy * rx - hxy * ry) / dd, (dxx * ry - hxy * rx) / dd
                 length = np.sqrt(sx * sx + sy * sy)
                 if length > max_step:
@@ -125,106 +121,120 @@ def _find(
     return found, info
 
 
+# A patch of S pixels is a table in single precision, so that a loop over its pixels is compiled to
+# instructions for several pixels. Rows [11 S]: 0, 1 offset x, y from the center; 2 window;
+# 3, 4 values of both channels; 5, 6 and 7, 8 their gradients by x and y; 9, 10 their weights.
+# Warped to a frame, rows [6 S]: 0, 1 offset; 2, 3 and 4, 5 gradients by x, y of both channels,
+# multiplied by their weights.
+
+
 @compiled
-def _read_template(
-    source: Image, u: int, v: int, window: Array, channels: NDArray[np.bool_], contrast: float,
-    template: Array, gx: Array, gy: Array, weight: Array,
+def _write_window(radius: int, patch: Image) -> None:
+    size = 2 * radius + 1
+    for k in range(size * size):
+        x, y = k % size - radius, k // size - radius
+        patch[0, k], patch[1, k] = x, y
+        patch[2, k] = np.exp(-(x * x + y * y) / (radius * radius))
+
+
+@compiled
+def _read_patch(
+    source: Image, u: int, v: int, channels: NDArray[np.bool_], contrast: float, patch: Image
 ) -> tuple[float, float]:
-    """Read the patch, its gradients and weights [2 S S]; return the sum of the weights of
-    brightness, and of the window."""
-    size, radius = len(window), len(window) // 2
+    """Read the patch, its gradients and weights; return the sum of the weights of brightness, and
+    of the window."""
+    half = np.float32(0.5)
     m0, m1 = 0.0, 0.0
-    for a in range(size):
-        for b in range(size):
-            y, x = v + a - radius, u + b - radius
-            for c in range(2):
-                template[c, a, b] = source[y, x, c]
-                gx[c, a, b] = 0.5 * (source[y, x + 1, c] - source[y, x - 1, c])
-                gy[c, a, b] = 0.5 * (source[y + 1, x, c] - source[y - 1, x, c])
-            inside = min(1.0, template[1, a, b] / contrast)
-            weight[0, a, b] = window[a, b] * inside ** 6 if channels[0] else 0.0
-            weight[1, a, b] = window[a, b] if channels[1] else 0.0
-            m0 += weight[0, a, b]
-            m1 += window[a, b]
+    for k in range(patch.shape[1]):
+        x, y, window = u + int(patch[0, k]), v + int(patch[1, k]), patch[2, k]
+        for c in range(2):
+            patch[3 + c, k] = source[y, x, c]
+            patch[5 + c, k] = half * (source[y, x + 1, c] - source[y, x - 1, c])
+            patch[7 + c, k] = half * (source[y + 1, x, c] - source[y - 1, x, c])
+        inside = min(1.0, source[y, x, 1] / contrast)
+        patch[9, k] = window * inside ** 6 if channels[0] else 0.0
+        patch[10, k] = window if channels[1] else 0.0
+        m0 += patch[9, k]
+        m1 += window
     return m0, m1
 
 
 @compiled
-def _warp_gradients(
-    w: Array, det: float, gx: Array, gy: Array, weight: Array, m0: float, px: Array, py: Array
+def _warp(
+    w: Array, det: float, patch: Image, m0: float, warped: Image
 ) -> tuple[float, float, float]:
-    """Write the gradients px, py [2 S S] in the target, warp^-T g; return the normal matrix."""
-    size = gx.shape[1]
-    i00, i01, i10, i11 = w[1, 1] / det, -w[1, 0] / det, -w[0, 1] / det, w[0, 0] / det
-    mx, my = 0.0, 0.0
-    sxx, sxy, syy = 0.0, 0.0, 0.0
-    for a in range(size):
-        for b in range(size):
-            for c in range(2):
-                px[c, a, b] = i00 * gx[c, a, b] + i01 * gy[c, a, b]
-                py[c, a, b] = i10 * gx[c, a, b] + i11 * gy[c, a, b]
-            mx += weight[0, a, b] * px[0, a, b]
-            my += weight[0, a, b] * py[0, a, b]
-            sxx += weight[1, a, b] * px[1, a, b] ** 2
-            sxy += weight[1, a, b] * px[1, a, b] * py[1, a, b]
-            syy += weight[1, a, b] * py[1, a, b] ** 2
+    """Write offsets and gradients in the target, w d and w^-T g; return the normal matrix."""
+    w00, w01 = np.float32(w[0, 0]), np.float32(w[0, 1])
+    w10, w11 = np.float32(w[1, 0]), np.float32(w[1, 1])
+    i00, i01 = np.float32(w[1, 1] / det), np.float32(-w[1, 0] / det)
+    i10, i11 = np.float32(-w[0, 1] / det), np.float32(w[0, 0] / det)
+    zero = np.float32(0)
+    mx, my, sxx, sxy, syy = zero, zero, zero, zero, zero
+    for k in range(patch.shape[1]):
+        warped[0, k] = w00 * patch[0, k] + w01 * patch[1, k]
+        warped[1, k] = w10 * patch[0, k] + w11 * patch[1, k]
+        ax, ay = (i00 * patch[5, k] + i01 * patch[7, k], i10 * patch[5, k] + i11 * patch[7, k])
+        bx, by = (i00 * patch[6, k] + i01 * patch[8, k], i10 * patch[6, k] + i11 * patch[8, k])
+        warped[2, k], warped[3, k], warped[4, k], warped[5, k] = ax, ay, bx, by
+        mx += patch[9, k] * ax
+        my += patch[9, k] * ay
+        sxx += patch[10, k] * bx * bx
+        sxy += patch[10, k] * bx * by
+        syy += patch[10, k] * by * by
     if m0 > 0:
-        mx, my = mx / m0, my / m0
+        mx, my = np.float32(mx / m0), np.float32(my / m0)
     # an outline counts only across its direction
     angle = 0.5 * np.arctan2(2 * sxy, sxx - syy)
-    ex, ey = np.cos(angle), np.sin(angle)
-    hxx, hxy, hyy = 0.0, 0.0, 0.0
-    for a in range(size):
-        for b in range(size):
-            px[0, a, b] -= mx
-            py[0, a, b] -= my
-            along = px[1, a, b] * ex + py[1, a, b] * ey
-            px[1, a, b], py[1, a, b] = along * ex, along * ey
-            for c in range(2):
-                hxx += weight[c, a, b] * px[c, a, b] ** 2
-                hxy += weight[c, a, b] * px[c, a, b] * py[c, a, b]
-                hyy += weight[c, a, b] * py[c, a, b] ** 2
-    return hxx, hxy, hyy
+    ex, ey = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    hxx, hxy, hyy = zero, zero, zero
+    for k in range(patch.shape[1]):
+        s0, s1 = patch[9, k], patch[10, k]
+        ax, ay = warped[2, k] - mx, warped[3, k] - my
+        along = warped[4, k] * ex + warped[5, k] * ey
+        bx, by = along * ex, along * ey
+        hxx += s0 * ax * ax + s1 * bx * bx
+        hxy += s0 * ax * ay + s1 * bx * by
+        hyy += s0 * ay * ay + s1 * by * by
+        warped[2, k], warped[3, k], warped[4, k], warped[5, k] = s0 * ax, s0 * ay, s1 * bx, s1 * by
+    return float(hxx), float(hxy), float(hyy)
 
 
 @compiled
 def _residuals(
-    target: Image, x: float, y: float, w: Array, template: Array, weight: Array, px: Array,
-    py: Array, m0: float,
+    values: NDArray[np.float32], start: int, width: int, x: float, y: float, patch: Image,
+    warped: Image, m0: float,
 ) -> tuple[float, float, float]:
-    """Right-hand side rx, ry of a patch at (x, y), and its squared difference, bilinear."""
-    size, radius = px.shape[1], px.shape[1] // 2
-    w00, w01, w10, w11 = w[0, 0], w[0, 1], w[1, 0], w[1, 1]
-    mean, total, rx, ry = 0.0, 0.0, 0.0, 0.0
-    for a in range(size):
-        for b in range(size):
-            da, db = a - radius, b - radius
-            tx, ty = x + w00 * db + w01 * da, y + w10 * db + w11 * da
-            ix, iy = int(tx), int(ty)
-            fx, fy = tx - ix, ty - iy
-            c00, c01 = (1 - fx) * (1 - fy), fx * (1 - fy)
-            c10, c11 = (1 - fx) * fy, fx * fy
-            share = weight[0, a, b]
-            if share > 1e-3:
-                e = template[0, a, b] - (
-                    c00 * target[iy, ix, 0] + c01 * target[iy, ix + 1, 0]
-                    + c10 * target[iy + 1, ix, 0] + c11 * target[iy + 1, ix + 1, 0])
-                mean += share * e
-                total += share * e * e
-                rx += share * px[0, a, b] * e
-                ry += share * py[0, a, b] * e
-            share = weight[1, a, b]
-            if share > 0.0:
-                e = template[1, a, b] - (
-                    c00 * target[iy, ix, 1] + c01 * target[iy, ix + 1, 1]
-                    + c10 * target[iy + 1, ix, 1] + c11 * target[iy + 1, ix + 1, 1])
-                total += share * e * e
-                rx += share * px[1, a, b] * e
-                ry += share * py[1, a, b] * e
+    """Right-hand side rx, ry of a patch at (x, y), and its squared difference, bilinear.
+
+    Values are those of all images in a row, of which this one has the pixel `start` as its first.
+    """
+    left, top = int(x), int(y)
+    x_rest, y_rest = np.float32(x - left), np.float32(y - top)
+    first = start + top * width + left
+    zero = np.float32(0)
+    mean, total, rx, ry = zero, zero, zero, zero
+    for k in range(patch.shape[1]):
+        tx, ty = x_rest + warped[0, k], y_rest + warped[1, k]
+        column, row = np.floor(tx), np.floor(ty)
+        fx, fy = tx - column, ty - row
+        c11 = fx * fy
+        c01, c10 = fx - c11, fy - c11
+        c00 = np.float32(1) - fx - c10
+        at = np.uint64(2 * (first + np.int64(row) * width + np.int64(column)))
+        below = np.uint64(at + np.uint64(2 * width))
+        a = patch[3, k] - (
+            c00 * values[at] + c01 * values[at + np.uint64(2)]
+            + c10 * values[below] + c11 * values[below + np.uint64(2)])
+        b = patch[4, k] - (
+            c00 * values[at + np.uint64(1)] + c01 * values[at + np.uint64(3)]
+            + c10 * values[below + np.uint64(1)] + c11 * values[below + np.uint64(3)])
+        mean += patch[9, k] * a
+        total += patch[9, k] * a * a + patch[10, k] * b * b
+        rx += warped[2, k] * a + warped[4, k] * b
+        ry += warped[3, k] * a + warped[5, k] * b
     if m0 > 0:
-        mean /= m0
-        total -= m0 * mean * mean
-    return rx, ry, total
+        total -= np.float32(mean * mean / m0)
+    return float(rx), float(ry), float(total)
 
 
 @compiled

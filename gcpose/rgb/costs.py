@@ -13,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import MethodError
 from ...robots.geometry import Array
 from ..images import VideoEvidence
 from ..numerics import Image, compiled
 from .settings import RgbSettings
 
 _PATCH_ITERATIONS = 3
+_LANES = 16  # numbers in the widest registers of processors; loops over frames are multiples of it
 
 
 @dataclass(frozen=True)
@@ -35,22 +37,45 @@ class MovedRays:
     """Focal length and principal point, px"""
 
 
+def flow_records(evidence: VideoEvidence) -> Image:
+    """Return [T h w 6] the flow of each pixel to the next frame, px (2), its confidence uu, uv, vv
+    (3), and 1 on the foreground, side by side: reading at random places, memory is slow.
+
+    Raises:
+        MethodError: If the video is too large (compiled loops address it by 31 bits).
+    """
+    if 6 * evidence.moving.size >= 2**31:
+        raise MethodError(f"what moves covers {evidence.moving.size / 1e6:.0f} million pixels in "
+                          "all frames, and gcpose on rgb takes up to 357; use smaller images")
+    out = np.zeros((*evidence.moving.shape, 6), np.float32)
+    out[:-1, ..., :2], out[..., 5] = evidence.flow, evidence.moving
+    out[..., 2:5] = evidence.flow_confidence
+    return out
+
+
 def flow_costs(
-    rays: MovedRays, expected: Array, start: Array, evidence: VideoEvidence, iterations: int,
+    rays: MovedRays, expected: Array, start: Array, records: Image, iterations: int,
     settings: RgbSettings,
 ) -> tuple[Array, Array]:
     """Return the cost [N J] per frame of each part by flow, and the inverse depth [N J] with it.
 
     The depth is found in a number of iterations from start [N J], with a prior about the expected
-    inverse depth [N]. A part that moves a foreground
-    pixel to where the background is seen is an outlier.
+    inverse depth [N]. A part that moves a foreground pixel to where the background is seen is an
+    outlier. See `flow_records` for records [T h w 6].
     """
     s = settings
+    keys, frames, parts = rays.motion.shape[:3]
+    wide = frames if frames <= _LANES // 2 else (frames - 2) // _LANES * _LANES + _LANES + 1
+    motion = np.zeros((keys, parts - 1, 12, wide), np.float32)
+    rows = rays.motion[:, :, 1:, :3].reshape(keys, frames, parts - 1, 12)
+    motion[..., :frames] = np.moveaxis(rows, 1, 3)
+    height, width = records.shape[1:3]
+    limit = s.outlier_width * s.outlier_width
+    costs = np.array([limit, limit * s.background_cost, s.flow_sigma**2, s.flow_rate**2])
     return _flow_costs(
-        rays.ray, rays.key, expected, start, rays.motion, rays.camera, evidence.flow,
-        evidence.flow_confidence, evidence.moving, iterations,
-        (s.outlier_width * s.outlier_width, s.background_cost, s.flow_sigma, s.flow_rate),
-        _depth_prior(s.depth_sigma, s),
+        rays.ray, rays.key, expected, start, motion, frames,
+        tuple(np.array([*rays.camera, width, height], np.float32)), records.reshape(-1),
+        iterations, tuple(costs.astype(np.float32)), _depth_prior(s.depth_sigma, s),
     )
 
 
@@ -87,68 +112,102 @@ def _project(
             focal * (m[0, 3] - x / z * m[2, 3]) / z, focal * (m[1, 3] - y / z * m[2, 3]) / z)
 
 
+# Costs by flow are computed in single precision and without branches, for all frames of a point at
+# once: the loops over frames are compiled to instructions for several frames.
+
+
 @compiled
 def _flow_costs(
-    ray: Array, key: NDArray[np.int64], expected: Array, start: Array, relative: Array,
-    camera: tuple[float, float, float], flow: Image, confidence: Image, moving: NDArray[np.bool_],
-    iterations: int, costs: tuple[float, float, float, float],
-    prior: tuple[float, float, float, float],
+    ray: Array, key: NDArray[np.int64], expected: Array, start: Array, motion: Image, frames: int,
+    camera: tuple[np.float32, ...], records: NDArray[np.float32], iterations: int,
+    costs: tuple[np.float32, ...], prior: tuple[float, float, float, float],
 ) -> tuple[Array, Array]:
-    n, parts = len(ray), relative.shape[2] - 1
+    """See `flow_costs`; motion [K J 12 W] has three rows for each of W >= T frames."""
+    n, parts, wide = len(ray), motion.shape[1], motion.shape[3]
     cost, depth = np.zeros((n, parts)), np.ones((n, parts))
+    far, at = np.empty((3, wide), np.float32), np.empty((4, wide), np.float32)
+    record, seen = np.empty(wide, np.int32), np.empty(wide, np.float32)
     sigma, most, low, high = prior
+    stiff = 1.0 / (sigma * sigma)
     for i in range(n):
-        for p in range(1, parts + 1):
-            q, total, count = start[i, p - 1], 0.0, 0
+        a, b = np.float32(ray[i, 0]), np.float32(ray[i, 1])
+        for p in range(parts):
+            m = motion[key[i], p]
+            for t in range(wide):
+                far[0, t] = m[0, t] * a + m[1, t] * b + m[2, t]
+                far[1, t] = m[4, t] * a + m[5, t] * b + m[6, t]
+                far[2, t] = m[8, t] * a + m[9, t] * b + m[10, t]
+            q, total, count = start[i, p], 0.0, 0.0
             for step in range(iterations + 1):
-                g, h = (expected[i] - q) / (sigma * sigma), 1.0 / (sigma * sigma)
-                total, count, g, h = _add_flow(relative[key[i], :, p], ray[i], q, camera, flow,
-                                               confidence, moving, costs, g, h)
+                _project_frames(m, far, np.float32(q), frames, camera, at, record, seen)
+                total, count, g, h = _add_flow(at, record, seen, frames, records, costs)
+                g, h = g + (expected[i] - q) * stiff, h + stiff
                 if step < iterations:
                     q = min(high, max(low, q + min(most, max(-most, g / h))))
-            cost[i, p - 1] = total / max(1, count)
-            depth[i, p - 1] = q
+            cost[i, p] = total / max(1.0, count)
+            depth[i, p] = q
     return cost, depth
 
 
 @compiled
+def _project_frames(
+    m: Image, far: Image, q: np.float32, frames: int, camera: tuple[np.float32, ...], at: Image,
+    record: NDArray[np.int32], seen: NDArray[np.float32],
+) -> None:
+    """Write the place of a point in each frame, px, and its derivative by the inverse depth
+    (rows of at [4 W]), where its record begins, and 1 where the image has it, else 0."""
+    focal, cu, cv, width, height = camera
+    near, half, zero, one = np.float32(0.05), np.float32(0.5), np.float32(0), np.float32(1)
+    columns, rows = np.int32(width), np.int32(height)
+    for t in range(len(seen)):
+        z = far[2, t] + q * m[11, t]
+        scale = one / (z if z > near else near)
+        x, y = (far[0, t] + q * m[3, t]) * scale, (far[1, t] + q * m[7, t]) * scale
+        u, v = focal * x + cu, focal * y + cv
+        at[0, t], at[1, t] = u, v
+        at[2, t] = focal * scale * (m[3, t] - x * m[11, t])
+        at[3, t] = focal * scale * (m[7, t] - y * m[11, t])
+        u, v = u + half, v + half
+        inside = (u > zero) & (u < width) & (v > zero) & (v < height) & (t < frames)
+        seen[t] = one if inside else zero
+        place = (np.int32(t) * rows + np.int32(v)) * columns + np.int32(u)
+        record[t] = 6 * place if inside else np.int32(0)
+
+
+@compiled
 def _add_flow(
-    motion: Array, ray: Array, q: float, camera: tuple[float, float, float], flow: Image,
-    confidence: Image, moving: NDArray[np.bool_], costs: tuple[float, float, float, float],
-    g: float, h: float,
-) -> tuple[float, int, float, float]:
-    """Cost of a point over all frames, frames that show it, and its gradient and curvature by q
-    added to g and h."""
-    limit, background, sigma, rate = costs
-    height, width = moving.shape[1:]
-    total, count = 0.0, 0
-    u0, v0, du0, dv0, ok0 = 0.0, 0.0, 0.0, 0.0, False
-    fu, fv, wuu, wuv, wvv = 0.0, 0.0, 0.0, 0.0, 0.0
-    for t in range(len(motion)):
-        u, v, du, dv = _project(motion[t], ray, q, camera)
-        if ok0:
-            ru, rv = fu - (u - u0), fv - (v - v0)
-            e = wuu * ru * ru + 2 * wuv * ru * rv + wvv * rv * rv
-            robust = 1.0 / (1.0 + e / limit) ** 2
-            total += limit * e / (limit + e)
-            au, av = wuu * ru + wuv * rv, wuv * ru + wvv * rv
-            bu, bv = du - du0, dv - dv0
-            g += robust * (au * bu + av * bv)
-            h += robust * (wuu * bu * bu + 2 * wuv * bu * bv + wvv * bv * bv)
-        ok0 = -0.5 < u < width - 0.5 and -0.5 < v < height - 0.5
-        if ok0:
-            iu, iv = int(np.rint(u)), int(np.rint(v))
-            count += 1
-            if not moving[t, iv, iu]:
-                total += background * limit
-                ok0 = False
-            elif t < len(flow):
-                fu, fv = flow[t, iv, iu, 0], flow[t, iv, iu, 1]
-                s = 1.0 / (sigma**2 + rate**2 * (fu * fu + fv * fv))
-                wuu, wuv = s * confidence[t, iv, iu, 0], s * confidence[t, iv, iu, 1]
-                wvv = s * confidence[t, iv, iu, 2]
-        u0, v0, du0, dv0 = u, v, du, dv
-    return total, count, g, h
+    at: Image, record: NDArray[np.int32], seen: NDArray[np.float32], frames: int,
+    records: NDArray[np.float32], costs: tuple[np.float32, ...],
+) -> tuple[float, float, float, float]:
+    """Cost of a point over all frames, frames that show it, and its gradient and curvature by the
+    inverse depth."""
+    limit, background, square, rate = costs
+    zero, two = np.float32(0), np.float32(2)
+    total, count, g, h = zero, zero, zero, zero
+    last = frames - 1
+    for t in range(len(seen) - 1):
+        k = np.uint32(record[t])
+        fu, fv, here = records[k], records[k + np.uint32(1)], seen[t]
+        moving = here * records[k + np.uint32(5)]
+        s = (moving if t < last else zero) / (square + rate * (fu * fu + fv * fv))
+        wuu, wuv = s * records[k + np.uint32(2)], s * records[k + np.uint32(3)]
+        wvv = s * records[k + np.uint32(4)]
+        ru, rv = fu - (at[0, t + 1] - at[0, t]), fv - (at[1, t + 1] - at[1, t])
+        bu, bv = at[2, t + 1] - at[2, t], at[3, t + 1] - at[3, t]
+        au, av = wuu * ru + wuv * rv, wuv * ru + wvv * rv
+        e = au * ru + av * rv
+        share = limit / (limit + e)
+        total += e * share + background * (here - moving)
+        count += here
+        share = share * share
+        g += share * (au * bu + av * bv)
+        h += share * (wuu * bu * bu + two * wuv * bu * bv + wvv * bv * bv)
+    if len(seen) == frames:  # the last frame has no flow
+        here = seen[last]
+        moving = here * records[np.uint32(record[last]) + np.uint32(5)]
+        total += background * (here - moving)
+        count += here
+    return float(total), float(count), float(g), float(h)
 
 
 @compiled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,8 +11,8 @@ from ...robots.geometry import Array, inverse
 from ..chain import HingePrior, JointPriors, locate_hinges, offset_from_axis, scale_twists
 from ..estimator import Adjustment, Hypothesis, Round, run_em, track
 from ..images import VideoEvidence, geodesic_rank
-from ..numerics import Solver
-from .costs import MovedRays, flow_costs, patch_costs
+from ..numerics import Image, Solver
+from .costs import MovedRays, flow_costs, flow_records, patch_costs
 from .labels import (
     SampledPixels,
     assign_labels,
@@ -94,6 +95,10 @@ class RgbEvidence:
         """The key frames of refinements."""
         return tuple(range(0, self.video.frames, self.settings.final_key_frame_step))
 
+    @cached_property
+    def _flow_records(self) -> Image:
+        return flow_records(self.video)
+
     def by_each_flow(self) -> list[RgbEvidence]:
         """Return this evidence, and that by each other flow of the video."""
         return [self, *(RgbEvidence(video, self.priors, self.settings)
@@ -123,7 +128,7 @@ class RgbEvidence:
         by_flow = np.zeros_like(depth)
         for iterations in self.settings.depth_rounds:
             by_flow, depth = flow_costs(
-                rays, points.expected, depth, self.video, iterations, self.settings)
+                rays, points.expected, depth, self._flow_records, iterations, self.settings)
             if iterations:
                 depth = points.average(depth)
         by_flow[points.outline.on] = 0.0  # there, flow is a mixture: neighbors label these pixels

@@ -12,6 +12,11 @@ from ..numerics import Image, compiled
 from .labels import SampledPixels
 from .settings import RgbSettings
 
+_ON_FOREGROUND = -1.0
+_Numbers = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]
+"""Focal length and principal point, px; limit of the cost, information of inverse depths, and their
+least and largest change"""
+
 
 def sweep_flow(
     evidence: VideoEvidence, known: JointPriors, points: SampledPixels, to: int,
@@ -71,65 +76,89 @@ def flow_step_costs(
     and the expected inverse depth; the camera is the focal length and the principal point, px.
     """
     s = settings
-    numbers = (s.sweep_limit, s.outside_cost, s.background_cost, s.depth_sigma,
-               s.min_sweep_inverse_depth - 1.0, s.max_sweep_inverse_depth - 1.0)
+    ground = np.where(moving, _ON_FOREGROUND, s.background_cost * s.sweep_limit)
+    ground = np.pad(ground.astype(np.float32), 1, constant_values=s.outside_cost * s.sweep_limit)
+    f, cu, cv = np.array(camera, np.float32)
+    numbers = (f, cu, cv, *np.array([
+        s.sweep_limit, 1 / s.depth_sigma**2, s.min_sweep_inverse_depth - 1,
+        s.max_sweep_inverse_depth - 1], np.float32))
+    rows = np.ascontiguousarray(column.T, np.float32)
 
     def fill_costs(motion: Array, out: Image) -> None:
-        _fill_costs(moving, camera, motion, column, numbers, out)
+        _fill_costs(ground, motion, rows, numbers, out)
 
     def fill_means(motion: Array, turn: Array, before: Image, out: Image) -> None:
-        _fill_means(moving, camera, motion, turn, before, column, numbers, out)
+        _fill_means(ground, motion, turn, before, rows, numbers, out)
 
     return StepCosts(len(column), fill_costs, fill_means)
 
 
 @compiled
 def _cost(
-    moving: NDArray[np.bool_], camera: tuple[float, float, float], m: Array, column: Array, i: int,
-    numbers: tuple[float, float, float, float, float, float],
-) -> float:
-    """Robust cost of point i under a motion [4 4], at its best depth after one iteration."""
-    focal, cu, cv = camera
-    limit, outside, background, sigma, low, high = numbers
-    a, b, expected = column[i, 0], column[i, 1], column[i, 7]
-    x = m[0, 0] * a + m[0, 1] * b + m[0, 2] + expected * m[0, 3]
-    y = m[1, 0] * a + m[1, 1] * b + m[1, 2] + expected * m[1, 3]
-    z = max(0.05, m[2, 0] * a + m[2, 1] * b + m[2, 2] + expected * m[2, 3])
-    u, v = focal * x / z + cu, focal * y / z + cv
-    du = focal * (m[0, 3] - x / z * m[2, 3]) / z  # by inverse depth
-    dv = focal * (m[1, 3] - y / z * m[2, 3]) / z
-    ru, rv = column[i, 2] - u, column[i, 3] - v
-    uu, uv, vv = column[i, 4], column[i, 5], column[i, 6]
+    i: int, m: tuple[np.float32, ...], rows: Image, ground: NDArray[np.float32], height: int,
+    width: int, numbers: _Numbers,
+) -> np.float32:
+    """Robust cost of point i (of rows [8 N]) under a motion, at its best depth after one iteration.
+
+    Ground [h+2 w+2] has the cost of each place with a border that stands for all that is outside;
+    it is negative where the cost is that of the flow. All is in single precision and without
+    branches, so that a sum over points is compiled to instructions for several points.
+    """
+    m00, m01, m02, m03, m10, m11, m12, m13, m20, m21, m22, m23 = m
+    focal, cu, cv, limit, stiff, low, high = numbers
+    zero, two, near, middle = np.float32(0), np.float32(2), np.float32(0.05), np.float32(1.5)
+    right, bottom = np.float32(width - 1), np.float32(height - 1)
+    a, b, expected = rows[0, i], rows[1, i], rows[7, i]
+    x = m00 * a + m01 * b + m02 + expected * m03
+    y = m10 * a + m11 * b + m12 + expected * m13
+    z = m20 * a + m21 * b + m22 + expected * m23
+    z = z if z > near else near
+    x, y, scale = x / z, y / z, focal / z
+    u, v = focal * x + cu, focal * y + cv
+    du, dv = scale * (m03 - x * m23), scale * (m13 - y * m23)  # by inverse depth
+    ru, rv = rows[2, i] - u, rows[3, i] - v
+    uu, uv, vv = rows[4, i], rows[5, i], rows[6, i]
     su, sv = uu * du + uv * dv, uv * du + vv * dv
-    h = 1.0 / (sigma * sigma) + su * du + sv * dv
-    q = min(high, max(low, (su * ru + sv * rv) / h))
+    q = (su * ru + sv * rv) / (stiff + su * du + sv * dv)
+    q = q if q > low else low
+    q = q if q < high else high
     u, v, ru, rv = u + q * du, v + q * dv, ru - q * du, rv - q * dv
-    e = uu * ru * ru + 2 * uv * ru * rv + vv * rv * rv + q * q / (sigma * sigma)
-    iu, iv = int(np.rint(u)), int(np.rint(v))
-    if iu < 0 or iv < 0 or iu >= moving.shape[1] or iv >= moving.shape[0]:
-        return outside * limit
-    if not moving[iv, iu]:
-        return background * limit
-    return limit * e / (limit + e)
+    e = uu * ru * ru + two * uv * ru * rv + vv * rv * rv + stiff * q * q
+    u, v = u + middle, v + middle  # the border is one pixel wide; half a pixel to round
+    u = u if u > zero else zero
+    u = u if u < right else right
+    v = v if v > zero else zero
+    v = v if v < bottom else bottom
+    there = ground[np.uint32(np.int32(v) * np.int32(width) + np.int32(u))]
+    return limit * e / (limit + e) if there < zero else there
+
+
+@compiled
+def _single(m: Array) -> tuple[np.float32, ...]:
+    """The first three rows of a motion [4 4], in single precision."""
+    return (np.float32(m[0, 0]), np.float32(m[0, 1]), np.float32(m[0, 2]), np.float32(m[0, 3]),
+            np.float32(m[1, 0]), np.float32(m[1, 1]), np.float32(m[1, 2]), np.float32(m[1, 3]),
+            np.float32(m[2, 0]), np.float32(m[2, 1]), np.float32(m[2, 2]), np.float32(m[2, 3]))
 
 
 @compiled
 def _fill_costs(
-    moving: NDArray[np.bool_], camera: tuple[float, float, float], motion: Array, column: Array,
-    numbers: tuple[float, float, float, float, float, float], out: Image,
+    ground: Image, motion: Array, rows: Image, numbers: _Numbers, out: Image
 ) -> None:
+    places, (height, width) = ground.reshape(-1), ground.shape
     for k in range(len(motion)):
-        for i in range(len(column)):
-            out[k, i] = _cost(moving, camera, motion[k], column, i, numbers)
+        m = _single(motion[k])
+        for i in range(rows.shape[1]):
+            out[k, i] = _cost(i, m, rows, places, height, width, numbers)
 
 
 @compiled
 def _fill_means(
-    moving: NDArray[np.bool_], camera: tuple[float, float, float], motion: Array, turn: Array,
-    before: Image, column: Array, numbers: tuple[float, float, float, float, float, float],
+    ground: Image, motion: Array, turn: Array, before: Image, rows: Image, numbers: _Numbers,
     out: Image,
 ) -> None:
-    both = np.empty((4, 4))
+    places, (height, width) = ground.reshape(-1), ground.shape
+    both = np.empty((3, 4))
     for k in range(len(motion)):
         for p in range(len(turn)):
             for a in range(3):
@@ -138,7 +167,8 @@ def _fill_means(
                     for c in range(3):
                         s += motion[k, a, c] * turn[p, c, b]
                     both[a, b] = s
-            total = 0.0
-            for i in range(len(column)):
-                total += min(_cost(moving, camera, both, column, i, numbers), before[k, i])
-            out[k, p] = total / len(column)
+            m, total = _single(both), np.float32(0)
+            for i in range(rows.shape[1]):
+                cost, old = _cost(i, m, rows, places, height, width, numbers), before[k, i]
+                total += cost if cost < old else old
+            out[k, p] = total / rows.shape[1]

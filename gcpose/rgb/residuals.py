@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import get_lapack_funcs
 
 from ...robots.geometry import Array
 from ..chain import Articulation, relative_derivatives
@@ -22,6 +23,8 @@ from ..estimator import BundleEquations
 from .kernels import accumulate
 from .points import InverseDepthPoints, motions_from_frames
 from .settings import RgbSettings
+
+_SOLVE_POSITIVE: Any = get_lapack_funcs("posv", dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -99,8 +102,7 @@ class RayResiduals:
         for mine, smooth in self.smoothness:
             square = smooth + np.diag(h[mine])
             right = np.column_stack([coupling[mine], g[mine] - smooth @ depth[mine]])
-            factor = cho_factor(square, check_finite=False)
-            both = cho_solve(factor, right, check_finite=False)
+            both = _SOLVE_POSITIVE(square.T, right, overwrite_a=True)[1]
             by_depth[mine], alone[mine] = both[:, :-1], both[:, -1]
         return by_depth, alone
 

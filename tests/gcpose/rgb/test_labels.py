@@ -6,7 +6,8 @@ from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
-from gcbench.gcpose.rgb.costs import MovedRays, patch_costs
+import pytest
+from gcbench.gcpose.rgb.costs import MovedRays, flow_costs, patch_costs
 from gcbench.gcpose.rgb.labels import (
     SampledPixels,
     assign_labels,
@@ -57,6 +58,50 @@ def test_patches_speak_for_the_part_that_moved_them() -> None:
     few = np.where(np.arange(FRAMES)[:, None, None] > 4, rays.place_information, 0.0)
     assert np.abs(costs(few) - cost).max() > 0.1
     assert not costs(0.0 * few).any()  # nothing was found, nothing is said
+
+
+def flow_cost(
+    records: np.ndarray, motion: np.ndarray, ray: np.ndarray, q: float, s: RgbSettings
+) -> float:
+    """The cost of one point by its definition; motion [T 4 4]."""
+    limit, total, count = s.outlier_width**2, 0.0, 0
+    at = np.stack([INTRINSICS @ (m[:3, :3] @ ray + q * m[:3, 3]) for m in motion])
+    at = at[:, :2] / at[:, 2:]
+    height, width = records.shape[1:3]
+    for t, (u, v) in enumerate(at):
+        if not (-0.5 < u < width - 0.5 and -0.5 < v < height - 0.5):
+            continue
+        count += 1
+        flow, (uu, uv, vv), moving = np.split(records[t, round(v), round(u)], [2, 5])
+        if not moving:
+            total += s.background_cost * limit
+        elif t + 1 < len(motion):
+            off = flow - (at[t + 1] - at[t])
+            e = off @ np.array([[uu, uv], [uv, vv]]) @ off
+            e /= s.flow_sigma**2 + s.flow_rate**2 * (flow @ flow)
+            total += limit * e / (limit + e)
+    return total / max(1, count)
+
+
+@pytest.mark.parametrize("frames", [2, 8, 9, 17, 18, 33])
+def test_flow_costs_are_those_of_their_definition(frames: int) -> None:
+    rng, s = np.random.default_rng(frames), RgbSettings()
+    state, _ = chain()
+    records = rng.random((frames, 240, 320, 6), np.float32)
+    records[..., 3] *= np.sqrt(records[..., 2] * records[..., 4])  # no confidence is negative
+    records[..., 5] = rng.random((frames, 240, 320)) < 0.8
+    angle = 0.02 * state.angle[-1] * np.arange(frames)[:, None]
+    motion = replace(state, angle=angle).motions(frames)[None]
+    ray = np.concatenate([rng.uniform(-0.4, 0.4, (60, 2)), np.ones((60, 1))], axis=1)
+    depth = rng.uniform(0.7, 1.4, (60, 3))
+    rays = MovedRays(ray, np.zeros(60, np.int64), motion, (600.0, 160.0, 120.0))
+    cost, same = flow_costs(rays, np.ones(60), depth, records, 0, s)
+    expected = np.array([[flow_cost(records, motion[0, :, 1 + p], ray[i], depth[i, p], s)
+                          for p in range(3)] for i in range(60)])
+    # rounding may lead to the next pixel
+    assert np.isclose(cost, expected, rtol=1e-3, atol=1e-3).mean() > 0.99
+    np.testing.assert_array_equal(same, depth)
+    assert expected.std() > 1
 
 
 def two_frames(side: int = 8) -> SampledPixels:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.benchmark.methods.registry import load_method, with_options
+from gcbench.errors import MethodError
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.chain.priors import JointPriors, joint_priors, scale_axes
 from gcbench.gcpose.estimator import BundleEquations
@@ -19,6 +20,7 @@ from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import FrontEnd, VideoEvidence, video_evidence
 from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.numerics.threads import thread_map
+from gcbench.gcpose.rgb.costs import flow_records
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance
@@ -104,6 +106,13 @@ def test_each_flow_has_its_search() -> None:
     assert one is not None and two is not None
     assert len(two[1]) + 1 == 2 * (len(one[1]) + 1)  # the best one is no alternative
     np.testing.assert_allclose(two[0].state.angle, one[0].state.angle, atol=1e-3)
+
+
+def test_a_video_that_is_too_large_is_an_error() -> None:
+    seen = evidence_of(door(0.5))
+    large = np.broadcast_to(np.ones(1, bool), (1200, 480, 640))
+    with pytest.raises(MethodError, match=r"369 million pixels .* smaller images"):
+        flow_records(replace(seen, moving=large))
 
 
 def test_a_true_mask_replaces_the_foreground() -> None:
