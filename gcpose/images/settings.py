@@ -11,10 +11,6 @@ from ..numerics import Count, NonNegative, Positive, Share, Whole
 class FlowSettings:
     """Settings of optical flow, by the names of `--flow`."""
 
-    difference: Positive = 1.0
-    """Difference of two flows at which their mean counts half where it is short, px."""
-    difference_rate: NonNegative = 0.1  # The same, as a share of the flow's length.
-
     fine_scale: Whole = 0  # Finest scale of `dis-fine`; 0 is the full resolution.
     fine_stride: Count = 2  # Distance between the patches of `dis-fine`, px.
     fine_iterations: Count = 40  # Gradient descent steps of each patch of `dis-fine`.

@@ -39,8 +39,7 @@ class VideoEvidence:
     texture_confidence: Image
     """[T h w 3] uu, uv, vv: 1 in the direction of a strong gradient, 0 of none"""
     flow_confidence: Image
-    """[T h w 3] the same, less where two flows differ; 1 in all directions where the flow is the
-    true one"""
+    """[T h w 3] the same; 1 in all directions where the flow is the true one"""
     settings: ImageSettings
     inverse_depth: Image | None = None
     """[T h w] a network's or measured, about 1"""
@@ -52,8 +51,8 @@ class VideoEvidence:
     """[T h w] where an outline of the foreground is sharp; None: everywhere"""
     true_flow: bool = False
     """Whether the flow is the true one, for an oracle"""
-    others: tuple[VideoEvidence, ...] = ()
-    """The evidence in the same video by other flows"""
+    second: VideoEvidence | None = None
+    """The evidence in the same video by a second flow"""
 
     @property
     def frames(self) -> int:
@@ -105,7 +104,7 @@ def video_evidence(
     if back is not None:
         back = _cut_flow(back, box)
     elif front_end.bidirectional:
-        back = np.ascontiguousarray(_estimate_flow(sized, crop[::-1])[::-1])
+        back = _backward_flow(sized, crop)
     gray = np.stack([np.asarray(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), np.float32) for i in crop])
     inverse_depth, distance, depth = None, None, observation.depth
     if depth is None and front_end.depth is not None:
@@ -128,7 +127,10 @@ def video_evidence(
     )
     if front_end.second_flow is None or evidence.true_flow:
         return evidence
-    return _with_second_flow(evidence, for_cuts_of(front_end.second_flow, *rgb.shape[1:3]), crop)
+    sized = for_cuts_of(front_end.second_flow, *rgb.shape[1:3])
+    back = _backward_flow(sized, crop) if front_end.bidirectional else None
+    second = replace(evidence, flow=_estimate_flow(sized, crop), flow_backward=back)
+    return replace(evidence, second=second)
 
 
 def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
@@ -136,23 +138,9 @@ def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
     return np.stack([flow(a, b) for a, b in itertools.pairwise(images)]).astype(np.float32)
 
 
-def _with_second_flow(
-    evidence: VideoEvidence, flow: Flow, images: NDArray[np.uint8]
-) -> VideoEvidence:
-    """The evidence with two others: by a second flow, and by the mean of both flows, which counts
-    less where they differ."""
-    s, one, two = evidence.settings.flow, evidence.flow, _estimate_flow(flow, images)
-    back, mean_back = evidence.flow_backward, None
-    if back is not None:
-        first, back = back, np.ascontiguousarray(_estimate_flow(flow, images[::-1])[::-1])
-        mean_back = (first + back) / 2
-    mean = (one + two) / 2
-    limit = s.difference**2 + s.difference_rate**2 * (mean**2).sum(axis=3)
-    confidence = evidence.flow_confidence.copy()
-    confidence[:-1] *= (limit / (limit + ((one - two) ** 2).sum(axis=3)))[..., None]
-    return replace(evidence, others=(
-        replace(evidence, flow=two, flow_backward=back),
-        replace(evidence, flow=mean, flow_backward=mean_back, flow_confidence=confidence)))
+def _backward_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
+    """Flow [T-1 h w 2] to each image from the next."""
+    return np.ascontiguousarray(_estimate_flow(flow, images[::-1])[::-1])
 
 
 def _cut_flow(flow: NDArray[np.float32], box: tuple[slice, slice]) -> Image:

@@ -100,9 +100,10 @@ class RgbEvidence:
         return flow_records(self.video)
 
     def by_each_flow(self) -> list[RgbEvidence]:
-        """Return this evidence, and that by each other flow of the video."""
-        return [self, *(RgbEvidence(video, self.priors, self.settings)
-                        for video in self.video.others)]
+        """Return this evidence, and that by the second flow of the video."""
+        second = self.video.second
+        return [self] if second is None else [
+            self, RgbEvidence(second, self.priors, self.settings)]
 
     def sample(
         self, frames: tuple[int, ...], most: int, outline: OutlineKind = "none"

@@ -44,7 +44,7 @@ def estimate_rgb(
         return None
     if evidence.distance is not None:
         settings = with_measured_depth(settings)
-    if evidence.others:
+    if evidence.second:
         settings = replace(settings, score_flow=settings.score_flow_pair)
     distance = evidence.distance or object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))

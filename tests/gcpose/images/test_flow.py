@@ -1,4 +1,4 @@
-"""Two flows, and the evidence by each of them and by their mean."""
+"""Two flows, and the evidence by each of them."""
 
 from __future__ import annotations
 
@@ -50,25 +50,19 @@ def test_a_method_without_searches_takes_the_mean_of_two_flows() -> None:
     front = FrontEnd(FlowPair(constant(3, 3), constant(3, 7)),
                      lambda rgb: subtract_background(rgb, SETTINGS))
     video = video_evidence(door(0.5), front, SETTINGS)
-    assert video is not None and not video.others
+    assert video is not None and video.second is None
     np.testing.assert_allclose(np.unique(video.flow[..., 0]), [3, 5])
 
 
-def test_the_mean_counts_less_where_two_flows_differ() -> None:
+def test_a_second_flow_has_its_own_evidence() -> None:
     front = FrontEnd(constant(3, 3), lambda rgb: subtract_background(rgb, SETTINGS),
                      bidirectional=True, second_flow=constant(3, 7))
     video = video_evidence(door(0.5), front, SETTINGS)
-    assert video is not None
-    second, mean = video.others
+    assert video is not None and video.second is not None
     middle = video.flow.shape[2] // 2
-    for each, right in ((video, 3), (second, 7), (mean, 5)):
+    for each, right in ((video, 3), (video.second, 7)):
         assert each.flow_backward is not None
         for flow in (each.flow, each.flow_backward):
             np.testing.assert_allclose(flow[:, :, :middle, 0], 3)
             np.testing.assert_allclose(flow[:, :, middle:, 0], right)
-    of, found = SETTINGS.flow, video.flow_confidence
-    assert found.max() > 0.5 and second.flow_confidence is found
-    limit = of.difference**2 + (5 * of.difference_rate) ** 2
-    share = np.ones((*found.shape[:3], 1))
-    share[:-1, :, middle:] = limit / (limit + 4**2)
-    np.testing.assert_allclose(mean.flow_confidence, found * share, rtol=1e-5)
+    assert video.second.moving is video.moving

@@ -102,7 +102,7 @@ def test_each_flow_has_its_search() -> None:
     observation = door(0.5)
     video, priors = evidence_of(observation), joint_priors(observation)
     one = search_video(RgbEvidence(video, priors, SETTINGS))
-    two = search_video(RgbEvidence(replace(video, others=(video,)), priors, SETTINGS))
+    two = search_video(RgbEvidence(replace(video, second=video), priors, SETTINGS))
     assert one is not None and two is not None
     assert len(two[1]) + 1 == 2 * (len(one[1]) + 1)  # the best one is no alternative
     np.testing.assert_allclose(two[0].state.angle, one[0].state.angle, atol=1e-3)
