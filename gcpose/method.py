@@ -30,13 +30,20 @@ _RELIABLE_TURN, _RELIABLE_SLIDE = np.radians(10.0) / 3, 0.1 / 3
 `Estimate.reliable` promises in 95 % of the cases, since the errors have heavy tails."""
 
 
+def two_flows_pay(observation: Observation, priors: JointPriors) -> bool:
+    """Return whether an object is searched by two flows by default: on plain video, where it has
+    several joints, of whose axes the directions alone are known."""
+    return (observation.depth is None and len(priors.prismatic) > 1 and priors.line is None
+            and priors.direction is not None)
+
+
 class GCPose:
     """Articulated motion from a video by geometric constraints alone."""
 
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "24"
+    version = "25"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -47,7 +54,8 @@ class GCPose:
         """Make a method with an optical flow, a depth network, a foreground, and settings.
 
         Args:
-            flow: A flow, or the name of one (images/flow.py); default: OpenCV's DIS.
+            flow: A flow, or the name of one (images/flow.py); default: OpenCV's DIS, and on plain
+                video of several joints at `axes` the network `raft` as well.
             depth: Name of a network for depth from single images (images/depth.py).
             foreground: Name of what finds the moving pixels of plain video (images/foreground.py);
                 default: the network whose weights come with gcbench.
@@ -60,9 +68,11 @@ class GCPose:
         of = settings.images.flow
         named = (find_flow(flow, of) if flow else None) if isinstance(flow, str) else flow
         self.flow: Flow = named or dis_flow
-        one, two = (named.one, named.two) if isinstance(named, FlowPair) else (named, None)
+        self._flow_is_named = named is not None
+        used = named or find_flow("dis-fine+raft", of)
+        one, two = (used.one, used.two) if isinstance(used, FlowPair) else (used, None)
         self.front_end = FrontEnd(
-            one or find_flow("dis-fine", of),
+            one,
             find_foreground(foreground or "network", settings.images),
             find_depth(depth) if depth else None,
             bidirectional=settings.rgb.track_share > 0, averages_depth=True,
@@ -72,7 +82,7 @@ class GCPose:
                                 foreground=foreground)
         self.name += "".join(f" {k}={v}" for k, v in settings.changes().items())
         end = self.front_end
-        self.training = training_of(self.flow, end.foreground, end.depth)
+        self.training = training_of(end.flow, end.second_flow, end.foreground, end.depth)
 
     def estimate(self, observation: Observation) -> Estimate:
         """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves."""
@@ -94,8 +104,11 @@ class GCPose:
     def _estimate_by_images(
         self, observation: Observation, priors: JointPriors
     ) -> Estimate | None:
-        settings = self.settings
-        return estimate_rgb(observation, priors, self.front_end, settings.rgb, settings.images)
+        """By the flow that was named; else by two where this was found to pay."""
+        settings, end = self.settings, self.front_end
+        if not (self._flow_is_named or two_flows_pay(observation, priors)):
+            end = replace(end, second_flow=None)
+        return estimate_rgb(observation, priors, end, settings.rgb, settings.images)
 
     def _estimate_by_depth(
         self, observation: Observation, priors: JointPriors

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..chain import (
@@ -37,18 +38,33 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     """Return the best articulation, and the other motions of the last two stages; None where too
     few moving pixels are seen.
 
-    Each flow of the video has its search. Their best motions are compared by the first flow.
+    Each flow of the video has its search. Their best motions are compared by the first flow. A
+    motion that several searches have found counts as better.
     """
     s = evidence.settings
-    stages = [search_motions(each) for each in evidence.by_each_flow()]
-    best = [h for found in stages for h in select_hypotheses(
-        found, s.final_kept, s, labels=1.0, key=partial(score_hypothesis, settings=s))]
-    if not best:
+    score = partial(score_hypothesis, settings=s)
+    searches = [search_motions(each) for each in evidence.by_each_flow()]
+    best = [select_hypotheses(found, s.final_kept, s, labels=1.0, key=score) for found in searches]
+    if not any(best):
         return None
-    stages.append(refine_last(evidence, best))
-    chosen = min(stages[-1], key=partial(score_hypothesis, settings=s))
-    return chosen, [other for stage in stages for other in compare_scores(stage, s)
-                    if other[0] is not chosen.state]
+    last = refine_last(evidence, [h for some in best for h in some])
+    search = np.repeat(np.arange(len(best)), [len(some) for some in best])
+    agreeing = count_agreeing(np.stack([h.state.angle[-1] for h in last]), search, s.agreement)
+    scores = [score(h) - s.score_agreement * n for h, n in zip(last, agreeing, strict=True)]
+    chosen = last[int(np.argmin(scores))]
+    others = [other for found in searches for other in compare_scores(found, map(score, found))]
+    others += compare_scores(last, scores)
+    return chosen, [other for other in others if other[0] is not chosen.state]
+
+
+def count_agreeing(
+    motion: Array, search: NDArray[np.int64], tolerance: float
+) -> NDArray[np.int64]:
+    """Return for each of N motions [N J] how many other searches have one that differs by at most
+    a tolerance in each joint; `search` [N] tells which search found it."""
+    alike = np.abs(motion[:, None] - motion).max(axis=2) <= tolerance
+    return np.array([len(np.unique(search[same & (search != own)]))
+                     for same, own in zip(alike, search, strict=True)])
 
 
 def search_motions(evidence: RgbEvidence) -> list[VideoHypothesis]:
@@ -127,9 +143,9 @@ def search_door(
     return refine_in_stages(found, best, *((kept, search) for kept in s.doors_kept))
 
 
-def compare_scores(found: list[VideoHypothesis], settings: RgbSettings) -> Alternatives:
+def compare_scores(found: list[VideoHypothesis], scores: Iterable[float]) -> Alternatives:
     """Return the motions of one stage with their scores above the best."""
-    scores = [score_hypothesis(h, settings) for h in found]
+    scores = list(scores)
     return [(h.state, score - min(scores)) for h, score in zip(found, scores, strict=True)]
 
 

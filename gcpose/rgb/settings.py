@@ -172,6 +172,10 @@ class RgbSettings:
     score_tracks: NonNegative = 1.0  # Weight of the cost of tracks against the patches'.
     score_flow: NonNegative = 0.2  # Weight of the flow cost against the patches'.
     score_flow_pair: NonNegative = 0.7  # The same where there are two flows.
+    score_agreement: NonNegative = 0.1  # Subtracted for each other search that agrees.
+    agreement: NonNegative = 3 * DEGREE
+    """Difference of a last displacement up to which motions of two searches agree, rad or
+    length."""
     score_jerk: NonNegative = 30.0  # Weight of the RMS second difference, 1/rad.
     score_inversions: NonNegative = 1.5  # Weight of the share of labels out of order.
     score_offset: NonNegative = 0.1  # Weight of an axis that passes far from its hinge.

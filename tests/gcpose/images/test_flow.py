@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gcbench.errors import ConfigError
+from gcbench.gcpose.chain import joint_priors
 from gcbench.gcpose.images import FrontEnd, ImageSettings, subtract_background, video_evidence
 from gcbench.gcpose.images.flow import Flow, FlowPair, dis_flow, find_flow, fine_dis_flow
-from gcbench.gcpose.method import GCPose
+from gcbench.gcpose.images.raft_network import RaftInference
+from gcbench.gcpose.method import GCPose, two_flows_pay
 from numpy.typing import NDArray
 
+from ...support.boxes import scene, told
 from ...support.ray_scenes import door, texture
 
 SETTINGS = ImageSettings()
@@ -41,9 +46,25 @@ def test_a_name_makes_two_flows() -> None:
     assert end.second_flow is dis_flow
     np.testing.assert_array_equal(end.flow(a, b), one)
     assert method.name == "gcpose flow=dis-fine+dis"
-    assert method.training == GCPose().training
+    assert method.training == GCPose("dis-fine").training
     with pytest.raises(ConfigError, match="no flow 'raft2'"):
         find_flow("dis-fine+raft2")
+
+
+@pytest.mark.parametrize(("kind", "knowledge", "inputs", "two"), [
+    ("arm", "axes", "rgb", True), ("arm", "kinematics", "rgb", False),
+    ("arm", "free", "rgb", False), ("arm", "axes", "rgbd", False), ("slide", "axes", "rgb", False),
+])
+def test_two_flows_are_the_default_where_they_pay(
+    kind: str, knowledge: str, inputs: str, two: bool
+) -> None:
+    seen = told(scene(kind)[0], knowledge)
+    if inputs == "rgb":
+        seen = replace(seen, depth=None)
+    assert two_flows_pay(seen, joint_priors(seen)) == two
+    second = GCPose().front_end.second_flow
+    assert isinstance(second, RaftInference) and second.training in GCPose().training
+    assert GCPose("dis-fine").front_end.second_flow is None
 
 
 def test_a_method_without_searches_takes_the_mean_of_two_flows() -> None:

@@ -25,7 +25,12 @@ from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance
 from gcbench.gcpose.rgb.points import InverseDepthPoints
-from gcbench.gcpose.rgb.search import score_hypothesis, search_video, select_hypotheses
+from gcbench.gcpose.rgb.search import (
+    count_agreeing,
+    score_hypothesis,
+    search_video,
+    select_hypotheses,
+)
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.renderer.types.observation import Observation
 
@@ -113,6 +118,14 @@ def test_a_video_that_is_too_large_is_an_error() -> None:
     large = np.broadcast_to(np.ones(1, bool), (1200, 480, 640))
     with pytest.raises(MethodError, match=r"369 million pixels .* smaller images"):
         flow_records(replace(seen, moving=large))
+
+
+def test_searches_agree_on_motions_that_are_alike() -> None:
+    motion = np.array([[0.1, 0.5], [0.3, 0.5], [0.11, 0.49], [0.1, 0.5], [0.1, 0.9], [0.12, 0.5]])
+    search = np.array([0, 0, 1, 1, 1, 2])
+    assert (count_agreeing(motion, search, 0.03) == [2, 0, 2, 2, 0, 2]).all()
+    assert (count_agreeing(motion, search, 0.015) == [1, 0, 2, 1, 0, 1]).all()
+    assert not count_agreeing(motion, 0 * search, 1.0).any()
 
 
 def test_a_true_mask_replaces_the_foreground() -> None:
