@@ -82,7 +82,9 @@ class GCPose:
                                 foreground=foreground)
         self.name += "".join(f" {k}={v}" for k, v in settings.changes().items())
         end = self.front_end
-        self.training = training_of(end.flow, end.second_flow, end.foreground, end.depth)
+        self.training = training_of(
+            self.flow, end.foreground, end.depth,
+            then="" if self._flow_is_named else f"{training_of(end.second_flow)}, for rgb")
 
     def estimate(self, observation: Observation) -> Estimate:
         """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves."""

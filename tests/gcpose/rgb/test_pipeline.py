@@ -293,9 +293,10 @@ def test_options_make_another_row() -> None:
     source = "gcbench.gcpose.method:GCPose"
     method = load_method(source)
     assert (method.name, method.training) == (
-        "gcpose", "supervised: masks of synthetic video, for rgb and rgbd-noise")
-    without = load_method(with_options(source, {"foreground": "background"}))
-    assert (without.name, without.training) == ("gcpose foreground=background", "none")
+        "gcpose", "supervised: masks of synthetic video, for rgb and rgbd-noise; "
+        "supervised: flow of synthetic video, for rgb")
+    without = load_method(with_options(source, {"foreground": "background", "flow": "dis"}))
+    assert (without.name, without.training) == ("gcpose flow=dis foreground=background", "none")
     assert load_method(with_options(source, {"flow": "dis"})).name == "gcpose flow=dis"
     with pytest.raises(GcbenchError, match="no flow 'magic'"):
         load_method(with_options(source, {"flow": "magic"}))
