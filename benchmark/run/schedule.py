@@ -13,7 +13,7 @@ SECONDS_PER_FRAME = {
     ("gcpose", "rgbd", "free"): 0.33, ("gcpose", "rgbd-noise", "kinematics"): 0.1,
     ("gcpose", "rgbd-noise", "axes"): 0.25, ("gcpose", "rgbd-noise", "free"): 0.4,
     ("gcpose", "rgb", "kinematics"): 0.5, ("gcpose", "rgb", "axes"): 1.2,
-    ("gcpose flow=dis-fine", "rgb", "axes"): 0.6, ("gcpose", "rgb", "free"): 1.0,
+    ("gcpose flow=dis-fine", "rgb", "axes"): 0.6, ("gcpose", "rgb", "free"): 0.7,
     ("icp", "rgbd", "axes"): 0.2,
     ("hold-still", "none", "none"): 0.001, ("constant-velocity", "none", "none"): 0.001,
 }

@@ -102,7 +102,9 @@ class RayResiduals:
         for mine, smooth in self.smoothness:
             square = smooth + np.diag(h[mine])
             right = np.column_stack([coupling[mine], g[mine] - smooth @ depth[mine]])
-            both = _SOLVE_POSITIVE(square.T, right, overwrite_a=True)[1]
+            _, both, failure = _SOLVE_POSITIVE(square.T, right, overwrite_a=True)
+            if failure:
+                raise np.linalg.LinAlgError("the equations of the depths are not positive definite")
             by_depth[mine], alone[mine] = both[:, :-1], both[:, -1]
         return by_depth, alone
 
