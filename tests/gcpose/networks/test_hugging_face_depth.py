@@ -97,7 +97,7 @@ def test_the_row_shows_network_data_and_licence(folders: Path) -> None:
     assert method.name == "gcpose depth=hf:metric"
     assert method.training == (
         "supervised: masks of synthetic video, for rgb and rgbd-noise; "
-        "hypersim (metric; licence apache-2.0)")
+        "hypersim (metric; licence apache-2.0); supervised: flow of synthetic video, for rgb")
     method = load_method(with_options("gcpose-depth", {"depth": f"hf-metric:{folders}/dpt"}))
     assert method.name == "gcpose-depth depth=hf-metric:dpt" and "rgb" in method.inputs
     assert method.training.startswith("data not stated (dpt; licence not stated); supervised: flow")
