@@ -283,4 +283,5 @@ def _enlarge(x: Image) -> Image:
 
 
 def _sigmoid(x: Image) -> Image:
-    return np.reciprocal(1 + np.exp(-x), dtype=np.float32)
+    with np.errstate(over="ignore"):  # then it is zero
+        return np.reciprocal(1 + np.exp(-x), dtype=np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ from gcbench.errors import ConfigError
 from gcbench.gcpose.chain import joint_priors
 from gcbench.gcpose.images import FrontEnd, ImageSettings, subtract_background, video_evidence
 from gcbench.gcpose.images.flow import Flow, FlowPair, dis_flow, find_flow, fine_dis_flow
-from gcbench.gcpose.images.raft_network import RaftInference
+from gcbench.gcpose.images.raft_network import RAFT_WEIGHTS, RaftInference, load_raft
 from gcbench.gcpose.method import GCPose, two_flows_pay
 from numpy.typing import NDArray
+from safetensors.numpy import load_file, save_file
 
 from ...support.boxes import scene, told
 from ...support.ray_scenes import door, texture
@@ -65,6 +67,14 @@ def test_two_flows_are_the_default_where_they_pay(
     second = GCPose().front_end.second_flow
     assert isinstance(second, RaftInference) and second.training in GCPose().training
     assert GCPose("dis-fine").front_end.second_flow is None
+
+
+def test_the_network_takes_gates_that_are_shut(tmp_path: Path) -> None:
+    tensors = load_file(RAFT_WEIGHTS)
+    tensors["gates.bias"] = np.full_like(tensors["gates.bias"], -200)  # exp(200) overflows
+    save_file(tensors, tmp_path / "shut.safetensors")
+    image = texture(np.random.default_rng(5), 64, 96, 3.0)
+    assert np.isfinite(load_raft(tmp_path / "shut.safetensors")(image, image)).all()
 
 
 def test_a_method_without_searches_takes_the_mean_of_two_flows() -> None:
