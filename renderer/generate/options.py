@@ -67,7 +67,8 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         """What draws: a name that `gcbench doctor` shows (0, cuda:1, 65:00.0), gpu (any, but no
         software) or software. Default: a GPU if one works."""
         randomize: Literal["full", "none"] = "full"
-        """none: a plain studio, in which only the motion (and the object of a kind) is random."""
+        """none: a plain studio, in which only the motion, the directions of the
+        lights, and the object of a kind are random."""
         config: Annotated[Path | None, quiet] = None
         """TOML or JSON file of options (any but --n, --sequences, --shard, --out, --workers,
         --executor, --address, --gpus, --device, --quiet, --json and --randomize, with _ for -),

@@ -187,7 +187,8 @@ class ImageConfig:
 
 @dataclass(frozen=True)
 class RandomizationConfig:
-    """Ranges of every factor; the default draws all of them, STUDIO only the motion."""
+    """Ranges of every factor; the default draws all of them, STUDIO only the motion and
+    the directions of the lights."""
 
     motion: MotionConfig = field(default_factory=MotionConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
