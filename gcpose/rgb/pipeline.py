@@ -22,8 +22,8 @@ from ..estimator import calibrate_deviation, spread_of_motions
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .evidence import RgbEvidence, VideoHypothesis
 from .points import predict_places
-from .search import Alternatives, search_video
-from .settings import RgbSettings, with_measured_depth
+from .search import SearchResult, search_video
+from .settings import RgbSettings, with_measured_depth, with_two_flows
 
 
 def estimate_rgb(
@@ -45,18 +45,18 @@ def estimate_rgb(
     if evidence.distance is not None:
         settings = with_measured_depth(settings)
     if evidence.second:
-        settings = replace(settings, score_flow=settings.score_flow_pair)
+        settings = with_two_flows(settings)
     distance = evidence.distance or object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
     found = search_video(RgbEvidence(evidence, scale_axes(known, 1 / distance), settings))
     if found is None:
         return None
-    best, others = found
+    best = found.best
     metres, line = evidence.distance or length_unit(known, best.state), known.line
     if line is None and metres is not None:
         line = scale_twists(best.state.twist, known.prismatic, metres)
     unit = np.where(known.prismatic, metres or 1.0, 1.0)
-    angle, sigma = unit * best.state.angle, unit * reported_deviation(best, others, settings)
+    angle, sigma = unit * best.state.angle, unit * reported_deviation(found, settings)
     if metres is None:
         sigma[1:, known.prismatic] = settings.sigma_unknown
     screw = None if line is None else screws_of(line, known.prismatic)
@@ -69,18 +69,20 @@ def has_square_pixels(intrinsics: Array) -> bool:
     return bool(np.isclose(intrinsics[0, 0], intrinsics[1, 1], rtol=1e-3))
 
 
-def reported_deviation(best: VideoHypothesis, others: Alternatives, settings: RgbSettings) -> Array:
+def reported_deviation(found: SearchResult, settings: RgbSettings) -> Array:
     """Return standard deviations [T J] within which two thirds of the errors lie.
 
     Errors are seldom noise: parts or the foreground are wrong, or another motion explains the
     images nearly as well. So the deviation by the residuals, which shows how well each joint is
-    seen, grows with the misfit of the patches, and the spread of other motions is added.
+    seen, grows with the misfit of the patches, and the spread of other motions is added. After
+    several searches, it grows where no other search has found the motion, instead.
     """
-    s = settings
-    factor = s.sigma_factor * np.exp(s.sigma_misfit * (best.cost - s.sigma_cost))
-    spread = s.sigma_spread * spread_of_motions(best.state, others, s.sigma_excess)
-    return calibrate_deviation(
-        best.deviation(), factor, np.hypot(s.sigma_floor, spread), s.sigma_unknown)
+    s, best = settings.deviation, found.best
+    formal = s.formal * (best.deviation() / s.formal) ** s.power
+    factor = s.factor * np.exp(s.misfit * (best.cost - s.cost))
+    rest = np.hypot(s.floor, s.spread * spread_of_motions(best.state, found.others, s.excess))
+    alone = s.alone if found.alone else 1.0
+    return calibrate_deviation(formal, alone * factor, alone * rest, settings.sigma_unknown)
 
 
 def object_distance(known: JointPriors, evidence: VideoEvidence) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -34,9 +34,19 @@ Alternatives = list[tuple[Articulation, float]]
 """Other motions of the last stages, each with its score above the best of its stage."""
 
 
-def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] | None:
-    """Return the best articulation, and the other motions of the last two stages; None where too
-    few moving pixels are seen.
+@dataclass(frozen=True)
+class SearchResult:
+    """The best articulation that was found, and what tells how certain it is."""
+
+    best: VideoHypothesis
+    others: Alternatives
+    """The other motions of the last two stages"""
+    alone: bool = False
+    """Whether there were several searches, and no other one has found this motion"""
+
+
+def search_video(evidence: RgbEvidence) -> SearchResult | None:
+    """Return the best articulation; None where too few moving pixels are seen.
 
     Each flow of the video has its search. Their best motions are compared by the first flow. A
     motion that several searches have found counts as better.
@@ -51,10 +61,12 @@ def search_video(evidence: RgbEvidence) -> tuple[VideoHypothesis, Alternatives] 
     search = np.repeat(np.arange(len(best)), [len(some) for some in best])
     agreeing = count_agreeing(np.stack([h.state.angle[-1] for h in last]), search, s.agreement)
     scores = [score(h) - s.score_agreement * n for h, n in zip(last, agreeing, strict=True)]
-    chosen = last[int(np.argmin(scores))]
+    first = int(np.argmin(scores))
+    chosen = last[first]
     others = [other for found in searches for other in compare_scores(found, map(score, found))]
     others += compare_scores(last, scores)
-    return chosen, [other for other in others if other[0] is not chosen.state]
+    others = [other for other in others if other[0] is not chosen.state]
+    return SearchResult(chosen, others, len(searches) > 1 and agreeing[first] == 0)
 
 
 def count_agreeing(

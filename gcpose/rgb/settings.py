@@ -13,6 +13,21 @@ from ..numerics import DEGREE, Count, NonNegative, Positive, Scales, Share
 
 
 @dataclass(frozen=True)
+class DeviationSettings:
+    """What turns formal standard deviations into those that are reported."""
+
+    factor: Positive = 10.0  # Reported by formal standard deviations of `formal` at `cost`.
+    formal: Positive = 0.1 * DEGREE  # Formal deviation at which that factor holds, rad or length.
+    power: Positive = 1.0  # Exponent of the formal deviation.
+    cost: NonNegative = 3.0  # Cost of patches and tracks at which that factor holds.
+    misfit: NonNegative = 0.8  # Growth of the factor's logarithm by that cost.
+    excess: Positive = 0.1  # Score above the best at which another motion weighs 1/e.
+    spread: NonNegative = 0.35  # Reported by the standard deviation of other motions.
+    floor: NonNegative = 0.3 * DEGREE  # Least standard deviation that is reported, rad.
+    alone: Positive = 1.0  # Factor of all where no other search has found the motion.
+
+
+@dataclass(frozen=True)
 class RgbSettings:
     """Every tuned number of `gcpose.rgb`, in the order of the stages."""
 
@@ -184,14 +199,19 @@ class RgbSettings:
     min_sigma: Positive = 0.004  # Least standard deviation in a score, rad.
 
     # estimate
-    sigma_factor: Positive = 10.0  # Reported by formal standard deviations at `sigma_cost`.
-    sigma_cost: NonNegative = 3.0  # Cost of patches and tracks for which that factor holds.
-    sigma_misfit: NonNegative = 0.8  # Growth of the factor's logarithm by that cost.
-    sigma_excess: Positive = 0.1  # Score above the best at which another motion weighs 1/e.
-    sigma_spread: NonNegative = 0.35  # Reported by the standard deviation of other motions.
-    sigma_floor: NonNegative = 0.3 * DEGREE  # Least standard deviation that is reported, rad.
+    deviation: DeviationSettings = field(default_factory=DeviationSettings)
+    """The reported deviations."""
+    deviation_pair: DeviationSettings = DeviationSettings(
+        power=1.5, misfit=0.0, excess=0.05, floor=0.1 * DEGREE, alone=1.5)
+    """The same where there are two flows."""
     sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
     part_stride: Count = 2  # Pixels from one to the next whose part is looked up.
+
+
+def with_two_flows(settings: RgbSettings) -> RgbSettings:
+    """Return the settings for a video with two flows."""
+    return replace(settings, score_flow=settings.score_flow_pair,
+                   deviation=settings.deviation_pair)
 
 
 def with_measured_depth(settings: RgbSettings) -> RgbSettings:

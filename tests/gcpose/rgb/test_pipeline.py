@@ -109,8 +109,10 @@ def test_each_flow_has_its_search() -> None:
     one = search_video(RgbEvidence(video, priors, SETTINGS))
     two = search_video(RgbEvidence(replace(video, second=video), priors, SETTINGS))
     assert one is not None and two is not None
-    assert len(two[1]) + 1 == 2 * (len(one[1]) + 1)  # the best one is no alternative
-    np.testing.assert_allclose(two[0].state.angle, one[0].state.angle, atol=1e-3)
+    # the best one is no alternative
+    assert len(two.others) + 1 == 2 * (len(one.others) + 1)
+    np.testing.assert_allclose(two.best.state.angle, one.best.state.angle, atol=1e-3)
+    assert not (one.alone or two.alone)
 
 
 def test_a_video_that_is_too_large_is_an_error() -> None:
