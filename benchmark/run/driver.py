@@ -210,7 +210,8 @@ def _plan(
     config: EvalConfig, limits: Limits
 ) -> tuple[dict[str, Declaration], list[tuple[str, Row]], dict[str, str]]:
     """Return the declaration of each method by its identity, (identity, row) of each row, and why
-    the other methods cannot be loaded. Raises MethodError if none can, or if none has an option."""
+    the other methods cannot be loaded. Raises MethodError if none can, if none has an option, or if
+    two make the same row."""
     named = _with_options(config)
     found: dict[str, Declaration] = {}
     refused: dict[str, str] = {}
@@ -236,7 +237,17 @@ def _plan(
         for row in plan_rows(found[source], oracles, config.inputs,
                              _knowledge(config, found[source]))
     ]  # fmt: skip
+    _check_owners(rows)
     return declared, list(dict.fromkeys(rows)), refused
+
+
+def _check_owners(rows: Iterable[tuple[str, Row]]) -> None:
+    """Raise MethodError if two methods would store their estimates in one folder."""
+    owner: dict[str, str] = {}
+    for source, row in rows:
+        if (other := owner.setdefault(row.folder, source)) != source:
+            raise MethodError(f"{other} and {source} both make the row {row.title}; give one of "
+                              "them another name, or evaluate them into two --results folders")
 
 
 def _with_options(config: EvalConfig) -> list[tuple[str, tuple[str, ...]]]:

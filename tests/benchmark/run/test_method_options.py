@@ -38,6 +38,9 @@ class Learned(Plain):
 
 class Other(Learned):
     name = "other"
+
+class Namesake(Plain):
+    version = "2"
 """
 
 
@@ -45,7 +48,7 @@ def options(data: Path, folder: Path, *methods: str, **given: object) -> list[st
     """The names of the rows; of a method of the file by its class."""
     file = folder / "options.py"
     file.write_text(METHODS_WITH_OPTIONS)
-    sources = {name: f"{file}:{name}" for name in ("Plain", "Learned", "Other")}
+    sources = {name: f"{file}:{name}" for name in ("Plain", "Learned", "Other", "Namesake")}
     if "weights" in given:
         given["weights"] = tuple(
             f"{sources[head]}={tail}" if head in sources else f"{head}{'=' * bool(tail)}{tail}"
@@ -89,3 +92,15 @@ def test_a_request_concerns_the_methods_that_can_follow_it(data: Path, tmp_path:
     assert sorted(rows) == ["hold-still", "plain"]
     with pytest.raises(GcbenchError, match="icp does not support inputs rgb;"):
         options(data, tmp_path, "icp", inputs=("rgb",))
+
+
+def test_two_methods_do_not_make_one_row(data: Path, tmp_path: Path) -> None:
+    """Their estimates would be in one folder, also where only the version tells them apart."""
+    with pytest.raises(GcbenchError) as error:
+        options(data, tmp_path, "Plain", "Namesake")
+    assert str(error.value).startswith(
+        f"{tmp_path}/options.py:Plain and {tmp_path}/options.py:Namesake both make the row plain ")
+    assert not (tmp_path / "results").exists()
+    assert options(data, tmp_path, "Plain", "Plain") == ["plain"], "one method, named twice"
+    with pytest.raises(GcbenchError, match="holds estimates of something else"):
+        options(data, tmp_path, "Namesake")
