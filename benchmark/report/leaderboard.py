@@ -18,6 +18,7 @@ from ..results import SCORES, Row, RunFolder, find_runs, is_label
 from . import published_numbers as paper
 from .calibration import Calibration, calibrate
 from .copies import dataset_title, without_copies
+from .labels import label_rows
 from .statistics import (
     MIN_CLUSTERS,
     SEED,
@@ -161,18 +162,10 @@ class Leaderboard:
 
     @property
     def labels(self) -> list[str]:
-        """Method, inputs and knowledge of each line, and the version where these are not unique."""
-        plain = [
-            " · ".join([
-                x.row.name, *(w for w in (x.row.inputs, x.row.knowledge) if w != "none"),
-                *(["published, " * bool(x.published) + x.extent] if x.extent else []),
-            ])
-            for x in self.lines
-        ]  # fmt: skip
-        number = Counter((x.group, label) for x, label in zip(self.lines, plain, strict=True))
-        twice = {label for (_, label), n in number.items() if n > 1}
-        return [f"{label} · {line.row.version}" if label in twice else label
-                for line, label in zip(self.lines, plain, strict=True)]  # fmt: skip
+        """Label of each line, see `label_rows`."""
+        return label_rows(
+            [x.row for x in self.lines], [x.group for x in self.lines],
+            ["published, " * bool(x.published) + x.extent for x in self.lines])
 
 
 def count_estimates(folder: RunFolder) -> str:

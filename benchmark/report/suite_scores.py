@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .labels import name_versions
 from .leaderboard import Leaderboard, Line
 from .statistics import DRAWS, SEED, bootstrap_draws, percentile_interval
 
@@ -16,6 +17,7 @@ class SuiteScore:
 
     suite: str
     label: str
+    """With the versions, if those of its datasets differ."""
     datasets: int
     """Number of datasets on which the row was scored."""
     of: int
@@ -36,12 +38,17 @@ class SuiteScore:
 
 def suite_scores(board: Leaderboard) -> list[SuiteScore]:
     """Return the scores of suites of several datasets: complete rows first, by rank, then error."""
-    members: dict[str, dict[str, list[int]]] = {}
-    for k, (line, label) in enumerate(zip(board.lines, board.labels, strict=True)):
-        suite = line.dataset.rpartition("/")[0]
-        members.setdefault(suite, {}).setdefault(label, []).append(k)
+    members: dict[str, list[int]] = {}
+    for k, line in enumerate(board.lines):
+        members.setdefault(line.dataset.rpartition("/")[0], []).append(k)
+    all_labels = board.labels
     out: list[SuiteScore] = []
-    for suite, rows in members.items():
+    for suite, all_mine in members.items():
+        labels = name_versions([board.lines[k].row for k in all_mine],
+                               [all_labels[k] for k in all_mine])
+        rows: dict[str, list[int]] = {}
+        for k, label in zip(all_mine, labels, strict=True):
+            rows.setdefault(label, []).append(k)
         datasets = {board.lines[k].dataset for mine in rows.values() for k in mine}
         if len(datasets) > 1:
             scores = [_score(board, suite, label, mine, len(datasets))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ..protocol import PCP5
 from . import published_numbers as paper
+from .labels import name_versions
 from .leaderboard import Leaderboard, Line
 from .statistics import MIN_CLUSTERS, ErrorSummary, best_half
 from .suite_scores import suite_scores
@@ -56,7 +57,8 @@ def suite_tables(board: Leaderboard) -> list[Table]:
             f"All datasets of {suite}" if suite else "All datasets",
             "Mean over the datasets of rank and of mean final error, with the 95 % interval of the "
             "error (bootstrap by sequence in each dataset; none where a dataset has fewer than "
-            f"{MIN_CLUSTERS} sequences). Only rows on the same datasets can be compared.",
+            f"{MIN_CLUSTERS} sequences). Only rows on the same datasets can be compared. A row "
+            "whose datasets were measured with several versions of its method names them.",
             ("method", "datasets", "mean rank", "mean (deg)", "95 % interval"), "lrrrr",
             tuple(
                 TableRow((
@@ -115,13 +117,14 @@ class _Column:
 
 def paper_tables(board: Leaderboard) -> list[Table]:
     """Return tables by robot and by object for each suite, and by joint for each dataset."""
-    lines = board.lines
-    named = [(line, label + ("*" if line.best_sign else ""))
-             for line, label in zip(lines, board.labels, strict=True)]
+    lines, labels = board.lines, board.labels
     out: list[Table] = []
     for suite in dict.fromkeys(_suite(line) for line in lines):
-        for unit in dict.fromkeys(line.unit for line in lines if _suite(line) == suite):
-            mine = [(x, label) for x, label in named if _suite(x) == suite and x.unit == unit]
+        here = [k for k, line in enumerate(lines) if _suite(line) == suite]
+        named = _mark_signs([lines[k] for k in here], name_versions(
+            [lines[k].row for k in here], [labels[k] for k in here]))
+        for unit in dict.fromkeys(line.unit for line, _ in named):
+            mine = [(x, label) for x, label in named if x.unit == unit]
             arms = [item for item in mine if item[0].robot not in paper.OBJECTS]
             objects = [item for item in mine if item[0].robot in paper.OBJECTS]
             of = f" of {suite}" if suite else ""
@@ -131,11 +134,18 @@ def paper_tables(board: Leaderboard) -> list[Table]:
             if objects:
                 cells = [p for p in board.published if p.table == 1]
                 out.append(_by_dataset(objects, cells, f"Articulated objects{of}", unit, 1))
+    named = _mark_signs(lines, labels)
     out += [
         _by_joint([named[k] for k in mine], [p for p in board.published if p.table == 2])
         for mine in board.groups.values() if len(lines[mine[0]].joints) > 1
     ]
     return out
+
+
+def _mark_signs(lines: Sequence[Line], labels: Sequence[str]) -> list[tuple[Line, str]]:
+    """Return each line with its label, which has a star if it shows the better of two signs."""
+    return [(line, label + "*" * line.best_sign)
+            for line, label in zip(lines, labels, strict=True)]
 
 
 def format_error(x: float) -> str:

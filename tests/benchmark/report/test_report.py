@@ -632,6 +632,40 @@ def test_a_row_on_fewer_datasets_comes_last(tmp_path: Path) -> None:
         ("icp", 2, 2), ("gcpose", 1, 2)]
 
 
+def test_a_suite_row_of_several_versions_names_them(tmp_path: Path) -> None:
+    for version, dataset in ("9", "mini/ur5"), ("10", "mini/iiwa14"):
+        row = dataclasses.replace(GCPOSE, version=version)
+        write_results(tmp_path, row, 0.01, dataset)
+        write_results(tmp_path, ICP, 0.01, dataset)
+    board = read_leaderboard([tmp_path])
+    joined = {"gcpose · rgbd · axes · versions 9, 10", "icp · rgbd · axes"}
+    assert {*board.labels} == {"gcpose · rgbd · axes", "icp · rgbd · axes"}, "one each a dataset"
+    scores = suite_scores(board)
+    assert {score.label: score.datasets for score in scores} == dict.fromkeys(joined, 2)
+    robots, *joints = paper_tables(board)
+    ours = {row.cells[0]: row.cells for row in robots.rows if not row.reference}
+    assert {*ours} >= joined and all("–" not in ours[label][1] for label in joined)
+    assert all(" · versions" not in row.cells[0] for table in joints for row in table.rows)
+
+
+def test_rows_that_differ_in_training_are_never_joined(tmp_path: Path) -> None:
+    other = dataclasses.replace(GCPOSE, training="supervised: x")
+    for dataset in ("mini/ur5", "mini/iiwa14"):
+        write_results(tmp_path / "a", GCPOSE, 0.05, dataset, seed=1)
+        write_results(tmp_path / "b", other, 0.001, dataset, seed=2)
+    label = "gcpose · rgbd · axes"
+    board = read_leaderboard([tmp_path / "a", tmp_path / "b"])
+    means = {score.label: score.mean for score in suite_scores(board)}
+    assert means.keys() == {f"{label} · none", f"{label} · supervised: x"}
+    assert means[f"{label} · none"] > 10 * means[f"{label} · supervised: x"]
+    for table in paper_tables(board):
+        assert {row.cells[0] for row in table.rows if not row.reference} >= means.keys()
+    shutil.rmtree(tmp_path / "a/gcpose_rgbd_axes/mini/ur5")
+    shutil.rmtree(tmp_path / "b/gcpose_rgbd_axes/mini/iiwa14")
+    scores = suite_scores(read_leaderboard([tmp_path / "a", tmp_path / "b"]))
+    assert {score.label: score.datasets for score in scores} == dict.fromkeys(means, 1)
+
+
 def test_few_sequences_have_no_interval(tmp_path: Path) -> None:
     for dataset in ("mini/ur5", "mini/oven"):
         write_results(tmp_path, ICP, 0.05, dataset, sequences=4)
