@@ -27,7 +27,7 @@ from ...renderer.scene import (
     parse_config,
 )
 from ...robots.model import joint_screws
-from ..protocol import shape_of, truth_of
+from ..protocol import shape_of, truth_digest, truth_of
 from ..report import (
     PUBLISHED_ROWS,
     PublishedRow,
@@ -82,6 +82,10 @@ def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
         more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
         raise DatasetError(f"{found.path}: not finished, no estimates of {', '.join(missing[:3])}"
                            f"{more}; continue with the same `gcbench eval`, then publish")
+    for name in run.sequences:
+        if run.digests.get(name) not in (None, truth_digest(data[name])):
+            raise DatasetError(f"{found.path}: sequence {name} of {run.data} changed after it was "
+                               "estimated; restore it, or estimate it again")
     stored = [read_stored(found.estimate_path(name), shape_of(data[name]))
               for name in run.sequences]
     truth = _add_truth(found, data, folder)
@@ -150,17 +154,22 @@ def _add_truth(found: RunFolder, data: Dataset, folder: Path) -> PublishedTruth:
     """Return the published truth of a dataset with that of the sequences of a run."""
     run, path = found.run, truth_path(folder, found.run.dataset)
     old = read_truth(path) if path.exists() else None
-    names = sorted({*run.sequences} - {*(old.sequences if old else ())})
-    if not names and old:
-        return old
-    cluster = select(run.dataset, data.path, ALL).cluster
-    truths = [truth_of(data[name]) for name in names]
-    alike = {(t.joint_names, t.joint_types, len(t.displacement)) for t in truths}
+    found_truths = {name: truth_of(data[name]) for name in run.sequences}
+    alike = {(t.joint_names, t.joint_types, len(t.displacement)) for t in found_truths.values()}
     if old:
         alike.add((old.joint_names, old.joint_types, old.frames))
     if len(alike) > 1:
         raise DatasetError(f"{data.path}: its sequences differ in frames or joints; rows on it "
                            "cannot be published")
+    there = {*(old.sequences if old else ())}
+    for name in sorted(there & {*found_truths}):
+        if old and (wrong := _truth_differences(vars(found_truths[name]), old, name)):
+            raise DatasetError(f"{data.path}: sequence {name} is not the one that is published: "
+                               f"its {wrong[0]} differs; render the suite again and evaluate")
+    names = sorted({*run.sequences} - there)
+    if not names and old:
+        return old
+    cluster, truths = select(run.dataset, data.path, ALL).cluster, [found_truths[n] for n in names]
     joints, types, frames = alike.pop()
     attempts = [sum(data[name].meta.observability["refused"].values()) for name in names]
     new = PublishedTruth(
@@ -172,6 +181,13 @@ def _add_truth(found: RunFolder, data: Dataset, folder: Path) -> PublishedTruth:
               for field in ("sequences", "attempts", "clusters")}
     arrays = {key: np.concatenate([old.arrays[key], new.arrays[key]]) for key in new.arrays}
     return replace(old, **joined, arrays=arrays)
+
+
+def _truth_differences(found: Mapping[str, Any], truth: PublishedTruth, name: str) -> list[str]:
+    """Return which of the fields of _LARGEST differ from the published truth of a sequence."""
+    k = truth.sequences.index(name)
+    return [field for field, largest in _LARGEST.items()
+            if not np.allclose(found[field], truth.arrays[field][k], 1e-5, largest)]
 
 
 def rescore_published(folder: Path = PUBLISHED_ROWS) -> list[Path]:
@@ -231,8 +247,8 @@ def check_published(folder: Path = PUBLISHED_ROWS, draw: int = 2, seed: int = 0)
                 drawn += 1
                 problems += [
                     f"{truth_path(folder, dataset)}: sequence {truth.sequences[k]}: its {name} is "
-                    "not that of the suite" for name, largest in _LARGEST.items()
-                    if not np.allclose(found[name], truth.arrays[name][k], 1e-5, largest)
+                    "not that of the suite"
+                    for name in _truth_differences(found, truth, truth.sequences[k])
                 ]
         except GcbenchError as error:  # a model that is not here and cannot be downloaded
             skipped.append(f"{dataset}: {error}")

@@ -25,14 +25,14 @@ from gcbench.benchmark.report.published_rows import (
     truth_path,
     write_record,
 )
-from gcbench.benchmark.results.runs import Results
+from gcbench.benchmark.results.runs import Results, write_run
 from gcbench.benchmark.run import publishing
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.benchmark.run.publishing import check_published, publish
 from gcbench.benchmark.run.suite import read_suite
 from gcbench.renderer.scene.config_files import config_tree
 
-from ...support import bench_data
+from ...support import analytic, bench_data
 
 METHODS = Path(__file__).parents[2] / "support/bad_methods.py"
 SUITE = """
@@ -175,6 +175,34 @@ def test_only_finished_results_on_the_data_of_a_suite_are_published(
     with pytest.raises(GcbenchError, match="not finished, no estimates of 000003; continue"):
         publish([tmp_path / "results"], tmp_path / "published")
     assert not (tmp_path / "published").exists()
+
+
+def make_again(data: Path, faster: float) -> None:
+    """The same dataset with other motions, as another version would draw them."""
+    base = analytic.render(width=48, height=36, frames=4, room=False)
+    for index in range(6):
+        bench_data.save(base, data, index, faster + index, observable=True)
+
+
+def test_only_results_on_the_sequences_that_were_estimated_are_published(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    (found,) = evaluated("hold-still", "results").runs
+    folder, data = tmp_path / "published", tmp_path / "suites/small/arm"
+    make_again(data, 2.0)
+    with pytest.raises(GcbenchError, match=r"sequence 000000 of .* changed after it was estimated"):
+        publish([tmp_path / "results"], folder)
+    assert not folder.exists()
+    make_again(data, 1.0)
+    files = publish([tmp_path / "results"], folder)
+    before = [path.read_bytes() for path in (*files, truth_path(folder, "small/arm"))]
+    make_again(data, 2.0)
+    write_run(found.path, dataclasses.replace(found.run, digests={}))  # of an earlier version
+    with pytest.raises(GcbenchError, match=r"000000 is not the one that is published: its displ"):
+        publish([tmp_path / "results"], folder)
+    make_again(data, 1.0)
+    publish([tmp_path / "results"], folder)
+    assert [path.read_bytes() for path in (*files, truth_path(folder, "small/arm"))] == before
 
 
 def test_published_rows_are_ranked_only_on_the_same_sequences(
