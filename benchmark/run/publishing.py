@@ -60,13 +60,18 @@ def publish(results: Sequence[Path], folder: Path = PUBLISHED_ROWS) -> list[Path
         DatasetError: If there are no such results, a run is not finished, its data are missing,
             changed or not those of the suite, or its sequences differ in frames or joints.
     """
-    datasets = {f"{suite.title}/{dataset.name}": dataset
-                for suite in map(read_suite, builtin_suites()) for dataset in suite.datasets}
+    datasets = _suite_datasets()
     runs = [run for run in find_runs(results) if run.run.dataset in datasets]
     if not runs:
         raise DatasetError("no results on a built-in suite to publish; run "
                            "`gcbench eval --suite standard --method NAME` first")
     return [_publish(run, datasets[run.run.dataset], folder) for run in runs]
+
+
+def _suite_datasets() -> dict[str, SuiteDataset]:
+    """Return the datasets of the built-in suites by SUITE/NAME."""
+    return {f"{suite.title}/{dataset.name}": dataset
+            for suite in map(read_suite, builtin_suites()) for dataset in suite.datasets}
 
 
 def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
@@ -222,9 +227,9 @@ class Checked:
 def check_published(folder: Path = PUBLISHED_ROWS, draw: int = 2, seed: int = 0) -> Checked:
     """Check that scores are those of the estimates, and that the truth is that of the suite.
 
-    The truth follows from the configuration and the number of a sequence: its motion and camera
-    are drawn again, without images, of at most `draw` sequences of each dataset, which `seed`
-    chooses. -1 draws all.
+    The configuration must be that of the suite. The truth follows from it and from the number of
+    a sequence: its motion and camera are drawn again, without images, of at most `draw` sequences
+    of each dataset, which `seed` chooses. -1 draws all.
 
     Raises DatasetError if a file is damaged.
     """
@@ -239,7 +244,11 @@ def check_published(folder: Path = PUBLISHED_ROWS, draw: int = 2, seed: int = 0)
             problems.append(f"{path}: its scores are not those of its estimates")
     skipped: list[str] = []
     drawn = 0
+    suites = _suite_datasets()
     for dataset, truth in sorted(truths.items()):
+        if wrong := _config_problem(truth, suites.get(dataset)):
+            problems.append(f"{truth_path(folder, dataset)}: {wrong}")
+            continue
         order = np.random.default_rng(seed).permutation(len(truth.sequences))
         chosen = order if draw < 0 else order[:draw]
         try:
@@ -254,6 +263,14 @@ def check_published(folder: Path = PUBLISHED_ROWS, draw: int = 2, seed: int = 0)
             skipped.append(f"{dataset}: {error}")
     return Checked(len(rows), sum(len(row.status) for _, row in rows), drawn, tuple(skipped),
                    tuple(problems))
+
+
+def _config_problem(truth: PublishedTruth, entry: SuiteDataset | None) -> str:
+    """Return why a truth is not of a dataset of a suite; empty if it is."""
+    if entry is None:
+        return "no built-in suite has this dataset"
+    changes = differences(config_tree(entry.config), truth.config)
+    return f"its configuration is not that of the suite ({changes[0]})" if changes else ""
 
 
 def _draw_again(

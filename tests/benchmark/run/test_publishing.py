@@ -158,6 +158,30 @@ def test_the_check_finds_changed_estimates_scores_and_truth(
     assert found.drawn == 1 and len(found.problems) == 3
 
 
+def test_the_check_compares_the_configuration_with_the_suite(
+    evaluated: Callable[..., Results], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Truth that follows from another configuration is that of the suite as little as any other."""
+    evaluated("hold-still", "results")
+    folder = tmp_path / "published"
+    publish([tmp_path / "results"], folder)
+    path = truth_path(folder, "small/arm")
+    truth = read_truth(path)
+    for change, said in ({"seed": 999}, "(seed: "), ({"frames": "many"}, "(frames: 4 -> "), (
+            {"robot": 5}, "(robot: "), ({"new": 1}, "(new"):
+        write_record(path, dataclasses.replace(truth, config={**truth.config, **change}))
+        for draw in (0, 1):
+            found = check_published(folder, draw)
+            (problem,) = found.problems
+            assert problem.startswith(f"{path}: its configuration is not that of the suite ")
+            assert said in problem and not found.skipped and not found.drawn
+    write_record(path, dataclasses.replace(truth, config={}))
+    assert len(check_published(folder).problems) == 1
+    write_record(path, truth)
+    monkeypatch.setattr(publishing, "builtin_suites", lambda: ("mini",))
+    assert check_published(folder).problems == (f"{path}: no built-in suite has this dataset",)
+
+
 def test_only_finished_results_on_the_data_of_a_suite_are_published(
     evaluated: Callable[..., Results], tmp_path: Path
 ) -> None:
