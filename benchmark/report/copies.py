@@ -13,6 +13,8 @@ from ...renderer.scene import differences as config_differences
 from ..results import Row, Run, RunFolder
 
 _OF_MACHINE = ("peak_memory", "seconds", "seconds_per_frame")
+_OF_FILES = ("dataset", "robot")  # columns; `without_copies` compares the datasets
+_ORDER = ["sequence", "joint_index", "metric", "frame"]
 
 
 def dataset_title(run: Run) -> str:
@@ -65,9 +67,10 @@ def _without_folders(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _same_scores(one: RunFolder, other: RunFolder) -> bool:
-    """Whether two runs have the same scores, except for speed and rounding of the machine."""
+    """Whether two runs have the same scores, except for the order of lines, speed and rounding of
+    the machine, and the name that the dataset has beside others."""
     tables = (folder.scores() for folder in (one, other))
-    a, b = (table[~table["metric"].isin(_OF_MACHINE)] for table in tables)
+    a, b = (table[~table["metric"].isin(_OF_MACHINE)].sort_values(_ORDER) for table in tables)
     return len(a) == len(b) and all(
         np.allclose(a[name], b[name], 1e-6, 1e-9, True) if name == "value"
-        else name == "robot" or np.array_equal(a[name], b[name]) for name in a)
+        else name in _OF_FILES or np.array_equal(a[name], b[name]) for name in a)

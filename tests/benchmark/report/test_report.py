@@ -553,6 +553,21 @@ def test_copies_of_a_row_count_once_and_others_need_a_label(tmp_path: Path) -> N
             read_leaderboard([tmp_path / "a"], [wrong])
 
 
+def test_a_copy_may_have_another_name_and_another_order(tmp_path: Path) -> None:
+    """The seed is a part of the name where the results hold another dataset of the same name."""
+    write_results(tmp_path / "a", GCPOSE, 0.01)
+    for folder, dataset in ("b", "ur5-seed-7"), ("c", "ur5"):
+        config = {"robot": "ur5", "seed": 7, "frames": 5}
+        path = write_results(tmp_path / folder, GCPOSE, 0.01, dataset, config=config)
+        lines = sorted(read_results(path / SCORES), key=lambda r: -int(r.sequence))
+        write_scores(path / SCORES, lines)
+    (line,) = read_leaderboard([tmp_path / name for name in "abc"]).lines
+    assert line.run.path.is_relative_to(tmp_path / "a")
+    write_scores(path / SCORES, [dataclasses.replace(lines[0], value=9.0), *lines[1:]])
+    with pytest.raises(GcbenchError, match="same row with other scores"):
+        read_leaderboard([tmp_path / name for name in "abc"])
+
+
 def test_results_of_colleagues_merge(tmp_path: Path) -> None:
     """Of another machine: its speed, its rounding, and its folders are others."""
     def written(who: str, digit: int, row: Row, scale: float | None, robot: str = "x.urdf") -> Path:
