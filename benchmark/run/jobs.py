@@ -159,7 +159,7 @@ def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = (
     Raises DatasetError if the folder has estimates of another method version or dataset, or cannot
     be written.
     """
-    new = _with_free_name(new, results)
+    new = with_free_name(new, results)
     path = run_folder(results, new.row, new.dataset)
     estimates = path / ESTIMATES
     with name_unwritable(path):
@@ -233,6 +233,15 @@ def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
     )
 
 
+def with_free_name(new: Run, results: Path) -> Run:
+    """Add the seed to the name of a dataset if the results hold another seed under this name."""
+    seed = new.config.get("seed")
+    path = run_folder(results, new.row, new.dataset) / RUN
+    if path.exists() and "/" not in new.dataset and read_run(path).config.get("seed") != seed:
+        return replace(new, dataset=f"{new.dataset}-seed-{seed}")
+    return new
+
+
 def _describe_environment() -> dict[str, Any]:
     """Return package versions, CPU model and core count; no host name."""
     cpu = platform.processor() or platform.machine()
@@ -242,15 +251,6 @@ def _describe_environment() -> dict[str, Any]:
     except OSError:
         pass
     return {"gcbench": __version__, **environment(), "cpu": cpu, "cores": cpu_count()}
-
-
-def _with_free_name(new: Run, results: Path) -> Run:
-    """Add the seed to the name of a dataset if the results hold another seed under this name."""
-    seed = new.config.get("seed")
-    path = run_folder(results, new.row, new.dataset) / RUN
-    if path.exists() and "/" not in new.dataset and read_run(path).config.get("seed") != seed:
-        return replace(new, dataset=f"{new.dataset}-seed-{seed}")
-    return new
 
 
 def _identity(run: Run, other: Run) -> dict[str, Any]:

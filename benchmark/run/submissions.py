@@ -38,7 +38,7 @@ from ..results import (
     run_folder,
 )
 from .datasets import SUITES, Data, Selection, from_folders, from_suite
-from .jobs import describe_run, name_unwritable, prepare_job
+from .jobs import describe_run, name_unwritable, prepare_job, with_free_name
 from .suite import read_suite
 
 PREDICTIONS_FORMAT = """\
@@ -168,7 +168,7 @@ def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
     found = read_predictions(file, wanted)
     folders: list[RunFolder] = []
     for d in data:
-        run = describe_run(found.row, SOURCE, d, {})
+        run = with_free_name(describe_run(found.row, SOURCE, d, {}), results)
         check_source(run, results)
         job = prepare_job(run, d, results, retry=STATUSES)
         for key, target in wanted.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,8 +12,9 @@ from gcbench import GcbenchError
 from gcbench.__main__ import main
 from gcbench.benchmark.report.leaderboard import build_leaderboard
 from gcbench.benchmark.results.rows import Result
-from gcbench.benchmark.results.runs import find_runs
+from gcbench.benchmark.results.runs import RUN, find_runs, read_run
 from gcbench.benchmark.run import submissions
+from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.benchmark.run.submissions import PREDICTIONS_FORMAT, ScoreConfig, score_predictions
 from gcbench.renderer.dataset.reader import open_dataset
 
@@ -165,6 +167,27 @@ def test_several_datasets_have_names(data: Path, tmp_path: Path) -> None:
     folders = score_predictions(config).runs
     assert [f.run.dataset for f in folders] == ["arm", "other"]
     assert all(max(finals(f.results())) < 1e-6 for f in folders)
+
+
+def test_estimates_of_a_method_are_kept_under_the_name_with_the_seed(
+    data: Path, tmp_path: Path
+) -> None:
+    """Which a dataset gets beside another of its name."""
+    other = bench_data.make_dataset(tmp_path / "arm", 2)
+    tree = json.loads((other / "dataset.json").read_text())
+    tree["config"]["seed"] = 8
+    (other / "dataset.json").write_text(json.dumps(tree))
+    file, results = tmp_path / "mine.csv", tmp_path / "results"
+    named = HEADER.replace("mine", "hold-still").replace("rgbd", "none").replace("free", "none")
+    file.write_text(csv_of(data).replace(HEADER, named))
+    score(file, data, tmp_path)
+    config = EvalConfig(method=("hold-still",), data=(other,), results=results, workers=1)
+    (found,) = evaluate(config, progress=False).runs
+    assert found.path.name == "arm-seed-8"
+    with pytest.raises(GcbenchError, match="arm-seed-8 holds estimates of hold-still"):
+        score(file, other, tmp_path)
+    assert read_run(found.path / RUN).source == "hold-still" and found.results()
+    score(file, data, tmp_path)
 
 
 def test_the_command_line_scores(
