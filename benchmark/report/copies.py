@@ -11,8 +11,11 @@ import numpy as np
 from ...errors import DatasetError
 from ...renderer.scene import differences as config_differences
 from ..results import Row, Run, RunFolder
+from .statistics import SequenceJoint
 
 _OF_MACHINE = ("peak_memory", "seconds", "seconds_per_frame")
+_SAME_MOTION = 1e-3
+"""Relative difference of the true displacements of one motion."""
 _OF_FILES = ("dataset", "robot")  # columns; `without_copies` compares the datasets
 _ORDER = ["sequence", "joint_index", "metric", "frame"]
 
@@ -64,6 +67,19 @@ def _without_folders(tree: Mapping[str, Any]) -> dict[str, Any]:
     return {key: _without_folders(value) if isinstance(value, Mapping)
             else re.split(r"[/\\]", value)[-1] if isinstance(value, str) else value
             for key, value in tree.items()}
+
+
+def have_equal_motions(
+    one: Mapping[SequenceJoint, float], other: Mapping[SequenceJoint, float]
+) -> bool:
+    """Whether the true displacements (deg or m) of two lines are equal, where both have one.
+
+    Hashes of the truth say that it differs by rounding too, as of another machine that rendered the
+    same dataset.
+    """
+    common = [pair for pair in one if pair in other]
+    return np.allclose([one[pair] for pair in common], [other[pair] for pair in common],
+                       _SAME_MOTION, 0.1 * _SAME_MOTION)
 
 
 def _same_scores(one: RunFolder, other: RunFolder) -> bool:

@@ -17,7 +17,7 @@ from ..protocol import PCP_DEGREES, pcp_thresholds
 from ..results import SCORES, Row, RunFolder, find_runs, is_label
 from . import published_numbers as paper
 from .calibration import Calibration, calibrate
-from .copies import dataset_title, without_copies
+from .copies import dataset_title, have_equal_motions, without_copies
 from .labels import label_rows
 from .statistics import (
     MIN_CLUSTERS,
@@ -213,17 +213,23 @@ def build_leaderboard(
 ) -> Leaderboard:
     """Summarize and compare runs, and lines of published rows beside them.
 
-    Published lines on other datasets than those of the runs are left out; without runs, all are
-    shown. Raises DatasetError as `read_leaderboard` does.
+    Published lines on other datasets than those of the runs, or on other motions, are left out;
+    without runs, all are shown. Raises DatasetError as `read_leaderboard` does.
     """
     folders = list(folders)
     scored = without_copies(f for f in folders if (f.path / SCORES).exists())
     lines = [line for folder in scored
              for line in _mark_partial(lines_of(folder, folder.scores()))]
-    configs = {line.dataset: line.run.run.config for line in lines}
-    lines += [line for line in published if not configs or (
-        line.dataset in configs
-        and not config_differences(configs[line.dataset], line.run.run.config))]
+    first: dict[tuple[str, str], Line] = {}
+    for line in lines:
+        like = first.setdefault(line.group, line)
+        if not _have_equal_motions(like, line):
+            raise DatasetError(
+                f"{like.run.path} and {line.run.path} are on two datasets of one name (their "
+                "motions differ); report them separately")
+    lines += [line for line in published if not first or (
+        (like := first.get(line.group)) and _have_equal_motions(like, line)
+        and not config_differences(like.run.run.config, line.run.run.config))]
     lines.sort(key=lambda line: (
         line.dataset.rpartition("/")[0], paper.paper_order(line.robot), *line.group,
         line.summary.mean, line.row.folder, line.published,
@@ -238,6 +244,10 @@ def build_leaderboard(
         differences |= {(mine[a], mine[b]): d for (a, b), d in found.items()}
     ranks = shared_ranks(len(lines), differences)
     return replace(board, ranks=tuple(r * (k in ranked) for k, r in enumerate(ranks)))
+
+
+def _have_equal_motions(one: Line, other: Line) -> bool:
+    return have_equal_motions(one.conditions["displacement"], other.conditions["displacement"])
 
 
 def _find_rankable(lines: Sequence[Line], mine: Sequence[int]) -> list[int]:

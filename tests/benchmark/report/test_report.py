@@ -600,6 +600,28 @@ def test_results_of_colleagues_merge(tmp_path: Path) -> None:
             read_leaderboard([tmp_path / "me", written(who, digit, FREE, 0.1, robot)])
 
 
+def test_rows_on_other_motions_are_not_compared(tmp_path: Path) -> None:
+    """The configurations may be equal, as of data that another version of gcbench rendered."""
+    def written(who: str, row: Row, factor: float) -> Path:
+        path = write_results(tmp_path / who, row, 0.02)
+        run = read_run(path / RUN)
+        write_run(path, dataclasses.replace(run, digests={n: who + n for n in run.sequences}))
+        write_scores(path / SCORES, [
+            dataclasses.replace(r, value=factor * r.value) if r.metric == "displacement" else r
+            for r in read_results(path / SCORES)])
+        return tmp_path / who
+
+    mine = written("mine", ICP, 1.0)
+    assert len(read_leaderboard([mine, written("rounded", GCPOSE, 1.0001)]).differences) == 1
+    with pytest.raises(GcbenchError, match=r"of one name \(their motions differ\); rep"):
+        read_leaderboard([mine, written("other", GCPOSE, 1.1)])
+    theirs = [dataclasses.replace(line, published="2026-01-01", extent="n = 6")
+              for name in ("rounded", "other")
+              for line in read_leaderboard([tmp_path / name]).lines]
+    board = read_leaderboard([mine], published=theirs)
+    assert [line.run.path.parts[-3] for line in board.lines] == ["rounded", "mine"]
+
+
 def test_two_seeds_stand_side_by_side(tmp_path: Path) -> None:
     config = {"robot": "ur5", "seed": 8, "frames": 5}
     write_results(tmp_path / "a", GCPOSE, 0.01)
