@@ -77,7 +77,7 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
     """Return the leaderboard as one table for each dataset and unit, best first."""
     return [
         Table(
-            board.lines[mine[0]].dataset + (" (prismatic joints)" if unit == "m" else ""),
+            board.lines[mine[0]].dataset + _say_unit(unit),
             _CAPTION,
             ("rank", "method", "training", "sequences", f"mean ({unit})", "95 % interval", "std",
              "median", "P90", f"PCP@{'5°' if unit == 'deg' else '5 cm'}", "coverage", "s / frame"),
@@ -118,6 +118,7 @@ class _Column:
 def paper_tables(board: Leaderboard) -> list[Table]:
     """Return tables by robot and by object for each suite, and by joint for each dataset."""
     lines, labels = board.lines, board.labels
+    published = {"deg": board.published}  # no paper has numbers of prismatic joints
     out: list[Table] = []
     for suite in dict.fromkeys(_suite(line) for line in lines):
         here = [k for k, line in enumerate(lines) if _suite(line) == suite]
@@ -127,17 +128,18 @@ def paper_tables(board: Leaderboard) -> list[Table]:
             mine = [(x, label) for x, label in named if x.unit == unit]
             arms = [item for item in mine if item[0].robot not in paper.OBJECTS]
             objects = [item for item in mine if item[0].robot in paper.OBJECTS]
-            of = f" of {suite}" if suite else ""
+            of = (f" of {suite}" if suite else "") + _say_unit(unit)
             if arms:
-                cells = [p for p in board.published if p.table == 3]
+                cells = [p for p in published.get(unit, ()) if p.table == 3]
                 out.append(_by_dataset(arms, cells, f"Robots{of}", unit, 3))
             if objects:
-                cells = [p for p in board.published if p.table == 1]
+                cells = [p for p in published.get(unit, ()) if p.table == 1]
                 out.append(_by_dataset(objects, cells, f"Articulated objects{of}", unit, 1))
     named = _mark_signs(lines, labels)
     out += [
-        _by_joint([named[k] for k in mine], [p for p in board.published if p.table == 2])
-        for mine in board.groups.values() if len(lines[mine[0]].joints) > 1
+        _by_joint([named[k] for k in mine],
+                  [p for p in published.get(unit, ()) if p.table == 2])
+        for (_, unit), mine in board.groups.items() if len(lines[mine[0]].joints) > 1
     ]
     return out
 
@@ -214,7 +216,8 @@ def _by_joint(named: Sequence[tuple[Line, str]], published: Sequence[paper.Publi
     form = "In the form of table 2 of the GC-Pose paper. " if first.robot == paper.OWI else ""
     caption = f"{form}Error of each joint at the last frame in {first.unit}, mean and standard " \
               "deviation."
-    return _table(f"Joints of {first.dataset}", caption, columns, _order_labels(named))
+    title = f"Joints of {first.dataset}{_say_unit(first.unit)}"
+    return _table(title, caption, columns, _order_labels(named))
 
 
 def _reference(
@@ -269,6 +272,11 @@ def _table(title: str, caption: str, columns: Sequence[_Column], ours: Sequence[
         tuple(groups),
         (False, *(column.reference for column in columns)),
     )
+
+
+def _say_unit(unit: str) -> str:
+    """Return what the title of a table says about its joints."""
+    return " (prismatic joints)" * (unit == "m")
 
 
 def _suite(line: Line) -> str:

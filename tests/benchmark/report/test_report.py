@@ -221,6 +221,24 @@ def test_prismatic_joints_have_lines_of_their_own(tmp_path: Path) -> None:
     assert "(prismatic joints)" in (tmp_path / "out" / "leaderboard.md").read_text()
 
 
+def test_tables_of_prismatic_joints_are_told_apart_and_have_no_degrees(tmp_path: Path) -> None:
+    for robot in ("slider", "oven"):
+        write_results(tmp_path / "r", GCPOSE, 0.01, robot, prismatic=2, joints=("a", "b", "c", "d"))
+    file = tmp_path / "papers.csv"
+    file.write_text("method,robot,mean,joint\nPaper,slider,3.5,\nPaper,oven,3.5,\n"
+                    "Paper,slider,3.5,1\nPaper,slider,3.5,3\n")
+    tables = paper_tables(read_leaderboard([tmp_path / "r", file]))
+    titles = [table.title for table in tables]
+    assert len({*titles}) == len(titles) == 8
+    for table in tables:
+        slides = table.title.endswith(" (prismatic joints)")
+        assert slides == ("frame in m," in table.caption)
+        if slides:
+            assert not any(table.reference) and not any(row.reference for row in table.rows)
+    shown = {table.title for table in tables if any(table.reference)}
+    assert shown == {"Robots", "Articulated objects", "Joints of slider, seed 7"}
+
+
 def test_errors_by_condition_are_medians_of_equal_bins(results: Path) -> None:
     lines = [x for x in read_leaderboard([results]).lines if x.dataset == "mini/ur5"]
     for found in error_by_condition(lines):
