@@ -6,6 +6,7 @@ are processes that share its folder, and the last one scores.
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -36,6 +37,9 @@ from .isolation import Limits, read_declaration
 from .jobs import Job, describe_run, prepare_job
 from .schedule import Clock, cheap_first, describe_plan
 from .suite import read_suite
+
+_MOST_MEMORY = 1e6
+"""GiB; the system counts bytes of a limit in 63 bits."""
 
 
 @dataclass(frozen=True)
@@ -197,8 +201,14 @@ def _limits(config: EvalConfig) -> Limits:
         if "ok" in config.retry:
             raise ConfigError("--retry ok and --shard exclude each other: a shard that continues "
                               "would begin again; delete the folder of the row instead")
-    if min(config.workers, config.limit, config.memory) < 0 or not config.timeout > 0:
-        raise ConfigError("--timeout must be more than 0; --workers, --limit, --memory 0 or more")
+    if min(config.workers, config.limit) < 0:
+        raise ConfigError("--workers and --limit must be 0 or more")
+    if not (config.timeout > 0 and math.isfinite(config.timeout)):
+        raise ConfigError(f"--timeout {config.timeout:g}: expected a finite number of seconds "
+                          "above 0")
+    if not 0 <= config.memory <= _MOST_MEMORY:
+        raise ConfigError(f"--memory {config.memory:g}: expected a finite number of GiB of at most "
+                          f"{_MOST_MEMORY:g}, or 0 for no limit")
     workers = config.workers or min(cpu_count(), 4)
     if config.python and all(is_own(split_oracles(method)[0]) for method in config.method):
         raise ConfigError("--python is for methods that are not gcbench's; leave it out")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench import GcbenchError, ModelError
+from gcbench import ConfigError, GcbenchError, ModelError
 from gcbench.benchmark.methods import registry as methods
 from gcbench.benchmark.methods.baselines import mean_motion
 from gcbench.benchmark.protocol.observations import DEPTH_NOISE, observe
@@ -54,6 +54,24 @@ def run(data: Path, results: Path, name: str, **changes: object) -> Results:
 
 def of(results: list[Result], metric: str) -> list[float]:
     return [r.value for r in results if r.metric == metric]
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"timeout": float("inf")}, "--timeout inf: expected a finite number of seconds above 0"),
+    ({"timeout": float("nan")}, "--timeout nan"),
+    ({"timeout": 0.0}, "--timeout 0"),
+    ({"memory": float("inf")}, "--memory inf: expected a finite number of GiB .* 0 for no limit"),
+    ({"memory": float("nan")}, "--memory nan"),
+    ({"memory": 1e12}, "--memory 1e.12"),
+    ({"memory": -1.0}, "--memory -1"),
+    ({"workers": -1}, "--workers and --limit must be 0 or more"),
+])
+def test_limits_are_numbers(
+    data: Path, tmp_path: Path, change: dict[str, float], said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        run(data, tmp_path / "results", "hold-still", **change)
+    assert not (tmp_path / "results").exists()
 
 
 @pytest.mark.parametrize(("name", "status", "reason"), [
