@@ -220,13 +220,17 @@ def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
                  declared: Declaration | None = None) -> Run:
     """Return the record that `run.json` stores for a row on a dataset, with this environment.
 
-    `declared` is the method's declaration; predictions have none.
+    `declared` is the method's declaration; predictions have none. Raises DatasetError for a folder
+    whose name no JSON can express.
     """
+    path = address(data.dataset.path)
+    if any("\ud800" <= c <= "\udfff" for c in path + data.name):
+        raise DatasetError(f"{path}: its name is not UTF-8; rename it")
     info, environment = data.dataset.info, _describe_environment()
     if declared and declared.versions:
         environment["method"] = declared.versions
     return Run(
-        row=row, source=source, dataset=data.name, data=address(data.dataset.path),
+        row=row, source=source, dataset=data.name, data=path,
         config=info.config, assets=info.assets, sequences=data.sequences, left_out=data.left_out,
         limits=limits, environments=(environment,), settings=declared.settings if declared else {},
         digests=data.digests, attribution=declared.attribution if declared else Attribution(),

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench import ConfigError, GcbenchError, ModelError
+from gcbench import ConfigError, DatasetError, GcbenchError, ModelError
 from gcbench.benchmark.methods import registry as methods
 from gcbench.benchmark.methods.baselines import mean_motion
 from gcbench.benchmark.protocol.observations import DEPTH_NOISE, observe
@@ -71,6 +71,15 @@ def test_limits_are_numbers(
 ) -> None:
     with pytest.raises(ConfigError, match=said):
         run(data, tmp_path / "results", "hold-still", **change)
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode elsewhere")
+@pytest.mark.parametrize("name", [b"arm\xe9", b"jos\xe9/arm"])
+def test_a_name_that_no_json_can_express_is_refused(tmp_path: Path, name: bytes) -> None:
+    odd = bench_data.make_dataset(tmp_path / os.fsdecode(name), 1)
+    with pytest.raises(DatasetError, match=r"udce9.*: its name is not UTF-8; rename it"):
+        run(odd, tmp_path / "results", "hold-still")
     assert not (tmp_path / "results").exists()
 
 
