@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -132,8 +133,22 @@ def _join(old: PublishedRow, new: PublishedRow) -> PublishedRow:
 def _without_folders(source: str) -> str:
     """Return the identity of a method with the names of files in place of their paths."""
     name, mark, query = source.partition("?")
-    options = [(key, value.rpartition("/")[2]) for key, value in parse_qsl(query)]
+    options = [(key, " ".join(map(_without_folder, value.split(" "))) if key == "set"
+                else _without_folder(value)) for key, value in parse_qsl(query)]
     return name.rpartition("/")[2] + mark + urlencode(options)
+
+
+def _without_folder(value: str) -> str:
+    """Return the value of an option with the name of a file in place of its path.
+
+    What stands before a path stays, as "raft:" in raft:/w/sintel.pth, and so does a model
+    OWNER/NAME of the Hugging Face hub.
+    """
+    path = re.sub(r"^(?:[\w.-]+[:=+])+", "", value)
+    kind = value[: len(value) - len(path)]
+    if re.search(r"\bhf(-\w+)?:$", kind) and re.fullmatch(r"\w[\w.-]*/[\w.-]+", path):
+        return value
+    return kind + path.rstrip("/").rpartition("/")[2]
 
 
 def _command(run: Run) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
+from gcbench.benchmark.methods.registry import options_of, with_options
 from gcbench.benchmark.protocol.truth import truth_of
 from gcbench.benchmark.report.leaderboard import build_leaderboard, read_leaderboard
 from gcbench.benchmark.report.published_rows import (
@@ -322,6 +323,24 @@ def test_the_truth_of_a_robot_is_drawn_again_without_images() -> None:
         drawn = publishing._draw_again(truth, np.array([len(truth.sequences) - 1]))
         for k, found in drawn:
             assert np.allclose(found["displacement"], truth.arrays["displacement"][k], atol=1e-5)
+
+
+@pytest.mark.parametrize(("given", "kept"), [
+    ("raft:/w/sintel.pth", "raft:sintel.pth"), ("dis-fine", "dis-fine"),
+    ("dis-fine+flownet2:~/ck.pth", "dis-fine+flownet2:ck.pth"),
+    ("torchvision:raft_small:./w/x.pth", "torchvision:raft_small:x.pth"),
+    ("hf:depth-anything/V2-Small", "hf:depth-anything/V2-Small"),
+    ("hf-metric:depth-anything/V2-Small", "hf-metric:depth-anything/V2-Small"),
+    ("hf:/home/me/V2", "hf:V2"), ("hf:../me/V2", "hf:V2"), ("hf:~/V2", "hf:V2"),
+    ("hf:./V2", "hf:V2"), ("hf:home/me/V2", "hf:V2"), ("mono:/w/mono_640/", "mono:mono_640"),
+    ("/home/me+you/my models:x/a.pth", "a.pth"), ("raft:/home/a+b:c/x.pth", "raft:x.pth"),
+    ("mine/oven.npz", "oven.npz"), ("oven", "oven"),
+])
+def test_a_published_option_keeps_its_kind_and_no_folder(given: str, kept: str) -> None:
+    options = {"flow": given, "set": f"rgb.x=1 rgb.y={given.replace(' ', '')}"}
+    published = publishing._without_folders(with_options("/home/me/m.py:M", options))
+    assert published.partition("?")[0] == "m.py:M"
+    assert options_of(published) == {"flow": kept, "set": f"rgb.x=1 rgb.y={kept}"}
 
 
 def test_packed_truth_is_the_truth(tmp_path: Path) -> None:
