@@ -12,7 +12,8 @@ method again. The files are text or arrays without pickle, and are read as untru
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -93,7 +94,7 @@ def run_folder(results: Path, row: Row, dataset: str) -> Path:
 
 
 def find_runs(results: Path | Iterable[Path]) -> list[RunFolder]:
-    """Find every run under the folder or folders, sorted by path.
+    """Find every run under the folder or folders, sorted by path; links to folders are followed.
 
     Raises:
         DatasetError: If a folder does not exist or a run in it is damaged.
@@ -102,8 +103,27 @@ def find_runs(results: Path | Iterable[Path]) -> list[RunFolder]:
     for folder in [results] if isinstance(results, Path) else results:
         if not folder.is_dir():
             raise DatasetError(f"{folder}: no such folder; `gcbench eval` makes one")
-        found += [RunFolder(path.parent, read_run(path)) for path in sorted(folder.rglob(RUN))]
+        found += [RunFolder(path.parent, read_run(path)) for path in sorted(_find_files(folder))]
     return found
+
+
+def _find_files(folder: Path) -> Iterator[Path]:
+    """Yield the path of each `run.json` once; a link shows what is not there without it."""
+    seen: set[Path] = set()
+    starts = [folder]
+    while starts:
+        links: list[Path] = []
+        for start in starts:
+            for root, folders, files in os.walk(start):
+                here = Path(root)
+                if here.resolve() in seen:
+                    folders.clear()
+                    continue
+                seen.add(here.resolve())
+                links += [here / name for name in folders if (here / name).is_symlink()]
+                if RUN in files:
+                    yield here / RUN
+        starts = links
 
 
 def read_run(path: Path) -> Run:

@@ -26,7 +26,7 @@ from gcbench.benchmark.results.runs import SCORES, Results, Run, find_runs, run_
 from gcbench.renderer.runtime.zip_archive import ArchiveWriter
 from gcbench.renderer.types.observation import Estimate
 
-from ...support.fake_results import read_results
+from ...support.fake_results import GCPOSE, ICP, read_results, write_results
 
 SHAPE = EstimateShape(frames=3, joints=2, height=4, width=5)
 ROW = Row("icp", "1.2", "rgbd", "axes", "none", ("true-parts",))
@@ -109,6 +109,19 @@ def test_runs_come_back_and_are_found(tmp_path: Path) -> None:
     assert (found.path, found.run) == (folder, RUN)
     with pytest.raises(GcbenchError, match="no such folder"):
         find_runs(tmp_path / "nowhere")
+
+
+def test_linked_folders_are_found_once(tmp_path: Path) -> None:
+    """A results folder may be collected from several disks by links."""
+    write_results(tmp_path / "disk", ICP, 0.02, "ur5", scores=False)
+    real = write_results(tmp_path / "results", GCPOSE, 0.02, "ur5", scores=False)
+    (tmp_path / "results/icp_rgbd_axes").symlink_to(tmp_path / "disk/icp_rgbd_axes")
+    (tmp_path / "results/a").symlink_to(real.parent)  # what is there without it
+    (tmp_path / "results/b").symlink_to(tmp_path / "results")  # a loop
+    (tmp_path / "results/c").symlink_to(tmp_path / "nowhere")
+    (tmp_path / "disk/icp_rgbd_axes/back").symlink_to(tmp_path / "disk")
+    assert [run.path for run in find_runs(tmp_path / "results")] == [
+        real, tmp_path / "results/icp_rgbd_axes/ur5"]
 
 
 @pytest.mark.parametrize(("change", "message"), [
