@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..errors import ConfigError
+
 if TYPE_CHECKING:
     from .results import Results
 
@@ -134,8 +136,8 @@ def report(
 
 
 def publish(
-    results: tuple[Path, ...] = (Path("results"),), /, to: Path | None = None,
-    check: bool = False, draw: int = 2, rescore: bool = False, json: bool = False,
+    results: tuple[Path, ...] = (), /, to: Path | None = None, check: bool = False,
+    draw: int | None = None, rescore: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Store estimates on a suite and their scores in compact form, for the published leaderboard.
 
@@ -150,10 +152,11 @@ def publish(
       gcbench publish --check
 
     Args:
-        results: Folders that `gcbench eval` and `gcbench score` wrote.
+        results: Folders that `gcbench eval` and `gcbench score` wrote. Default: results.
         to: Folder of published rows. Default: those of this package.
         check: Check the published rows.
         draw: Number of sequences of each dataset whose truth --check draws again; -1: all.
+            Default: 2.
         rescore: Score the estimates of all published rows again, as after a change of a metric.
         json: Print the result as one JSON document.
     """
@@ -161,11 +164,19 @@ def publish(
     from .run import check_published, rescore_published
     from .run import publish as publish_results
 
+    if check and rescore:
+        raise ConfigError("--check and --rescore exclude each other")
+    if results and (check or rescore):
+        raise ConfigError(f"{results[0]}: --check and --rescore are for published rows and read no "
+                          "results; name the folder of the rows with --to")
+    if draw is not None and not check:
+        raise ConfigError("--draw is for --check; leave it out")
+    folder = to or PUBLISHED_ROWS
     if not check:
-        folder = to or PUBLISHED_ROWS
-        written = rescore_published(folder) if rescore else publish_results(results, folder)
+        written = (rescore_published(folder) if rescore
+                   else publish_results(results or (Path("results"),), folder))
         return {"files": written} if json else "\n".join(map(str, written)), 0
-    found = check_published(to or PUBLISHED_ROWS, draw)
+    found = check_published(folder, 2 if draw is None else draw)
     code = 1 if found.problems else 0
     if json:
         return vars(found), code

@@ -183,6 +183,19 @@ def test_the_check_compares_the_configuration_with_the_suite(
     assert check_published(folder).problems == (f"{path}: no built-in suite has this dataset",)
 
 
+@pytest.mark.parametrize(("given", "said"), [
+    (["--check", "--rescore"], "--check and --rescore exclude each other"),
+    (["mine", "--check"], "mine: --check and --rescore are for published rows"),
+    (["results", "--rescore"], "results: --check and --rescore are for published rows"),
+    (["mine", "--draw", "3"], "--draw is for --check"),
+])
+def test_no_option_of_publish_is_ignored(
+    tmp_path: Path, given: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["publish", *given, "--to", str(tmp_path / "published")]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_only_finished_results_on_the_data_of_a_suite_are_published(
     evaluated: Callable[..., Results], tmp_path: Path
 ) -> None:
