@@ -53,6 +53,7 @@ _FORMER_SOURCES = {
 """Names of methods by their module:attribute in earlier versions. Results folders of these versions
 store the keys; do not remove an entry."""
 _SOURCE = re.compile(r"[\w./~-]+:[A-Za-z_][\w.]*")
+_FILE_SOURCE = re.compile(r".+\.py:[A-Za-z_][\w.]*", re.DOTALL)
 _FORM = (
     "A method is a class with the attributes name, version, training (str), inputs (a tuple of "
     f"{', '.join(INPUTS)}), knowledge (a tuple of {', '.join(KNOWLEDGE)}) and the function "
@@ -119,8 +120,13 @@ def list_methods() -> list[dict[str, str]]:
 
 
 def split_oracles(name: str) -> tuple[str, tuple[str, ...]]:
-    """Split METHOD@ORACLE+ORACLE into method and oracles. Raises MethodError if one is unknown."""
-    method, at, flags = name.partition("@")
+    """Split METHOD@ORACLE+ORACLE into method and oracles. Raises MethodError if one is unknown.
+
+    In a source, FILE.py:attribute, an @ before the attribute is a part of the path.
+    """
+    where, colon, named = name.rpartition(":")
+    attribute, at, flags = named.partition("@")
+    method = where + colon + attribute
     oracles = tuple(dict.fromkeys(flags.split("+"))) if at else ()
     if unknown := [o for o in oracles if o not in ORACLES]:
         raise MethodError(f"{name!r}: no oracle {unknown[0]!r}; there are {', '.join(ORACLES)}")
@@ -147,6 +153,11 @@ def method_source(name: str) -> str:
     if name in table:
         return table[name]
     if _SOURCE.fullmatch(name):
+        return name
+    if _FILE_SOURCE.fullmatch(name):
+        if "?" in name or not name.isprintable():
+            raise MethodError(f"{name}: the path of a method must be printable text without ?; "
+                              "rename the file or its folder")
         return name
     raise MethodError(f"no method {name!r}{suggestion(name, table)}; there are {', '.join(table)}, "
                       "and any module:attribute or FILE.py:attribute")

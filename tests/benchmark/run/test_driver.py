@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench import ConfigError, DatasetError, GcbenchError, ModelError
+from gcbench import ConfigError, DatasetError, GcbenchError, MethodError, ModelError
 from gcbench.benchmark.methods import registry as methods
 from gcbench.benchmark.methods.baselines import mean_motion
 from gcbench.benchmark.protocol.observations import DEPTH_NOISE, observe
@@ -72,6 +72,29 @@ def test_limits_are_numbers(
     with pytest.raises(ConfigError, match=said):
         run(data, tmp_path / "results", "hold-still", **change)
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize("folder", ["my project", "me@host", "m(1)+2 & 3=4, 5%", "né", "a:b"])
+def test_a_method_may_be_in_any_folder(data: Path, tmp_path: Path, folder: str) -> None:
+    file = tmp_path / folder / "m.py"
+    file.parent.mkdir()
+    file.write_text("from gcbench.benchmark.methods.baselines import HoldStill\n"
+                    "class Mine(HoldStill):\n    name = 'mine'\n")
+    source = f"{file}:Mine"
+    assert methods.split_oracles(source) == (source, ())
+    assert methods.split_oracles(source + "@true-parts") == (source, ("true-parts",))
+    config = EvalConfig(method=(source,), data=(data,), results=tmp_path / "results", workers=1)
+    (found,) = evaluate(config, progress=False).runs
+    assert (found.run.source, found.run.row.method) == (source, "mine")
+
+
+def test_a_path_that_no_record_can_hold_is_refused() -> None:
+    for name in ("/what?/m.py:M", "/a\nb/m.py:M", os.fsdecode(b"/jos\xe9/m.py:M")):
+        with pytest.raises(MethodError, match=r"must be printable text without \?; rename"):
+            methods.method_source(name)
+    for name in ("my project:M", "m.py", "/x@y/m.txt:M"):
+        with pytest.raises(MethodError, match="no method '"):
+            methods.method_source(methods.split_oracles(name)[0])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode elsewhere")
