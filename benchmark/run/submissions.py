@@ -22,7 +22,7 @@ from ...renderer.runtime import ArraySpec, parse_npz, to_record
 from ...renderer.types import Estimate
 from ...robots.files import read_bounded, write_atomically
 from ...robots.geometry import Array
-from ..protocol import are_compatible, truth_of
+from ..protocol import are_compatible
 from ..results import (
     LABEL,
     RUN,
@@ -37,9 +37,10 @@ from ..results import (
     read_run,
     run_folder,
 )
-from .datasets import SUITES, Data, Selection, from_folders, from_suite
+from .datasets import SUITES, Selection, from_folders, from_suite
 from .jobs import describe_run, name_unwritable, prepare_job, with_free_name
 from .suite import read_suite
+from .targets import Target, list_targets
 
 PREDICTIONS_FORMAT = """\
 expected a CSV
@@ -64,21 +65,6 @@ SOURCE = "predictions"
 _LISTED = 20  # missing targets in a message
 _MAX_HEADER = 50  # lines
 _MAX_TEXT = 200  # characters
-
-
-@dataclass(frozen=True)
-class Target:
-    """The required predictions of a sequence: their dataset and shape."""
-
-    data: Data
-    sequence: str
-    frames: int
-    names: tuple[str, ...]
-    """Of the scored joints, from the base outward."""
-
-    @property
-    def joints(self) -> int:
-        return len(self.names)
 
 
 @dataclass(frozen=True)
@@ -188,17 +174,6 @@ def check_source(run: Run, results: Path) -> None:
             f"{path.parent} holds estimates of {run.row.title} that gcbench eval made; declare "
             "another method name, or choose another --results folder"
         )
-
-
-def list_targets(data: Sequence[Data]) -> dict[str, Target]:
-    """Return the targets by name of the sequence, or by DATASET/NAME for several datasets."""
-    out: dict[str, Target] = {}
-    for d in data:
-        for name in d.sequences:
-            sequence = d.dataset[name]
-            key = name if len(data) == 1 else f"{d.name}/{name}"
-            out[key] = Target(d, name, len(sequence), truth_of(sequence).joint_names)
-    return out
 
 
 def template(wanted: Mapping[str, Target]) -> str:
