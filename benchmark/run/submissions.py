@@ -40,7 +40,7 @@ from ..results import (
 from .datasets import SUITES, Selection, from_folders, from_suite
 from .jobs import describe_run, name_unwritable, prepare_job, with_free_name
 from .suite import read_suite
-from .targets import Target, list_targets
+from .targets import Target, describe_unscored, list_known, list_targets
 
 PREDICTIONS_FORMAT = """\
 expected a CSV
@@ -224,7 +224,9 @@ def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:
             raise ValueError(f"line {at}: {len(cells)} cells instead of {len(_COLUMNS)}")
         key, frame, joint, value = (cell.strip() for cell in cells)
         if key not in wanted:
-            raise ValueError(f"line {at}: no sequence {_short(key)}; {_list_known(wanted)}")
+            if reason := describe_unscored(key, wanted):
+                raise ValueError(f"line {at}: sequence {key}: {reason}")
+            raise ValueError(f"line {at}: no sequence {_short(key)}; {list_known(wanted)}")
         target = wanted[key]
         t = _whole(frame, 0, target.frames - 1, f"line {at}: frame")
         if joint in target.names:
@@ -312,11 +314,6 @@ def _real(text: str, where: str) -> float:
     except ValueError:
         raise ValueError(f"{where} is {_short(text)}, expected a number") from None
     return value if math.isfinite(value) else math.nan
-
-
-def _list_known(wanted: Mapping[str, Target]) -> str:
-    names = list(wanted)
-    return f"there are {names[0]} to {names[-1]}" if len(names) > 1 else f"there is {names[0]}"
 
 
 def _short(text: str) -> str:

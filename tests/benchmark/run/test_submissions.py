@@ -190,6 +190,23 @@ def test_estimates_of_a_method_are_kept_under_the_name_with_the_seed(
     score(file, data, tmp_path)
 
 
+def test_a_prediction_that_is_not_scored_is_told_why(data: Path, tmp_path: Path) -> None:
+    hidden = bench_data.make_dataset(tmp_path / "hidden", 2, unobservable=(1,))
+    file, results = tmp_path / "mine.csv", tmp_path / "results"
+    file.write_text(csv_of(hidden))
+    said = "sequence {}000001: it is not scored, because its motion .* --keep-unobservable"
+    with pytest.raises(GcbenchError, match=said.format("")):
+        score(file, hidden, tmp_path)
+    config = ScoreConfig(file, data=(hidden,), results=results, keep_unobservable=True)
+    (found,) = score_predictions(config).runs
+    assert max(finals(found.results())) < 1e-6
+    text = csv_of(data)
+    file.write_text(text.replace("\n00000", "\narm/00000")
+                    + "hidden/000001,1,1,0\nhidden/000009,1,1,0\n")
+    with pytest.raises(GcbenchError, match=said.format("hidden/")):
+        score_predictions(ScoreConfig(file, data=(data, hidden), results=results))
+
+
 def test_the_command_line_scores(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
