@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from ..files import MissingAssetError
 from ..geometry import Array
-from ..model import Maps, Material, TextureDecoder, Tiling, mean_color
+from ..model import INVISIBLE, Maps, Material, TextureDecoder, Tiling, mean_color
 from .accessors import Accessors
 from .document import GltfDocument
 from .records import GltfMaterial, GltfSampler, Quadruple, SpecularGlossiness, TextureInfo
 
-INVISIBLE = 0.02
-"""A blended surface with a lower alpha is not drawn."""
 _TILINGS: dict[int, Tiling] = {10497: "repeat", 33648: "mirror", 33071: "clamp"}
 
 
@@ -55,8 +53,12 @@ class Materials:
                     return _placement(info)
         return Placement(None, np.eye(2, 3))
 
-    def material(self, material: int | None, has_uv: bool) -> tuple[Material, object]:
-        """Return the material (mean texture colour without UVs), and a key shared by equal ones."""
+    def material(
+        self, material: int | None, has_uv: bool, vertex_color: Array | None
+    ) -> tuple[Material, object]:
+        """Return the material (mean texture colour without UVs) of a surface with vertex colours
+        [V 4], and a key shared by equal ones.
+        """
         if material is None:
             return Material("default", (1.0, 1.0, 1.0, 1.0), 1.0, 1.0), None
         if material not in self._materials:
@@ -68,7 +70,10 @@ class Materials:
                 r, g, b, a = np.multiply(mean_color(found.texture), color).tolist()
                 color = (r, g, b, a)
             found = replace(found, texture=None, base_color=color, maps=Maps())
-        return found, (material, has_uv)
+        if (found.blend and found.alpha_cutoff is None and vertex_color is not None
+                and found.base_color[3] * vertex_color[:, 3].min() < INVISIBLE):
+            found = replace(found, alpha_cutoff=INVISIBLE)
+        return found, (material, has_uv, found.alpha_cutoff)
 
     def shows_alpha(self, material: int | None) -> bool:
         """Return whether the material uses the alpha of vertex colours."""

@@ -133,7 +133,7 @@ class Meshes:
                 bend = np.stack([(zero if b is None else b)[source] for b in bends])
             else:
                 bend = _normal_changes(positions[source], faces, displacement)
-        material, key = self._materials.material(primitive.material, uv is not None)
+        material, key = self._materials.material(primitive.material, uv is not None, color)
         return Patch(
             positions[source], faces, _normalize(new_normals), None if uv is None else uv[source],
             material, key, None if joints is None else joints[source],

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ..geometry import Array
 
 Tiling = Literal["repeat", "mirror", "clamp"]
+INVISIBLE = 0.02
+"""A transparent surface with a lower alpha has neither colour nor depth."""
 
 
 @dataclass(frozen=True)

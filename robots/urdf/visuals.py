@@ -17,6 +17,7 @@ from ..files import MissingAssetError, OutsideAssetError, show_progress
 from ..geometry import Array
 from ..meshes import box, capsule, cylinder, sphere
 from ..model import (
+    INVISIBLE,
     ArticulatedModel,
     Material,
     TriangleSurface,
@@ -153,7 +154,8 @@ def _material(
             notes.append(f"material {given.name!r}: texture {given.texture.filename!r} {why}")
             if given.color is None:
                 return None
-    return Material(str(given.name or ""), color, texture=texture)
+    cutoff = INVISIBLE if color[3] < INVISIBLE else None
+    return Material(str(given.name or ""), color, texture=texture, alpha_cutoff=cutoff)
 
 
 def _assign_material(s: TriangleSurface, own: Material | None) -> TriangleSurface:

@@ -186,6 +186,31 @@ def test_a_mask_cuts_holes_into_colour_depth_and_part(
 
 
 @pytest.mark.gl
+def test_what_a_blended_vertex_colour_hides_is_in_no_layer(
+    tmp_path: Path, rasterizer: Rasterizer
+) -> None:
+    low, high = (SQUARE * [1, 0.5, 1] + np.array([0, y, 0]) for y in (-0.5, 0.5))
+    halves = np.concatenate([low, high])
+    rgba = np.ones((8, 4))
+    seen: dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    for alpha in (0.0, 1.0):
+        rgba[:4, 3] = alpha  # of the lower half
+        maker = Maker()
+        material = maker.add("materials", alphaMode="BLEND")
+        maker.node(mesh=maker.mesh(
+            halves, [*FACES, *np.add(FACES, 4)], primitive={"material": material},
+            COLOR_0=maker.accessor(rgba)))
+        model = load_gltf(maker.save(tmp_path))
+        assert model.visuals[0].material.alpha_cutoff == (None if alpha else 0.02)
+        seen[alpha] = shot(rasterizer, model)
+    depth, part, rgb = seen[0.0]
+    np.testing.assert_array_equal(depth > 0, part > 0)
+    upper = np.arange(48)[:, None] < 24
+    np.testing.assert_array_equal(part > 0, (seen[1.0][1] > 0) & upper)
+    assert np.count_nonzero(part) > 300 and (rgb[24:] == 10).all()
+
+
+@pytest.mark.gl
 def test_pictures_stand_upright_and_vertex_colours_multiply(
     tmp_path: Path, rasterizer: Rasterizer
 ) -> None:

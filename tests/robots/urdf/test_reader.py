@@ -228,6 +228,15 @@ def test_textures_of_the_urdf(tmp_path: Path) -> None:
     np.testing.assert_allclose(on_mesh.material.base_color, [1, 0, 0, 1])
 
 
+def test_what_an_alpha_of_zero_hides_has_no_depth_either(tmp_path: Path) -> None:
+    look = '<material name="{0}"><color rgba="1 0 0 {0}"/></material>'
+    text = robot("".join(link(f"l{a}", '<box size="1 1 1"/>', look.format(a)) for a in (0, 0.5, 1))
+                 + joint("a", "l0", "l0.5", "fixed") + joint("b", "l0.5", "l1", "fixed"))
+    materials = [v.material for v in load(tmp_path / "m.urdf", text).visuals]
+    assert [m.alpha_cutoff for m in materials] == [0.02, None, None]
+    assert [m.transparent for m in materials] == [True, True, False]
+
+
 def test_visuals_of_one_material_are_joined_per_part(tmp_path: Path) -> None:
     one = ('<visual><geometry><box size="1 1 1"/></geometry><material name="x">'
            '<color rgba="{} 0 0 1"/></material></visual>')
