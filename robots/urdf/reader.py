@@ -64,7 +64,7 @@ def load_urdf(
     with file_errors(path, "a URDF"):
         document = read_urdf_document(data, path.stem, allow_missing)
         name = str(document.robot.name or path.stem)
-        model = ArticulatedModel.from_links(name, _links(document))
+        model = ArticulatedModel.from_links(name, _links(document, scale))
         library = MeshLibrary(finder)
         visuals, notes = visuals_of_document(document, model, library, allow_missing)
     model = replace(
@@ -75,8 +75,10 @@ def load_urdf(
     return model
 
 
-def _links(document: UrdfDocument) -> list[Link]:
-    """The links of the document without their surfaces; the joints give the order."""
+def _links(document: UrdfDocument, scale: float) -> list[Link]:
+    """The links of the document without their surfaces, in its unit of `scale` m; the joints give
+    the order.
+    """
     joints: list[UrdfJoint] = document.robot.joints
     names = {link.name: None for link in document.robot.links}
     by_child: dict[str, UrdfJoint] = {}
@@ -89,11 +91,11 @@ def _links(document: UrdfDocument) -> list[Link]:
                              f"{by_child[j.child].name!r} and {j.name!r}; a link has one parent")
         by_child[j.child] = j
     return [*(Link(name) for name in names if name not in by_child),
-            *(Link(j.child, j.parent, pose_or_identity(j.origin), _joint(j, document.notes))
+            *(Link(j.child, j.parent, pose_or_identity(j.origin), _joint(j, scale, document.notes))
               for j in joints)]
 
 
-def _joint(joint: UrdfJoint, notes: list[str]) -> Joint:
+def _joint(joint: UrdfJoint, scale: float, notes: list[str]) -> Joint:
     name = joint.name
     if joint.type in ("floating", "planar", "spherical"):
         notes.append(f"joint {name!r} is {joint.type}: frozen at zero")
@@ -103,14 +105,15 @@ def _joint(joint: UrdfJoint, notes: list[str]) -> Joint:
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
         raise ModelError(f"joint {name!r}: its axis is zero")
-    limits = _limits(joint, notes)
+    limits = _limits(joint, scale if joint.type == "prismatic" else 1.0, notes)
     joint_type = JointType(joint.type)
     if joint_type is not JointType.PRISMATIC:
         joint_type = JointType.CONTINUOUS if limits == _UNLIMITED else JointType.REVOLUTE
     return Joint(name, joint_type, axis / length, limits=limits, mimic=_mimic(joint))
 
 
-def _limits(joint: UrdfJoint, notes: list[str]) -> tuple[float, float]:
+def _limits(joint: UrdfJoint, unit: float, notes: list[str]) -> tuple[float, float]:
+    """The limits in the unit of the file, `unit` rad or m."""
     limit = joint.limit
     if joint.type == "continuous":
         return _UNLIMITED
@@ -121,10 +124,10 @@ def _limits(joint: UrdfJoint, notes: list[str]) -> tuple[float, float]:
     if lower > upper:
         notes.append(f"joint {joint.name!r}: lower limit {lower:g} > upper {upper:g}: swapped")
         lower, upper = upper, lower
-    if max(-lower, upper) > _LARGEST_LIMIT:
+    if max(-lower, upper) * unit > _LARGEST_LIMIT:
         notes.append(f"joint {joint.name!r}: limits {lower:g} {upper:g} taken as none")
-        lower = lower if lower >= -_LARGEST_LIMIT else -np.inf
-        upper = upper if upper <= _LARGEST_LIMIT else np.inf
+        lower = lower if lower * unit >= -_LARGEST_LIMIT else -np.inf
+        upper = upper if upper * unit <= _LARGEST_LIMIT else np.inf
     return lower, upper
 
 

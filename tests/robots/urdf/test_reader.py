@@ -328,6 +328,17 @@ def test_a_scale_multiplies_all_lengths(tmp_path: Path) -> None:
         load_robot("ur5", scale=2.0)
 
 
+def test_the_largest_limit_is_in_metres_whatever_the_unit(tmp_path: Path) -> None:
+    text = robot(link("a", '<box size="500 500 500"/>') + link("b") + link("c") + link("d")
+                 + joint("slide", "a", "b", "prismatic", '<limit lower="0" upper="1500"/>')
+                 + joint("free", "a", "c", "prismatic", '<limit lower="-1e9" upper="1e9"/>')
+                 + joint("turn", "a", "d", more='<limit lower="-1500" upper="1500"/>'))
+    small = load(tmp_path / "m.urdf", text, scale=0.001)
+    np.testing.assert_allclose(small.limits, [[0, 1.5], [-np.inf, np.inf], [-np.inf, np.inf]])
+    plain = load(tmp_path / "m.urdf", text)
+    np.testing.assert_allclose(plain.limits, [[0, np.inf], *[[-np.inf, np.inf]] * 2])
+
+
 def test_a_joint_that_mimics_nothing_moves_by_itself(tmp_path: Path) -> None:
     path = tmp_path / "m.urdf"
     path.write_text("""<robot name="m"><link name="a"/><link name="b"><visual><geometry>
