@@ -225,6 +225,15 @@ def test_no_part_number_is_too_large_for_the_mask(rasterizer: Rasterizer) -> Non
 # -- culling ----------------------------------------------------------------------------------
 
 BOX = box(0, (-0.3, -0.2, -0.1), (0.3, 0.2, 0.4))
+
+
+def join(a: Visual, b: Visual) -> Visual:
+    """Two visuals as one, with the look of the first."""
+    return replace(a, vertices=np.concatenate([a.vertices, b.vertices]),
+                   faces=np.concatenate([a.faces, b.faces + np.int32(len(a.vertices))]),
+                   normals=np.concatenate([a.normals, b.normals]))
+
+
 CLOSED = {
     "outward": (BOX, True),
     "inside out": (replace(BOX, faces=BOX.faces[:, ::-1]), False),
@@ -232,6 +241,10 @@ CLOSED = {
     "mirrored and turned": (
         replace(BOX, vertices=BOX.vertices * [-1, 1, 1], faces=BOX.faces[:, ::-1]), True),
     "open": (replace(BOX, faces=BOX.faces[2:]), False),
+    "touching at a corner": (join(BOX, box(0, (0.3, 0.2, 0.4), (0.4, 0.3, 0.5))), True),
+    "touching at an edge": (join(BOX, box(0, (0.3, 0.2, -0.1), (0.5, 0.4, 0.4))), True),
+    "touching at a face": (join(BOX, box(0, (0.3, -0.2, -0.1), (0.6, 0.2, 0.4))), True),
+    "twice": (join(BOX, BOX), True),
     "one face turned": (
         replace(BOX, faces=np.concatenate([BOX.faces[:1, ::-1], BOX.faces[1:]])), False),
 }
@@ -251,11 +264,29 @@ def test_a_closed_surface_may_be_cut_into_meshes_with_split_vertices() -> None:
     assert all(found.all() for found in outward_faces(pieces, faces, [4, 4]))
 
 
-@pytest.mark.parametrize("name", CLOSED)
+INVERTED = {
+    "at a corner": box(0, (0.3, 0.2, 0.4), (0.5, 0.4, 0.6)),
+    "at an edge": box(0, (0.3, 0.2, -0.1), (0.5, 0.4, 0.4)),
+}
+"""Solids that touch BOX."""
+
+
+@pytest.mark.parametrize("name", INVERTED)
+def test_an_inverted_solid_that_touches_a_larger_one_is_drawn_from_both_sides(name: str) -> None:
+    small = replace(INVERTED[name], faces=INVERTED[name].faces[:, ::-1])
+    for first, second in ((BOX, small), (small, BOX)):
+        joined = join(first, second)
+        found = outward_faces([joined.vertices], [joined.faces], [0])[0]
+        assert found[:12].all() == (first is BOX) and found[12:].all() == (second is BOX)
+        assert found.sum() == 12
+
+
+@pytest.mark.parametrize("name", [*CLOSED, *INVERTED])
 def test_culling_changes_no_pixel(
     name: str, rasterizer: Rasterizer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    visual = CLOSED[name][0]
+    visual = CLOSED[name][0] if name in CLOSED else join(
+        BOX, replace(INVERTED[name], faces=INVERTED[name].faces[:, ::-1]))
     views = [camera(look_at(eye, [0, 0, 0.1])) for eye in ([1, 1, 1], [-1, 0.4, -0.5], [0, -1, 2])]
     drawn = [truth(rasterizer, model(visual), view) for view in views]
     colors = color(rasterizer, scene(model(visual)))
