@@ -129,8 +129,8 @@ def draw_lights(rng: np.random.Generator, config: LightsConfig) -> tuple[tuple[L
 def draw_materials(
     rng: np.random.Generator, config: MaterialsConfig, model: ArticulatedModel
 ) -> tuple[Material, ...]:
-    """Return materials, one per visual; each distinct material is changed by its own draw."""
-    drawn: dict[tuple[object, ...], Material] = {}
+    """Return materials, one per visual; each distinct colour is changed by its own draw."""
+    drawn: dict[tuple[object, ...], dict[str, Any]] = {}
     out: list[Material] = []
     for visual in model.visuals:
         m = visual.material
@@ -139,17 +139,13 @@ def draw_materials(
             chance, hue = rng.random(), rng.uniform(-1, 1) * config.hue
             value = rng.uniform(*config.value)
             rough, metal = rng.uniform(*config.roughness), rng.uniform(*config.metallic)
-            drawn[key] = m
+            drawn[key] = {}
             if chance < config.probability:
                 h, s, v = colorsys.rgb_to_hsv(*m.base_color[:3])
                 rgb = colorsys.hsv_to_rgb((h + hue) % 1.0, s, min(v * float(value), 1.0))
-                drawn[key] = replace(
-                    m,
-                    base_color=(*rgb, m.base_color[3]),
-                    metallic=float(metal),
-                    roughness=float(rough),
-                )
-        out.append(drawn[key])
+                drawn[key] = {"base_color": (*rgb, m.base_color[3]), "metallic": float(metal),
+                              "roughness": float(rough)}
+        out.append(replace(m, **drawn[key]))
     return tuple(out)
 
 

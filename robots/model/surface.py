@@ -135,13 +135,20 @@ def visuals_of_part(
 
 
 def _material_key(m: Material, digests: dict[int, bytes]) -> object:
-    texture = None
-    if m.texture is not None:
-        if id(m.texture) not in digests:
-            digests[id(m.texture)] = hashlib.sha256(m.texture.tobytes()).digest()
-        texture = (m.texture.shape, digests[id(m.texture)])
-    return (np.round(m.base_color, 6).tobytes(), round(m.metallic, 6), round(m.roughness, 6),
-            texture)
+    """Return what tells the look of a material from that of others; its name does not."""
+    maps = m.maps
+    pictures = [_picture_key(picture, digests) for picture in (
+        m.texture, maps.metallic_roughness, maps.normal, maps.occlusion, maps.emission)]
+    return (np.round([*m.base_color, m.metallic, m.roughness, *m.emission], 6).tobytes(),
+            m.unlit, m.alpha_cutoff, m.blend, *pictures, m.tiling if any(pictures) else None)
+
+
+def _picture_key(picture: NDArray[np.uint8] | None, digests: dict[int, bytes]) -> object:
+    if picture is None:
+        return None
+    if id(picture) not in digests:
+        digests[id(picture)] = hashlib.sha256(picture.tobytes()).digest()
+    return picture.shape, digests[id(picture)]
 
 
 def _compact(f: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

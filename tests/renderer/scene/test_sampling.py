@@ -179,6 +179,16 @@ def test_visuals_that_share_a_material_share_its_draw() -> None:
     assert steel.base_color[0] == pytest.approx(steel.base_color[1])  # grey has no hue
 
 
+def test_a_shared_draw_changes_the_colour_alone() -> None:
+    model, rng = two_parts(), np.random.default_rng
+    plain = draw_materials(rng(2), MaterialsConfig(), model)
+    first, second, third = model.visuals
+    lamp = replace(third.material, emission=(1.0, 0.5, 0.0), unlit=True)
+    model = replace(model, visuals=(first, second, replace(third, material=lamp)))
+    drawn = draw_materials(rng(2), MaterialsConfig(), model)
+    assert drawn == (*plain[:2], replace(plain[2], emission=(1.0, 0.5, 0.0), unlit=True))
+
+
 def test_materials_may_be_left_alone() -> None:
     model = two_parts()
     drawn = draw_materials(np.random.default_rng(2), MaterialsConfig(probability=0.0), model)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from gcbench.robots.files.paths import asset_finder
 from gcbench.robots.geometry.normals import face_normals, smooth_corners
 from gcbench.robots.meshes.solids import box, capsule, cylinder, sphere
 from gcbench.robots.model import (
+    Maps,
     Material,
     TriangleSurface,
     clean_surface,
@@ -269,6 +271,22 @@ def test_a_capsule_is_straight_between_its_ends() -> None:
 def test_srgb_is_that_of_the_standard() -> None:
     np.testing.assert_allclose(linear_from_srgb([0, 0.04, 0.5, 1, 2]),
                                [0, 0.0030960, 0.2140411, 1, 1], rtol=1e-5)
+
+
+def test_visuals_that_look_different_are_not_joined() -> None:
+    picture = np.full((2, 2, 3), 5, np.uint8)
+    looks = [Material(), Material(emission=(1.0, 0.0, 0.0)), Material(unlit=True),
+             Material(alpha_cutoff=0.5), Material(blend=True), Material(texture=picture),
+             Material(texture=picture, tiling=("clamp", "repeat")),
+             *(Material(maps=Maps(**{kind: picture})) for kind in (
+                 "metallic_roughness", "normal", "occlusion", "emission")),
+             Material(maps=Maps(normal=picture + 1))]
+    solid = box([1, 1, 1])
+    visuals = visuals_of_part(0, [replace(solid, material=look) for look in looks * 2])
+    assert [v.material for v in visuals] == looks
+    assert all(len(v.faces) == 24 for v in visuals)
+    same = [Material(), Material(tiling=("clamp", "clamp"))]  # without a picture to tile
+    assert len(visuals_of_part(0, [replace(solid, material=look) for look in same])) == 1
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
