@@ -42,7 +42,8 @@ class Materials:
         self._gltf, self._accessors, self._allow_missing = document.gltf, accessors, allow_missing
         self._textures = textures
         self._materials: dict[int, Material] = {}
-        self._opaque: dict[int, NDArray[np.uint8]] = {}
+        self._opaque: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
+        """Pictures with and without alpha, by the id of the former, which must live as long."""
         self.notes: dict[str, None] = {}
 
     def placement(self, material: int | None) -> Placement:
@@ -102,8 +103,9 @@ class Materials:
             mode = "OPAQUE"
         if mode == "OPAQUE" and picture is not None and picture.shape[2] == 4:
             if id(picture) not in self._opaque:
-                self._opaque[id(picture)] = self._count(np.ascontiguousarray(picture[..., :3]))
-            picture = self._opaque[id(picture)]
+                without = self._count(np.ascontiguousarray(picture[..., :3]))
+                self._opaque[id(picture)] = picture, without
+            picture = self._opaque[id(picture)][1]
         r, g, b, a = np.clip(color, 0.0, 1.0).tolist()
         cutoff = None
         if mode == "MASK":

@@ -97,6 +97,19 @@ def test_alpha_modes(tmp_path: Path) -> None:
         assert m.base_color[3] == (0.5 if mode == "BLEND" else 1.0)
 
 
+def test_each_glossy_material_has_a_picture_of_its_own(tmp_path: Path) -> None:
+    maker = Maker()
+    black, white = (add_texture(maker, np.full((4, 4, 4), v)) for v in (0, 255))
+    shines = np.linspace(0.3, 1.0, 200)
+    for shine in shines:
+        square(maker, extensions={"KHR_materials_pbrSpecularGlossiness": {
+            "diffuseTexture": {"index": black}, "specularFactor": [shine] * 3,
+            "specularGlossinessTexture": {"index": white}}})
+    textures = [v.material.texture for v in load_gltf(maker.save(tmp_path)).visuals]
+    found = [float(t.mean()) for t in textures if t is not None]
+    np.testing.assert_allclose(found, (255 * shines - 56) * 255 / 199, atol=1.0)
+
+
 def test_texture_coordinates_are_turned_as_the_extension_says(tmp_path: Path) -> None:
     """Its own example: the lower left quadrant of the image, turned clockwise by 90 degrees."""
     maker = Maker()
