@@ -338,7 +338,7 @@ def _normal_changes(vertices: Array, faces: NDArray[np.int64], displacement: Arr
         out = np.zeros_like(points)
         for k in range(3):
             np.add.at(out, faces[:, k], flat * area[:, None])
-        return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
+        return _normalize(out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300))
 
     rest = vertex_normals(vertices)
     return np.stack([vertex_normals(vertices + d) - rest for d in displacement])

@@ -76,13 +76,13 @@ def clean_triangles(
     if np.abs(p).max() > 1e9:
         raise ModelError("a vertex lies more than 1e9 units from the origin")
     keep = _solid(p, f)
-    if not keep.any():
+    if not keep.any() and not keep_flat:
         return None
     if not keep.all() and not keep_flat:
         used, f = _compact(f[keep], len(source))
         source, p, keep = source[used], p[used], np.ones(len(f), bool)
     m = n[source] if n is not None and len(n) == len(v) else None
-    if m is not None and valid_normals(p, f[keep], m):
+    if m is not None and (valid_normals(p, f[keep], m) if keep.any() else _have_length(m)):
         return source, f, m / np.linalg.norm(m, axis=-1, keepdims=True)
     group, group_normals = smooth_corners(p, f)
     corner = (f if distinct else 0) + group.ravel().reshape(-1, 3) * (len(p) if distinct else 1)
@@ -156,6 +156,12 @@ def _compact(f: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArr
     used = np.zeros(count, bool)
     used[f.ravel()] = True
     return np.flatnonzero(used), (np.cumsum(used) - 1)[f]
+
+
+def _have_length(normals: Array) -> bool:
+    """Return whether normals [V 3] without a face that has a side can be kept."""
+    length = np.linalg.norm(normals, axis=-1)
+    return bool(np.isfinite(length).all() and (length > 1e-6).all())
 
 
 def _solid(v: Array, f: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -336,6 +336,26 @@ def test_morphs_with_skin_and_animation(tmp_path: Path) -> None:
     assert model.animations[1].at(np.array([0.3, 0.6])).morph.shape == (2, 3)
 
 
+@pytest.mark.parametrize("normals", [False, True])
+def test_what_is_flat_at_rest_opens(tmp_path: Path, normals: bool) -> None:
+    """A flap that is folded to a line, and opens to a square."""
+    maker = Maker()
+    flat = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 0], [0, 0, 0]], float)
+    opened = maker.accessor([[0, 0, 0], [0, 0, 0], [0, 1, 0], [0, 1, 0]])
+    attributes = {"NORMAL": maker.accessor(np.tile([0.0, 0, 1], (4, 1)))} if normals else {}
+    flap = maker.node(mesh=maker.mesh(flat, [[0, 1, 2], [0, 2, 3]], [{"POSITION": opened}],
+                                      **attributes))
+    maker.node(mesh=maker.mesh())
+    maker.animate([(flap, "weights", [0.0, 1.0], [0.0, 1.0], "LINEAR")])
+    model = load_gltf(maker.save(tmp_path))
+    assert [len(v.faces) for v in model.visuals] == [2, 12]
+    posture = model.animations[0].at(np.array([1.0]))
+    vertices, turned = deform_visual(model.visuals[0], posture.world_from_part[0], None,
+                                     posture.morph[0])
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), [1, 0, 1], atol=1e-9)
+    np.testing.assert_allclose(turned, np.tile(Z_UP @ [0, 0, 1], (len(vertices), 1)), atol=1e-9)
+
+
 def test_morph_normals_follow(tmp_path: Path) -> None:
     """A quad that a morph tilts: its normal tilts with it, given or made."""
     flat = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
