@@ -61,9 +61,11 @@ class Accessors:
             raise ModelError(f"accessors[{number}] should hold unsigned integers")
         return array.astype(np.int64)
 
-    def floats(self, number: int) -> Array:
-        """Return an accessor, [N] or [N width]; normalised integers are scaled to 0..1 or -1..1."""
-        array = self._array(number)
+    def floats(self, number: int, count: int | None = None) -> Array:
+        """Return an accessor, [N] or [N width], or its first `count` entries; normalised integers
+        are scaled to 0..1 or -1..1.
+        """
+        array = self._array(number)[:count]
         out = array.astype(np.float64)
         if array.dtype.kind == "f":
             if not np.isfinite(out).all():

@@ -37,6 +37,7 @@ from .meshes import (
     skinned_visuals,
 )
 from .nodes import Rig, node_tree, rig
+from .rest import inverse_binds, rest_weights
 
 _SMALLEST, _LARGEST = 1e-3, 1e4
 """m: a model of a size outside this range is read in another unit, with a note."""
@@ -129,11 +130,8 @@ class _Reader:
             count = meshes.targets(mesh)
             if not count:
                 continue
-            given = node.weights or gltf.meshes[mesh].weights or [0.0] * count
-            if len(given) != count:
-                raise ModelError(f"nodes[{n}] has {len(given)} weights for {count} morph targets")
             channels[n] = slice(len(weights), len(weights) + count)
-            weights.extend(given)
+            weights.extend(rest_weights(self.document, n, count))
             if len(weights) > _MAX_MORPH_CHANNELS:
                 raise ModelError(f"has more than {_MAX_MORPH_CHANNELS} morph weights")
         return channels, np.array(weights, np.float64)
@@ -172,9 +170,8 @@ class _Reader:
         gltf, part = self.document.gltf, parts.part_of_node
         visuals: list[Visual] = []
         for n, joints in bones.items():
-            skin = gltf.skins[cast("int", gltf.nodes[n].skin)]
             bone_part = np.array([part[j] for j in joints], np.int64)
-            bind = _inverse_binds(skin.inverse_bind_matrices, len(joints), self.accessors)
+            bind = inverse_binds(self.document, cast("int", gltf.nodes[n].skin), self.accessors)
             part_from_mesh = parts.part_from_node[bone_part] @ bind
             for i, patch in enumerate(meshes.patches(cast("int", gltf.nodes[n].mesh))):
                 try:
@@ -183,20 +180,6 @@ class _Reader:
                 except ModelError as error:
                     raise ModelError(f"nodes[{n}], piece {i} of its mesh: {error}") from error
         return visuals
-
-
-def _inverse_binds(accessor: int | None, count: int, accessors: Accessors) -> Array:
-    """Return the inverse bind matrices [B 4 4]."""
-    if accessor is None:
-        return np.tile(np.eye(4), (count, 1, 1))
-    if accessors.kind(accessor) != "MAT4" or accessors.count(accessor) < count:
-        raise ModelError(f"a skin has {accessors.count(accessor)} inverse bind matrices "
-                         f"({accessors.kind(accessor)}) for {count} joints")
-    matrices = accessors.floats(accessor)[:count].reshape(-1, 4, 4).swapaxes(1, 2)
-    if np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-3:
-        raise ModelError("a skin has an inverse bind matrix that is not affine")
-    matrices[:, 3] = (0.0, 0.0, 0.0, 1.0)
-    return matrices
 
 
 def _links(parts: Rig) -> list[Link]:
