@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...errors import ConfigError, GcbenchError, RenderError
+from ...errors import ConfigError, GcbenchError, RenderError, StorageError
 from ...robots.files import LOCK, lock_folder
 from ..dataset import Dataset, open_dataset, select_sequences, sequence_paths
 from ..runtime import dump_json, frame_bar, open_archive
@@ -127,7 +127,8 @@ def _write_all(
             with closing(kind(part, data)) as writer:
                 _write(writer, names, journal, progress)
         except BaseException as error:
-            if isinstance(error, GcbenchError) or not journal.entries:
+            final = isinstance(error, GcbenchError) and not isinstance(error, StorageError)
+            if final or not journal.entries:
                 shutil.rmtree(part, ignore_errors=True)
             raise
     (part / _FILE).write_bytes(dump_json({**origin, "sequences": names}))

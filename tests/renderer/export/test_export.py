@@ -23,6 +23,7 @@ import pytest
 import trimesh
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
+from gcbench.errors import DatasetError, StorageError
 from gcbench.gcpose.networks.depth_images import fit_depth
 from gcbench.renderer.dataset.reader import Dataset, select_sequences
 from gcbench.renderer.export import kitti as export_kitti
@@ -170,10 +171,11 @@ def test_what_was_stopped_is_continued(
 
 
 def interrupt(
-    monkeypatch: pytest.MonkeyPatch, format: str, data: Dataset, stop: int | None
+    monkeypatch: pytest.MonkeyPatch, format: str, data: Dataset, stop: int | None,
+    error: type[BaseException] = KeyboardInterrupt,
 ) -> list[str]:
     """Names of the sequences that are written from now on; Ctrl-C comes after the work of number
-    `stop`, before anybody knows that it is done."""
+    `stop`, before anybody knows that it is done; or another error."""
     module, _, name = WRITERS[format].partition(":")
     kind = getattr(importlib.import_module(f"gcbench.renderer.export.{module}"), name)
     before, calls = kind.add, list[str]()
@@ -182,11 +184,26 @@ def interrupt(
         calls.append(archive.path.stem)
         record = before(self, sequence, archive)
         if stop is not None and calls[-1] == data.names[stop]:
-            raise KeyboardInterrupt
+            raise error
         return record
 
     monkeypatch.setattr(kind, "add", add)
     return calls
+
+
+@pytest.mark.parametrize(("error", "kept"), [(StorageError, True), (DatasetError, False)])
+def test_what_a_storage_did_not_give_is_continued(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[Exception],
+    kept: bool,
+) -> None:
+    interrupt(monkeypatch, "tapvid", dataset, 2, error)
+    with pytest.raises(error):
+        export_dataset(dataset.path, "tapvid", tmp_path / "out", progress=False)
+    monkeypatch.undo()
+    assert (tmp_path / ".out.part").exists() == kept
+    calls = interrupt(monkeypatch, "tapvid", dataset, None)
+    export_dataset(dataset.path, "tapvid", tmp_path / "out", progress=False)
+    assert calls == list(dataset.names[2 if kept else 0:])
 
 
 def test_a_kill_leaves_what_can_be_continued(dataset: Dataset, tmp_path: Path) -> None:
