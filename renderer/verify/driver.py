@@ -66,7 +66,7 @@ def verify_sequence(
         scale: Factor of the lengths of the file.
 
     Raises:
-        DatasetError: an image cannot be decoded.
+        DatasetError: an image cannot be decoded, or the record of the animation is malformed.
     """
     with np.errstate(all="ignore"):  # a broken value becomes an infinite residual, not a warning
         checks = verify_state(sequence, model, file, names, scale)

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from ...robots.geometry import Array
 from ...robots.model import ArticulatedModel
 from ..dataset import image_times, state_shapes
-from ..scene import animation_times
 from ..types import Sequence, State
+from .animations import DrawnAnimation, drawn_animation
 from .checks import CheckResult, check
 from .frames import METRES
 from .gltf_reader import GltfFrame, read_gltf_frames
@@ -51,8 +51,9 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
     checks.append(_limits(sequence))
     checks += _screws(sequence)
     names, positions = sequence.meta.joint_names, sequence.state.joint_positions
-    if "animation" in sequence.meta.randomization:
-        return checks + (_animated_poses(sequence, model) if model is not None else [])
+    drawn = drawn_animation(sequence)
+    if drawn is not None:
+        return checks + (_animated_poses(sequence, drawn, model) if model is not None else [])
     if model is not None:
         checks += _poses(sequence, poses_from_model(model, names, positions), "model")
     if file is not None and file.suffix.lower() in GLTF_FILES:
@@ -167,16 +168,16 @@ def _poses(sequence: Sequence, expected: dict[str, Array], source: str) -> list[
     return checks + _pose_checks(f"poses from the {source}", relative, own, place)
 
 
-def _animated_poses(sequence: Sequence, model: ArticulatedModel) -> list[CheckResult]:
+def _animated_poses(
+    sequence: Sequence, drawn: DrawnAnimation, model: ArticulatedModel
+) -> list[CheckResult]:
     """Stored poses against the model's animation from the time on that was drawn."""
-    drawn = dict(sequence.meta.randomization["animation"])
-    found = [a for a in model.animations if a.name == drawn.get("name")]
-    checks = [check("animation known to the model", not found, 0, "sequences",
-                    f"{drawn.get('name')!r}")]
-    if not found or set(sequence.meta.part_names) != set(model.part_names):
+    found = drawn.find(model)
+    checks = [check("animation known to the model", found is None, 0, "sequences",
+                    f"{drawn.name!r}")]
+    if found is None or set(sequence.meta.part_names) != set(model.part_names):
         return checks
-    times = animation_times(sequence.state.times, float(drawn["start"]), found[0].duration)
-    poses = found[0].at(times).world_from_part
+    poses = drawn.state(found, sequence.state.times).world_from_part
     expected = {name: poses[:, p] for p, name in enumerate(model.part_names)}
     return checks + _poses(sequence, expected, "animation")
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array, apply
 from ...robots.model import ArticulatedModel
-from ..scene import PosedModel, animation_times, pose_parts, rest_in_part
+from ..scene import PosedModel, pose_parts, rest_in_part
 from ..types import Sequence
+from .animations import drawn_animation
 from .checks import CheckResult, check_share, merge_checks
 from .frames import decode_frame, deforming_numbers
 
@@ -72,14 +73,14 @@ def _pose_as_stored(sequence: Sequence, model: ArticulatedModel) -> PosedModel |
     meta, poses = sequence.meta, sequence.state.world_from_part
     if model.part_names != meta.part_names or not model.visuals:
         return None
-    drawn = meta.randomization.get("animation")
+    drawn = drawn_animation(sequence)
     if drawn is None:
         return pose_parts(model, poses)
-    found = [a for a in model.animations if a.name == drawn.get("name")]
-    if not found:
+    found = drawn.find(model)
+    if found is None:
         return None
-    times = animation_times(sequence.state.times, float(drawn["start"]), found[0].duration)
-    return PosedModel(model, replace(found[0].at(times), world_from_part=poses))
+    return PosedModel(model, replace(drawn.state(found, sequence.state.times),
+                                     world_from_part=poses))
 
 
 def _intersect_rays(corners: Array, sequence: Sequence) -> Iterator[

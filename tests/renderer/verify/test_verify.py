@@ -388,6 +388,17 @@ def test_dataset_failures_are_named(dataset, right, capsys):
     assert "FAIL" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("said", [5, None, [], {}, {"name": 3, "start": 0.0}, {"name": "walk"},
+                                  {"name": "walk", "start": [1]}])
+def test_a_malformed_animation_is_a_failed_check(dataset, right, said):
+    meta = replace(right.meta, randomization={**right.meta.randomization, "animation": said})
+    write(dataset, replace(right, meta=meta), 1)
+    report = verify_dataset(dataset, progress=False)
+    assert report.failures == ("readable",)
+    where = {c.name: c.where for c in report.checks}["readable"]
+    assert where.startswith("000001") and "randomization.animation" in where
+
+
 def test_sequences_are_counted(dataset):
     said = json.loads((dataset / "dataset.json").read_text())
     said["counts"] = {"sequences": 3}
