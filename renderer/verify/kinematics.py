@@ -189,9 +189,11 @@ def _poses_at_rest(sequence: Sequence, gltf: Path, scale: float) -> list[CheckRe
     """
     frames, s = read_gltf_frames(gltf), sequence.state
     names = sequence.meta.part_names
-    number = {name: p for p, name in enumerate(names)}
-    pairs = [(p, number.get(frames[name].parent, 0)) for p, name in enumerate(names)
-             if p and name in frames and (frames[name].parent in frames or not frames[name].parent)]
+    # part 0 is the scene; a part whose name the first reader changed is no node's by its name
+    number = {name: p for p, name in enumerate(names) if p and name in frames}
+    above = {name: frames[name].parent for name in number}
+    pairs = [(p, number.get(above[name], 0)) for name, p in number.items()
+             if not above[name] or above[name] in number]
     if not pairs:
         return []
     child, parent = np.array(pairs).T
@@ -206,11 +208,11 @@ def _poses_at_rest(sequence: Sequence, gltf: Path, scale: float) -> list[CheckRe
         parent_from_child[:, k] = back @ parent_from_child[:, k]
     root = GltfFrame("", np.zeros(3), np.eye(3))
     first = [frames[names[p]] for p in child]
-    above = [frames.get(frame.parent, root) for frame in first]
+    bases = [frames.get(frame.parent, root) for frame in first]
     expected = np.tile(np.eye(4), (len(pairs), 1, 1))
-    back_turn = np.stack([f.rotation.T for f in above])
+    back_turn = np.stack([f.rotation.T for f in bases])
     expected[:, :3, :3] = back_turn @ np.stack([f.rotation for f in first])
-    apart = np.stack([f.position for f in first]) - np.stack([f.position for f in above])
+    apart = np.stack([f.position for f in first]) - np.stack([f.position for f in bases])
     expected[:, :3, 3] = (back_turn @ apart[..., None])[..., 0]
     expected[:, :3, 3] *= _unit(expected[:, :3, 3], parent_from_child[0, :, :3, 3], scale)
     return _pose_checks("rest poses from the glTF file",

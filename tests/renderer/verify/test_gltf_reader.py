@@ -94,6 +94,22 @@ def test_a_right_sequence_passes(sequence: Sequence, lamp: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize("name", ["scene", "the\tbase", "x" * 120])
+def test_a_name_that_the_loader_changes_is_no_failure(tmp_path: Path, name: str) -> None:
+    maker = Maker()
+    mesh = maker.mesh()
+    base = maker.node(mesh=mesh, name=name, translation=[1, 2, 3])
+    arm = maker.node(base, mesh=mesh, name="arm", translation=[0, 4, 1])
+    maker.node(arm, mesh=mesh, name="head", translation=[0, 0.5, 0])
+    maker.scene(base)
+    file = maker.save(tmp_path)
+    made = render_sequence(RenderConfig(robot=str(file), frames=2, width=64, height=48), 0)
+    assert name not in made.meta.part_names[1:]
+    found = _rest(made, file)
+    assert len(found) == 2 and all(found.values())
+
+
+@pytest.mark.gl
 @pytest.mark.parametrize(("part", "field"), [(1, (0, 3)), (2, (1, 3))])
 def test_a_part_out_of_place_is_found(
     sequence: Sequence, lamp: Path, part: int, field: tuple[int, int]
