@@ -22,6 +22,8 @@ _SAME = 1e-7
 _SIMILAR = 1e-6
 _FLAT = 1e-4
 """Below this ratio of smallest to largest singular value, a nearest rotation is ill-defined."""
+MAX_KEY_NUMBERS = 2**27
+"""Limit on times and values of all channels; it bounds the memory and the reading time."""
 
 
 @dataclass(frozen=True)
@@ -130,9 +132,9 @@ def read_animations(
     """Read the animations that move a part or a morph channel; raise ModelError."""
     found: list[KeyedAnimation] = []
     names: set[str] = set()
+    keys = _Keys(accessors)
     for i, animation in enumerate(document.gltf.animations):
-        tracks = [track for track in _tracks(animation, f"animations[{i}]", accessors, tree,
-                                             document)
+        tracks = [track for track in _tracks(animation, f"animations[{i}]", keys, tree, document)
                   if (track.path == "weights" and track.node in channels)
                   or (track.path != "weights" and track.node in parts.part_of_node)]
         for track in tracks:
@@ -160,8 +162,7 @@ def _unique_name(name: str, number: int, names: set[str]) -> str:
 
 
 def _tracks(
-    animation: GltfAnimation, where: str, accessors: Accessors, tree: NodeTree,
-    document: GltfDocument,
+    animation: GltfAnimation, where: str, keys: _Keys, tree: NodeTree, document: GltfDocument,
 ) -> list[Track]:
     tracks: list[Track] = []
     seen: set[tuple[int, str]] = set()
@@ -180,34 +181,63 @@ def _tracks(
         if target.path != "weights" and tree.has_matrix[target.node]:
             raise ModelError(f"{at} moves nodes[{target.node}], whose pose is a matrix")
         tracks.append(_track(animation.samplers[channel.sampler], target.node, target.path, at,
-                             accessors, document))
+                             keys, document))
     return tracks
 
 
+class _Keys:
+    """Cached reader of the times and values of samplers, which channels may share."""
+
+    def __init__(self, accessors: Accessors) -> None:
+        self._accessors = accessors
+        self._read: dict[tuple[int, int, str, str, int], tuple[Array, Array]] = {}
+        self._numbers = 0
+
+    def read(self, sampler: AnimationSampler, path: str, wide: int) -> tuple[Array, Array]:
+        """Return times [K] and values as of `Track`, `wide` weights a key; raise ModelError."""
+        kind, count = self._accessors.kind, self._accessors.count
+        if (kind(sampler.input), kind(sampler.output)) != ("SCALAR", _KINDS[path]):
+            raise ModelError(f"has keys of the wrong type for {path}")
+        width = {"weights": 1, "rotation": 4}.get(path, 3)
+        self._numbers += count(sampler.input) + width * count(sampler.output)
+        if self._numbers > MAX_KEY_NUMBERS:
+            raise ModelError("needs too many keys to hold, with those of the channels before")
+        each = 3 if sampler.interpolation == "CUBICSPLINE" else 1
+        if not wide or count(sampler.output) != each * wide * count(sampler.input):
+            raise ModelError(f"has {count(sampler.output)} values for {count(sampler.input)} keys")
+        key = (sampler.input, sampler.output, path, sampler.interpolation, wide)
+        if key not in self._read:
+            self._read[key] = self._decode(sampler, path, wide if path == "weights" else -1)
+        return self._read[key]
+
+    def _decode(self, sampler: AnimationSampler, path: str, width: int) -> tuple[Array, Array]:
+        times = self._accessors.floats(sampler.input)
+        values = self._accessors.floats(sampler.output)
+        if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
+            raise ModelError("has key times that do not rise from 0")
+        cubic = sampler.interpolation == "CUBICSPLINE"
+        values = values.reshape((len(times), *((3,) if cubic else ()), width))
+        if path == "rotation":
+            turns = values[:, 1] if cubic else values
+            if (np.linalg.norm(turns, axis=-1) < 1e-6).any():
+                raise ModelError("has a rotation of zero length")
+            if not cubic:
+                values = _unit(values)
+        return times, values
+
+
 def _track(
-    sampler: AnimationSampler, node: int, path: str, where: str, accessors: Accessors,
+    sampler: AnimationSampler, node: int, path: str, where: str, keys: _Keys,
     document: GltfDocument,
 ) -> Track:
-    if (accessors.kind(sampler.input), accessors.kind(sampler.output)) != ("SCALAR", _KINDS[path]):
-        raise ModelError(f"{where} has keys of the wrong type for {path}")
-    times, values = accessors.floats(sampler.input), accessors.floats(sampler.output)
-    if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
-        raise ModelError(f"{where} has key times that do not rise from 0")
-    each = 3 if sampler.interpolation == "CUBICSPLINE" else 1
     wide = 1
     if path == "weights":
         mesh = document.gltf.nodes[node].mesh
         wide = 0 if mesh is None else len(document.gltf.meshes[mesh].primitives[0].targets)
-    if not wide or len(values) != each * wide * len(times):
-        raise ModelError(f"{where} has {len(values)} values for {len(times)} keys")
-    shape = (len(times), *((3,) if each == 3 else ()), wide if path == "weights" else -1)
-    values = values.reshape(shape)
-    if path == "rotation":
-        turns = values if each == 1 else values[:, 1]
-        if (np.linalg.norm(turns, axis=-1) < 1e-6).any():
-            raise ModelError(f"{where} has a rotation of zero length")
-        if each == 1:
-            values = _unit(values)
+    try:
+        times, values = keys.read(sampler, path, wide)
+    except ModelError as error:
+        raise ModelError(f"{where} {error}") from error
     return Track(node, path, times, values, sampler.interpolation)
 
 

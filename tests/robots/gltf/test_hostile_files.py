@@ -218,6 +218,22 @@ def test_a_small_file_cannot_ask_for_much(tmp_path: Path) -> None:
     refuse(maker.save(tmp_path), "more than")
 
 
+def test_channels_that_share_keys_share_memory_and_are_counted(tmp_path: Path) -> None:
+    def file(keys: int, nodes: int) -> Path:
+        maker = Maker()
+        mesh = maker.mesh()
+        sampler = {"input": maker.accessor(np.arange(keys, dtype=float)),
+                   "output": maker.accessor(np.zeros((keys, 3)))}
+        moved = [maker.node(mesh=mesh) for _ in range(nodes)]
+        maker.add("animations", samplers=[sampler], channels=[
+            {"sampler": 0, "target": {"node": n, "path": "translation"}} for n in moved])
+        return maker.save(tmp_path)
+
+    first, second = load_gltf(file(100, 2)).animations[0].tracks
+    assert first.values is second.values and first.times is second.times
+    refuse(file(100_000, 340), "too many keys")
+
+
 def test_a_deep_tree_is_no_problem(tmp_path: Path) -> None:
     maker = Maker()
     mesh, above = maker.mesh(), None
