@@ -195,17 +195,19 @@ def sequence_files(path: Path) -> tuple[list[Path], list[str]]:
 def dataset_checks(files: Stack[Path], counts: Mapping[str, Any] | None) -> list[CheckResult]:
     """Checks of the dataset apart from its sequences; `counts` is from dataset.json."""
     indices = [int(f.stem) for f in files]
+    there = sorted({*indices})
     said = counts["sequences"] if counts and "sequences" in counts else len(files)
     # A dataset of chosen sequences (`render --sequences`) has gaps, and says how many there are.
-    whole = counts is not None and said == len({*indices})
-    missing = [] if whole else sorted({*range(max(indices, default=0) + 1)} - {*indices})
+    whole = counts is not None and said == len(there)
+    missing = 0 if whole else min(max(there, default=0) + 1 - len(there), 2**53)
+    first = next((i for i, index in enumerate(there) if i != index), 0)
     return [
         check("sequences present", int(not files), 0, "datasets", "the dataset has none"),
-        check("sequences counted", said - len({*indices}), 0, "sequences",
+        check("sequences counted", said - len(there), 0, "sequences",
               f"dataset.json says {said}"),
-        check("no sequence missing", len(missing), 0, "sequences",
-              f"first: {missing[0]:06d}" if missing else "", samples=len(files)),
-        check("no sequence twice", len(indices) - len({*indices}), 0, "sequences",
+        check("no sequence missing", missing, 0, "sequences", f"first: {first:06d}",
+              samples=len(files)),
+        check("no sequence twice", len(indices) - len(there), 0, "sequences",
               "a ZIP and a folder", samples=len(files))]
 
 

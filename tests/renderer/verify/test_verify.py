@@ -9,6 +9,7 @@ import signal
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from gcbench.renderer.dataset.storage import SequenceWriter
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.verify import VerifyReport, verify_dataset
 from gcbench.renderer.verify.checks import check, check_share, merge_checks
-from gcbench.renderer.verify.driver import verify_sequence
+from gcbench.renderer.verify.driver import dataset_checks, verify_sequence
 from gcbench.robots.geometry import transform
 from hypothesis import given
 from hypothesis import strategies as st
@@ -397,6 +398,15 @@ def test_a_malformed_animation_is_a_failed_check(dataset, right, said):
     assert report.failures == ("readable",)
     where = {c.name: c.where for c in report.checks}["readable"]
     assert where.startswith("000001") and "randomization.animation" in where
+
+
+def test_a_number_of_many_digits_needs_no_memory():
+    names = (("0", "1"), ("0", "3"), ("2", "99999999999"), ("9" * 400,), ())
+    for name, missing, first in zip(names, (0, 2, 99999999998, 2**53, 1), "-1000", strict=True):
+        found = {c.name: c for c in dataset_checks([Path(f"{n}.zip") for n in name], None)}
+        check = found["no sequence missing"]
+        assert check.worst == missing
+        assert check.where == (f"first: 00000{first}" if missing else "")
 
 
 def test_sequences_are_counted(dataset):
