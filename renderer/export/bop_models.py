@@ -11,6 +11,8 @@ from ...robots.geometry import Array
 from ...robots.model import Material, Visual, mean_color
 
 _MM = 1000.0
+_PAIRS = 2**22
+"""Of points whose distances are held at once."""
 
 
 def write_ply(path: Path, visuals: list[Visual]) -> None:
@@ -30,15 +32,18 @@ def write_ply(path: Path, visuals: list[Visual]) -> None:
 def size_of(vertices: Array) -> dict[str, float]:
     """Return the entry of models_info.json for a mesh: diameter and axis-aligned box, mm."""
     from scipy.spatial import ConvexHull, QhullError
-    from scipy.spatial.distance import pdist
+    from scipy.spatial.distance import cdist
 
     points = np.unique(vertices, axis=0) * _MM
     try:
         corners = points[ConvexHull(points).vertices]
     except QhullError:  # flat
         corners = points
+    rows = max(1, _PAIRS // len(corners))
+    diameter = max(float(cdist(corners[i:i + rows], corners[i:]).max())
+                   for i in range(0, len(corners), rows))
     low, size = points.min(0), np.ptp(points, axis=0)
-    return {"diameter": float(pdist(corners).max()),
+    return {"diameter": diameter,
             **{f"min_{axis}": float(x) for axis, x in zip("xyz", low, strict=True)},
             **{f"size_{axis}": float(x) for axis, x in zip("xyz", size, strict=True)}}
 

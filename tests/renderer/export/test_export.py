@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tarfile
+import tracemalloc
 import warnings
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from gcbench.errors import DatasetError, StorageError
 from gcbench.gcpose.networks.depth_images import fit_depth
 from gcbench.renderer.dataset.reader import Dataset, select_sequences
 from gcbench.renderer.export import kitti as export_kitti
+from gcbench.renderer.export.bop_models import size_of
 from gcbench.renderer.export.driver import WRITERS, export_dataset
 from gcbench.renderer.export.webdataset import json_values
 from gcbench.renderer.generate.driver import render_dataset
@@ -488,6 +490,18 @@ def silhouette(mesh: trimesh.Trimesh, k: np.ndarray, r: np.ndarray, t: np.ndarra
     for face in np.round(uv * scale * 16 - 8).astype(np.int32)[mesh.faces]:
         cv2.fillConvexPoly(canvas, face, 1, shift=4)
     return cv2.resize(canvas.astype(np.float32), (480, 360), interpolation=cv2.INTER_AREA)
+
+
+def test_the_diameter_of_many_points_needs_little_memory() -> None:
+    half = np.random.default_rng(0).normal(size=(3000, 3))
+    half *= 0.25 / np.linalg.norm(half, axis=1, keepdims=True)
+    tracemalloc.start()
+    found = size_of(np.concatenate([half, -half]))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found["diameter"] == pytest.approx(500.0) and peak < 100e6
+    with_corners = size_of(np.array([[0, 0, 0], [0.3, 0, 0], [0.3, 0.4, 0]]))  # flat
+    assert with_corners["diameter"] == pytest.approx(500.0)
 
 
 @pytest.mark.gl
