@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 SHARDED = ("render", "eval", "verify")
 """Commands that have the option --shard."""
+_ALONE = {"render": ("--sequences",), "verify": ("--merge", "--sequences")}
+"""Options that --shard excludes."""
 _MOST = 100_000  # shards
 _REQUEUES = 1000  # at the time limit; ends a loop without progress
 
@@ -117,8 +119,13 @@ def _check(command: Sequence[str], config: SubmitConfig) -> None:
     if name not in SHARDED:
         raise ConfigError(f"submit has no command {name!r}{suggestion(name, SHARDED)}; "
                           f"there are {', '.join(SHARDED)}")
-    if any(word.partition("=")[0] == "--shard" for word in command):
+    given = [word.partition("=")[0] for word in command]
+    if "--shard" in given:
         raise ConfigError("submit gives each job its --shard; leave it out")
+    for option in _ALONE.get(name, ()):
+        if option in given:
+            raise ConfigError(f"submit gives each job its --shard, which excludes {option}; leave "
+                              f"{option} out")
     if not 1 <= config.shards <= _MOST:
         raise ConfigError(f"--shards {config.shards}: give 1 to {_MOST}")
     if min(config.cpus, config.time) < 1 or min(config.gpus, config.parallel) < 0:

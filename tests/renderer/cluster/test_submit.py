@@ -42,10 +42,17 @@ def submit(*args: str, environment: dict[str, str] | None = None) -> subprocess.
 # -- the options ------------------------------------------------------------------------------
 
 
+SLURM = SubmitConfig(executor="slurm")
+"""Not of this machine, where jobs would begin at once."""
+
+
 @pytest.mark.parametrize(("command", "config", "message"), [
     ([], SubmitConfig(), "no command ''; there are render, eval, verify"),
     (["rander"], SubmitConfig(), "no command 'rander'.*render"),
     (["render", "--shard", "0/2"], SubmitConfig(), "gives each job its --shard; leave it out"),
+    (["render", "--sequences", "0-9"], SLURM, "excludes --sequences; leave --sequences"),
+    (["verify", "data", "--sequences=0-9"], SLURM, "excludes --sequences; leave"),
+    (["verify", "data", "--merge"], SLURM, "excludes --merge; leave --merge out"),
     (["render"], SubmitConfig(shards=0), "--shards 0: give 1 to"),
     (["render"], SubmitConfig(cpus=0), "--cpus and --time must be 1 or more"),
     (["render"], SubmitConfig(slurm=("account",)), "give NAME=VALUE, such as account=robots"),
