@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import socket
@@ -54,7 +55,8 @@ class RayWorkers:
     def __post_init__(self) -> None:
         if self.count is not None and self.count < 1:
             raise ConfigError(f"{self.count} workers cannot work; ask for 1 or more")
-        if not (0 <= self.gpus <= 1 or self.gpus == round(self.gpus) > 0):
+        share = 0 <= self.gpus <= 1
+        if not share and not (math.isfinite(self.gpus) and self.gpus == round(self.gpus) > 0):
             raise ConfigError(f"--gpus {self.gpus:g}: give a share of a GPU, or a number of them")
         if not re.fullmatch(r"auto|local|[^\s/]+:\d{1,5}", self.endpoint, re.ASCII):
             raise ConfigError(f"--address {self.endpoint[:60]!a}: give auto or HOST:PORT, on a "

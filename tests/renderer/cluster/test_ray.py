@@ -51,6 +51,8 @@ needs_ray = pytest.mark.skipif(
     ("auto", 0, 0.0, "0 workers cannot work; ask for 1 or more"),
     ("auto", None, 1.5, "--gpus 1.5: give a share of a GPU, or a number of them"),
     ("auto", None, -1.0, "--gpus -1: give a share"),
+    ("auto", None, float("nan"), "--gpus nan: give a share"),
+    ("auto", None, float("inf"), "--gpus inf: give a share"),
     ("ray://head:10001", None, 0.0, "give auto or HOST:PORT, on a node of the cluster"),
     ("head", None, 0.0, "--address 'head': give auto or HOST:PORT"),
 ])  # fmt: skip
