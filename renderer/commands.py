@@ -160,6 +160,10 @@ def show(
     pictures = bool(contact_sheet or gif or mp4 or rerun)
     if open and not out and pictures:
         raise ConfigError("--open needs a page: add --out PAGE.html")
+    if sequences and index is not None:
+        raise ConfigError("--index and --sequences exclude each other; give one of them")
+    if index is not None and index < 0:
+        raise ConfigError(f"--index {index}: give the number of a sequence, 0 or more")
     chosen = sequences or index
     written: list[Path] = []
     if out or not pictures or contact_sheet or gif or mp4:

@@ -484,3 +484,15 @@ def test_show_writes_what_is_asked_for(
     assert data["space"]["reason"] == ""
     assert main(["show", "out", "--index", "9"]) == 2
     assert "000000 to 000001" in one_line(capsys)
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    (("--index", "3", "--sequences", "0-9"), "--index and --sequences exclude each other"),
+    (("--index", "0", "--sequences", "0"), "--index and --sequences exclude each other"),
+    (("--index", "-1"), "--index -1: give the number of a sequence"),
+])
+def test_options_that_name_no_sequence_are_refused(
+    dataset: Path, options: tuple[str, ...], message: str, capsys: Lines
+) -> None:
+    assert main(["show", str(dataset), *options]) == 2
+    assert message in one_line(capsys)
