@@ -27,6 +27,8 @@ from ...robots.appliances import CATEGORIES
 from ...robots.catalog import load_robot
 from .config import RecipeConfig, TrainConfig
 
+_FEW = 12  # datasets
+
 
 @dataclass(frozen=True)
 class PlannedDataset:
@@ -106,6 +108,8 @@ def render_datasets(
 ) -> tuple[list[Path], list[Path]]:
     """Render datasets to folders in `out`; those that are there are kept.
 
+    Of few datasets, each shows its own progress: it may take many minutes.
+
     Returns the folders to learn from, and those to measure errors on.
 
     Raises:
@@ -114,10 +118,12 @@ def render_datasets(
     from tqdm import tqdm
 
     folders: tuple[list[Path], list[Path]] = [], []
-    for dataset in tqdm(list(planned), "render", unit="dataset", dynamic_ncols=True):
+    datasets = list(planned)
+    few = len(datasets) <= _FEW
+    for dataset in tqdm(datasets, "render", unit="dataset", dynamic_ncols=True, disable=few):
         folder = out / dataset.name
         workers = config.workers or None
-        render_dataset(dataset.config, dataset.sequences, folder, workers, progress=False)
+        render_dataset(dataset.config, dataset.sequences, folder, workers, progress=few)
         folders[dataset.held_out].append(folder)
     return folders
 

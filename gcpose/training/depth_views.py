@@ -64,13 +64,18 @@ def view_depth(
 
     Pixels are the nearest ones; zero is what the images do not show.
     """
-    pixel = pinhole.pixel_grid(*depth.shape[1:])
-    ray = pinhole.pixel_rays(intrinsics, pixel) @ view.turn  # in the frame of the images
-    ahead = np.maximum(ray[..., 2:], _LEAST_AHEAD)
-    at = pinhole.project(intrinsics, np.concatenate([ray[..., :2], ahead], axis=-1))
-    u, v = at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
-    factor = (view.scale / ahead[..., 0]).astype(np.float32)
+    height, width = depth.shape[1:]
+    plane = view.turn.T @ np.linalg.inv(intrinsics)  # of a pixel: its ray, in the frame of the images
+    ahead = np.maximum(_over_pixels(plane[2], height, width), _LEAST_AHEAD)
+    u, v = (_over_pixels(row @ plane, height, width) / ahead for row in intrinsics[:2])
+    factor = np.float32(view.scale) / ahead
     return np.stack([cv2.remap(image, u, v, cv2.INTER_NEAREST) * factor for image in depth])
+
+
+def _over_pixels(row: Array, height: int, width: int) -> NDArray[np.float32]:
+    """Return the products [H W] of a row [3] with the pixels (u, v, 1) of an image."""
+    u, v = (np.arange(n, dtype=np.float64) for n in (width, height))
+    return (row[0] * u + (row[1] * v + row[2])[:, None]).astype(np.float32)
 
 
 def view_screws(screw: Array, view: View, slides: bool) -> Array:
