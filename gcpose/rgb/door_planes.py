@@ -136,6 +136,64 @@ def fit_turns(
     return out - out[0]
 
 
+def frames_on_edge(evidence: VideoEvidence, settings: RgbSettings) -> list[int]:
+    """Return the frame in which a door is seen edge-on, and those beside it, but not the first and
+    the last; an empty list where the foreground is nowhere small."""
+    area = evidence.moving.sum(axis=(1, 2))
+    least = int(area.argmin())
+    if area[least] > settings.edge_on_share * np.median(area):
+        return []
+    return [t for t in (least, least - 1, least + 1) if 0 < t < len(area) - 1]
+
+
+def bridge_edge(
+    hypothesis: VideoHypothesis, frames: list[int], settings: RgbSettings
+) -> list[VideoHypothesis]:
+    """Return a door with other turns between the frames before and after it is seen edge-on, and
+    with one plane for all frames.
+
+    Hardly a patch is found on both sides of such a frame. So what comes before and what comes
+    after may each be right, and the turn between them wrong, or the depths of one of them.
+    """
+    sizes = [sign * size for size in settings.edge_on_shifts for sign in (-1, 1)]
+    found = [_shift_turns(hypothesis, frame, size) for frame in frames for size in sizes]
+    at = hypothesis.points.frame
+    for turned in (_shift_turns(hypothesis, frames[0], size) for size in (0.0, *sizes)):
+        found += [_extend_plane(turned, part, settings)
+                  for part in (at < frames[0], at > frames[0])
+                  if np.count_nonzero(part) >= settings.min_points]
+    return found
+
+
+def _shift_turns(hypothesis: VideoHypothesis, frame: int, shift: float) -> VideoHypothesis:
+    """A door that turns by more from the frame before to the frame after."""
+    state = hypothesis.state
+    share = np.clip((np.arange(len(state.angle)) - frame + 1) / 2, 0, 1)[:, None]
+    return replace(hypothesis, state=replace(
+        state, angle=state.angle + shift * (share - share[0])))
+
+
+def _extend_plane(
+    hypothesis: VideoHypothesis, fitted: NDArray[np.bool_], settings: RgbSettings
+) -> VideoHypothesis:
+    """A door with its other points on the plane, parallel to its axis, that fits some of them."""
+    state, points = hypothesis.state, hypothesis.points
+    across = np.linalg.svd(state.twist[:1, :3])[2][1:]
+    motion = state.motions(len(state.angle))[points.frame[fitted], 1]
+    here = points.ray[fitted] / points.inverse_depth[fitted, None] - motion[:, :3, 3]
+    at = np.einsum("nba,nb,ca->nc", motion[:, :3, :3], here, across)  # in frame 0
+    middle, normal, weight = np.zeros(2), np.zeros(2), np.ones(len(at))
+    for _ in range(_FIT_ITERATIONS):
+        middle = np.average(at, axis=0, weights=weight)
+        normal = np.linalg.svd(np.sqrt(weight)[:, None] * (at - middle), full_matrices=False)[2][1]
+        away = np.abs((at - middle) @ normal)
+        weight = 1 / (1 + (away / max(1e-3, float(np.median(away)))) ** 2) ** 2
+    depth, _ = inverse_depths_on_plane(state, points, normal @ across, float(normal @ middle))
+    kept = fitted | ~_is_possible(depth, settings)
+    return replace(hypothesis, points=replace(
+        points, inverse_depth=np.where(kept, points.inverse_depth, depth)))
+
+
 def search_depths(
     evidence: VideoEvidence, hypothesis: VideoHypothesis, settings: RgbSettings
 ) -> VideoHypothesis:

@@ -162,6 +162,12 @@ class RgbSettings:
     plane_depths: Scales = (0.75, 0.87, 1.0, 1.15, 1.35)
     """Distances of these planes from the camera, in that of the plane through the door's center."""
 
+    edge_on_share: Share = 0.75
+    """Share of the median area of the foreground below which a frame shows a door edge-on."""
+    edge_on_shifts: Scales = (2.5 * DEGREE, 6.0 * DEGREE)
+    """Changes of the turn across such a frame that are tried, in both directions, rad."""
+    edge_on_rounds: Count = 4  # Rounds in which they are tried at most.
+
     # parallel axes
     exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.
     parallel_cosine: Share = 0.98  # Cosine above which axes count as parallel.

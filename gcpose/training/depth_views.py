@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...renderer.types import Sequence
-from ...robots.geometry import Array, pinhole, se3
+from ...robots.geometry import Array, se3
 from ..networks.depth_images import fit_intrinsics
 from .config import ViewConfig
 
@@ -65,9 +65,9 @@ def view_depth(
     Pixels are the nearest ones; zero is what the images do not show.
     """
     height, width = depth.shape[1:]
-    plane = view.turn.T @ np.linalg.inv(intrinsics)  # of a pixel: its ray, in the frame of the images
-    ahead = np.maximum(_over_pixels(plane[2], height, width), _LEAST_AHEAD)
-    u, v = (_over_pixels(row @ plane, height, width) / ahead for row in intrinsics[:2])
+    ray = view.turn.T @ np.linalg.inv(intrinsics)  # times a pixel, in the frame of the images
+    ahead = np.maximum(_over_pixels(ray[2], height, width), _LEAST_AHEAD)
+    u, v = (_over_pixels(row @ ray, height, width) / ahead for row in intrinsics[:2])
     factor = np.float32(view.scale) / ahead
     return np.stack([cv2.remap(image, u, v, cv2.INTER_NEAREST) * factor for image in depth])
 

@@ -13,9 +13,11 @@ from gcbench.gcpose.images.foreground import subtract_background
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import FrontEnd, video_evidence
 from gcbench.gcpose.rgb.door_planes import (
+    bridge_edge,
     exchange_door_turn,
     fit_plane_motion,
     fit_turns,
+    frames_on_edge,
     inverse_depths_on_plane,
     is_door,
     search_depths,
@@ -23,7 +25,12 @@ from gcbench.gcpose.rgb.door_planes import (
 )
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, predict_places
-from gcbench.gcpose.rgb.search import exchange_parallel_turns, score_hypothesis, search_door
+from gcbench.gcpose.rgb.search import (
+    exchange_parallel_turns,
+    score_hypothesis,
+    search_across_edge,
+    search_door,
+)
 from gcbench.gcpose.rgb.settings import RgbSettings
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door
@@ -170,6 +177,51 @@ def test_a_door_that_turns_the_wrong_way_is_mended() -> None:
     best = min(found, key=lambda h: score_hypothesis(h, SETTINGS))
     assert score_hypothesis(best, SETTINGS) < score_hypothesis(wrong, SETTINGS)
     assert np.degrees(abs(best.state.angle[-1, 0] - near.state.angle[-1, 0])) < 5
+
+
+def test_a_door_is_seen_edge_on_where_its_foreground_is_small() -> None:
+    evidence, _, _ = door_hypothesis()
+    moving = np.zeros((6, 10, 10), np.bool_)
+    for t, rows in enumerate((9, 8, 7, 2, 7, 8)):
+        moving[t, :rows] = True
+    frames = [frames_on_edge(replace(evidence.video, moving=m), SETTINGS)
+              for m in (moving, moving[[3, 0, 1, 2, 4, 5]], moving[[0, 1, 2, 4, 5]])]
+    assert frames == [[3, 2, 4], [1], []]
+
+
+def test_one_side_of_an_edge_gives_the_depths_of_the_other() -> None:
+    state = one_joint()
+    right, _, _ = panel(state)
+    true, late = right.points.inverse_depth, right.points.frame == 4
+    depth = np.where(late, 1.2 * true, true)
+    wrong = replace(right, points=replace(right.points, inverse_depth=depth))
+    found = bridge_edge(wrong, [2], SETTINGS)
+    still = [h for h in found if np.array_equal(h.state.angle, state.angle)]
+    assert len(still) == 2  # the plane of what comes before, and that of what comes after
+    assert min(np.abs(h.points.inverse_depth - true).max() for h in still) < 1e-3
+    last = sorted({round(float(np.degrees(h.state.angle[-1, 0] - state.angle[-1, 0])), 6)
+                   for h in found})
+    assert last == [-6.0, -2.5, 0.0, 2.5, 6.0]
+    assert all(h.state.angle[0, 0] == 0 for h in found)
+
+
+def test_a_wrong_turn_across_an_edge_is_mended() -> None:
+    evidence, near, true = door_hypothesis()
+    frames = len(near.state.angle)
+    later = np.arange(frames)[:, None] > frames // 2
+    state = replace(near.state, angle=near.state.angle + np.radians(9.0) * later)
+    start = replace(near, state=state, points=replace(near.points, inverse_depth=true))
+    video = replace(evidence.video, moving=evidence.video.moving.copy())
+    video.moving[frames // 2, :, ::2] = False  # less of the door is seen here
+    seen = RgbEvidence(video, evidence.priors, SETTINGS)
+    points = seen.sample((0, 4), 60)
+    wrong = seen.refine_by_patches(start, points, 1, 1.0)
+    again = seen.refine_by_patches(wrong, points, 2, SETTINGS.patch_reach_first)
+    found = search_across_edge(seen, wrong, points)
+    away = [np.degrees(np.abs(h.state.angle - near.state.angle).max())
+            for h in (wrong, again, found)]
+    assert away[2] < 0.8 * away[1] < 0.5 * away[0]  # refinement alone is not enough
+    assert score_hypothesis(found, SETTINGS) < score_hypothesis(again, SETTINGS)
 
 
 def differs_in_unit_only(hypothesis: VideoHypothesis, line: np.ndarray) -> bool:
