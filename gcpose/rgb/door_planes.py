@@ -136,7 +136,7 @@ def fit_turns(
     return out - out[0]
 
 
-def frames_on_edge(evidence: VideoEvidence, settings: RgbSettings) -> list[int]:
+def edge_on_frames(evidence: VideoEvidence, settings: RgbSettings) -> list[int]:
     """Return the frame in which a door is seen edge-on, and those beside it, but not the first and
     the last; an empty list where the foreground is nowhere small."""
     area = evidence.moving.sum(axis=(1, 2))
@@ -146,7 +146,7 @@ def frames_on_edge(evidence: VideoEvidence, settings: RgbSettings) -> list[int]:
     return [t for t in (least, least - 1, least + 1) if 0 < t < len(area) - 1]
 
 
-def bridge_edge(
+def bridge_edge_on(
     hypothesis: VideoHypothesis, frames: list[int], settings: RgbSettings
 ) -> list[VideoHypothesis]:
     """Return a door with other turns between the frames before and after it is seen edge-on, and

@@ -22,9 +22,9 @@ from ..estimator import label_difference, refine_in_stages, run_em, select_disti
 from ..images import geodesic_rank
 from ..numerics import thread_map
 from .door_planes import (
-    bridge_edge,
+    bridge_edge_on,
+    edge_on_frames,
     exchange_door_turn,
-    frames_on_edge,
     is_door,
     search_depths,
     vary_door_plane,
@@ -108,7 +108,7 @@ def search_motions(evidence: RgbEvidence) -> list[VideoHypothesis]:
     if door:
         for _ in range(s.door_rounds):
             found = search_door(evidence, found, many)
-        found = thread_map(partial(search_across_edge, evidence, points=many), found)
+        found = thread_map(partial(search_edge_on, evidence, points=many), found)
     else:
         found = refine_in_stages(found, best, (s.refined_kept, refine(many, 3, s.patch_reach)))
     several = len(parallel_joints(min(found, key=score).state, s)) > 1
@@ -163,16 +163,16 @@ def search_door(
     return refine_in_stages(found, best, *((kept, search) for kept in s.doors_kept))
 
 
-def search_across_edge(
+def search_edge_on(
     evidence: RgbEvidence, hypothesis: VideoHypothesis, points: SampledPixels
 ) -> VideoHypothesis:
     """Return a hypothesis of a door, improved where the door is seen edge-on."""
     s = evidence.settings
-    frames = frames_on_edge(evidence.video, s)
+    frames = edge_on_frames(evidence.video, s)
     refine = refine_points(evidence, points, 2, s.patch_reach_first)
     score = partial(score_hypothesis, settings=s)
     for _ in range(s.edge_on_rounds if frames else 0):
-        best = min(map(refine, bridge_edge(hypothesis, frames, s)), key=score)
+        best = min(map(refine, bridge_edge_on(hypothesis, frames, s)), key=score)
         if score(best) >= score(hypothesis):
             break
         hypothesis = best

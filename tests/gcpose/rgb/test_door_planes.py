@@ -13,11 +13,11 @@ from gcbench.gcpose.images.foreground import subtract_background
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import FrontEnd, video_evidence
 from gcbench.gcpose.rgb.door_planes import (
-    bridge_edge,
+    bridge_edge_on,
+    edge_on_frames,
     exchange_door_turn,
     fit_plane_motion,
     fit_turns,
-    frames_on_edge,
     inverse_depths_on_plane,
     is_door,
     search_depths,
@@ -28,8 +28,8 @@ from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, pr
 from gcbench.gcpose.rgb.search import (
     exchange_parallel_turns,
     score_hypothesis,
-    search_across_edge,
     search_door,
+    search_edge_on,
 )
 from gcbench.gcpose.rgb.settings import RgbSettings
 
@@ -184,18 +184,18 @@ def test_a_door_is_seen_edge_on_where_its_foreground_is_small() -> None:
     moving = np.zeros((6, 10, 10), np.bool_)
     for t, rows in enumerate((9, 8, 7, 2, 7, 8)):
         moving[t, :rows] = True
-    frames = [frames_on_edge(replace(evidence.video, moving=m), SETTINGS)
+    frames = [edge_on_frames(replace(evidence.video, moving=m), SETTINGS)
               for m in (moving, moving[[3, 0, 1, 2, 4, 5]], moving[[0, 1, 2, 4, 5]])]
     assert frames == [[3, 2, 4], [1], []]
 
 
-def test_one_side_of_an_edge_gives_the_depths_of_the_other() -> None:
+def test_frames_before_an_edge_on_one_give_the_depths_after_it() -> None:
     state = one_joint()
     right, _, _ = panel(state)
     true, late = right.points.inverse_depth, right.points.frame == 4
     depth = np.where(late, 1.2 * true, true)
     wrong = replace(right, points=replace(right.points, inverse_depth=depth))
-    found = bridge_edge(wrong, [2], SETTINGS)
+    found = bridge_edge_on(wrong, [2], SETTINGS)
     still = [h for h in found if np.array_equal(h.state.angle, state.angle)]
     assert len(still) == 2  # the plane of what comes before, and that of what comes after
     assert min(np.abs(h.points.inverse_depth - true).max() for h in still) < 1e-3
@@ -205,7 +205,7 @@ def test_one_side_of_an_edge_gives_the_depths_of_the_other() -> None:
     assert all(h.state.angle[0, 0] == 0 for h in found)
 
 
-def test_a_wrong_turn_across_an_edge_is_mended() -> None:
+def test_a_wrong_turn_across_an_edge_on_frame_is_mended() -> None:
     evidence, near, true = door_hypothesis()
     frames = len(near.state.angle)
     later = np.arange(frames)[:, None] > frames // 2
@@ -217,7 +217,7 @@ def test_a_wrong_turn_across_an_edge_is_mended() -> None:
     points = seen.sample((0, 4), 60)
     wrong = seen.refine_by_patches(start, points, 1, 1.0)
     again = seen.refine_by_patches(wrong, points, 2, SETTINGS.patch_reach_first)
-    found = search_across_edge(seen, wrong, points)
+    found = search_edge_on(seen, wrong, points)
     away = [np.degrees(np.abs(h.state.angle - near.state.angle).max())
             for h in (wrong, again, found)]
     assert away[2] < 0.8 * away[1] < 0.5 * away[0]  # refinement alone is not enough
