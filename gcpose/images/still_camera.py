@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...renderer.types import Observation
 from ...robots.geometry import Array
-from ..numerics import Image
+from ..numerics import Image, thread_map
 from .depth import Depth
 from .flow import Flow, for_cuts_of
 from .foreground import Foreground
@@ -135,7 +135,8 @@ def video_evidence(
 
 def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
     """Flow [T-1 h w 2] from each image to the next."""
-    return np.stack([flow(a, b) for a, b in itertools.pairwise(images)]).astype(np.float32)
+    pairs = itertools.pairwise(images)
+    return np.stack(thread_map(lambda pair: flow(*pair), pairs)).astype(np.float32)
 
 
 def _backward_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:
