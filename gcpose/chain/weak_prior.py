@@ -56,14 +56,13 @@ def prior_equations(
     matrix, vector = np.zeros((size, size)), np.zeros(size)
     matrix[:at, :at] = smooth
     vector[:at] = -smooth @ state.angle[1:].reshape(-1)
-    for twist, b, point, prismatic in zip(
-        state.twist, basis, hinges.point, state.prismatic, strict=True
-    ):
+    offset = offset_from_axis(state.twist, hinges.point)
+    for b, away, prismatic in zip(basis, offset, state.prismatic, strict=True):
         if b.shape[1] and not prismatic:
             moved = b[3:, :2]  # the distance depends on its shift only
             here = slice(at, at + 2)
             matrix[here, here] = moved.T @ moved / hinges.slack**2
-            vector[here] = moved.T @ offset_from_axis(twist, point) / hinges.slack**2
+            vector[here] = moved.T @ away / hinges.slack**2
         at += b.shape[1]
     return matrix, vector
 

@@ -7,6 +7,7 @@ one another from the base outward.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -45,7 +46,12 @@ class SampledPixels:
     def average(self, values: Array) -> Array:
         """Return the means [N C] of values [N C] over each pixel's neighbors."""
         total: Array = self.neighbors @ values
-        return total / np.maximum(1.0, self.neighbors.sum(axis=1))[:, None]
+        return total / self._count
+
+    @cached_property
+    def _count(self) -> Array:
+        """[N 1] neighbors, at least 1."""
+        return np.maximum(1.0, self.neighbors.sum(axis=1))[:, None]
 
 
 def sample_pixels(
