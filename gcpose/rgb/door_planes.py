@@ -20,6 +20,7 @@ from .points import InverseDepthPoints, inverse_depth_slopes, patch_costs_by_poi
 from .settings import RgbSettings
 
 _FIT_ITERATIONS = 8
+_PACE_FRAMES = 3  # whose mean pace a door continues
 
 
 def is_door(state: Articulation) -> bool:
@@ -149,19 +150,23 @@ def edge_on_frames(evidence: VideoEvidence, settings: RgbSettings) -> list[int]:
 def bridge_edge_on(
     hypothesis: VideoHypothesis, frames: list[int], settings: RgbSettings
 ) -> list[VideoHypothesis]:
-    """Return a door with other turns between the frames before and after it is seen edge-on, and
-    with one plane for all frames.
+    """Return a door with other turns between the frames before and after it is seen edge-on, or
+    with other turns in all frames of one side, and with one plane for all frames.
 
     Hardly a patch is found on both sides of such a frame. So what comes before and what comes
-    after may each be right, and the turn between them wrong, or the depths of one of them.
+    after may each be right, and the turn between them wrong. Or the turns and the depths of one of
+    them are wrong: a plane that turns less and slopes more looks nearly the same.
     """
     sizes = [sign * size for size in settings.edge_on_shifts for sign in (-1, 1)]
     found = [_shift_turns(hypothesis, frame, size) for frame in frames for size in sizes]
-    at = hypothesis.points.frame
-    for turned in (_shift_turns(hypothesis, frames[0], size) for size in (0.0, *sizes)):
-        found += [_extend_plane(turned, part, settings)
-                  for part in (at < frames[0], at > frames[0])
-                  if np.count_nonzero(part) >= settings.min_points]
+    edge, at = frames[0], hypothesis.points.frame
+    for before, right in ((False, at < edge), (True, at > edge)):
+        if np.count_nonzero(right) < settings.min_points:
+            continue
+        turned = [_shift_turns(hypothesis, edge, size) for size in (0.0, *sizes)]
+        turned += [_continue_turn(hypothesis, edge, before, pace)
+                   for pace in settings.edge_on_paces]
+        found += [_extend_plane(other, right, settings) for other in turned]
     return found
 
 
@@ -171,6 +176,21 @@ def _shift_turns(hypothesis: VideoHypothesis, frame: int, shift: float) -> Video
     share = np.clip((np.arange(len(state.angle)) - frame + 1) / 2, 0, 1)[:, None]
     return replace(hypothesis, state=replace(
         state, angle=state.angle + shift * (share - share[0])))
+
+
+def _continue_turn(
+    hypothesis: VideoHypothesis, edge: int, before: bool, pace: float
+) -> VideoHypothesis:
+    """A door that turns before or after a frame as on the other side of it, times `pace`."""
+    state = hypothesis.state
+    angle = state.angle[::-1] if before else state.angle
+    last = max(1, (len(angle) - 1 - edge if before else edge) - 1)  # of the frames that stay
+    first = max(0, last - _PACE_FRAMES)
+    step = pace * (angle[last] - angle[first]) / (last - first)
+    angle = np.concatenate(
+        [angle[: last + 1], angle[last] + step * np.arange(1, len(angle) - last)[:, None]])
+    angle = angle[::-1] if before else angle
+    return replace(hypothesis, state=replace(state, angle=angle - angle[0]))
 
 
 def _extend_plane(

@@ -166,6 +166,8 @@ class RgbSettings:
     """Share of the median area of the foreground below which a frame shows a door edge-on."""
     edge_on_shifts: Scales = (2.5 * DEGREE, 6.0 * DEGREE)
     """Changes of the turn across such a frame that are tried, in both directions, rad."""
+    edge_on_paces: Scales = (0.6, 1.0, 1.5)
+    """Paces of one side of such a frame that are tried, as multiples of that of the other side."""
     edge_on_rounds: Count = 4  # Rounds in which they are tried at most.
 
     # parallel axes
