@@ -20,7 +20,10 @@ _DEFAULT = FlowSettings()
 
 
 class Flow(Protocol):
-    """A learned or classical optical flow; an attribute `training` names a network's data."""
+    """A learned or classical optical flow; an attribute `training` names a network's data.
+
+    Two threads may call it at once.
+    """
 
     def __call__(self, rgb_a: NDArray[np.uint8], rgb_b: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Return the displacement (du, dv) [H W 2], px, of each pixel of image a [H W 3] to b."""
