@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from ..chain import ChainSettings
-from ..numerics import DEGREE, Count, NonNegative, Positive, Scales, Share
+from ..numerics import DEGREE, Count, NonNegative, Positive, Scales, Share, Whole
 
 
 @dataclass(frozen=True)
@@ -162,6 +162,29 @@ class RgbSettings:
     plane_depths: Scales = (0.75, 0.87, 1.0, 1.15, 1.35)
     """Distances of these planes from the camera, in that of the plane through the door's center."""
 
+    # a door by its outline alone
+    outline_points: Count = 80  # Points on its outline.
+    outline_limit: Positive = 0.08
+    """Distance from the outline from which on a point is an outlier, in sides of a square as large
+    as the door."""
+    outline_hinges: Count = 6  # Places of the hinge at either end of the door.
+    outline_hinge_margin: Share = 0.15
+    """Distance of these places from that end, up to which they lie, as a share of the door."""
+    outline_tilts: Count = 24  # Directions of its plane.
+    outline_turn_step: Positive = 3 * DEGREE  # Difference between two turns, rad.
+    max_outline_turn: Positive = 120 * DEGREE  # Largest turn, rad.
+    max_outline_step: Positive = 9 * DEGREE  # Largest turn in a frame, rad.
+    outline_jerk_cost: NonNegative = 0.01  # Cost of a change of the turn in a frame by a step.
+    outlines_kept: Whole = 0  # Motions by outline that become hypotheses; 0: none is searched.
+    door_thickness: Positive = 0.02  # Expected thickness of a door.
+    outline_prior: NonNegative = 3.0
+    """Weight of the thickness and of the hinge's distance from the plane, px by
+    `door_thickness`."""
+    outline_jerk: NonNegative = 60.0
+    """Weight of the second difference of the turns against the distances, px/rad."""
+    outline_scale: Positive = 2.0  # Robust scale of the distance from the outline, px.
+    outline_iterations: Count = 20  # Evaluations of the fit at most.
+
     edge_on_share: Share = 0.75
     """Share of the median area of the foreground below which a frame shows a door edge-on."""
     edge_on_shifts: Scales = (2.5 * DEGREE, 6.0 * DEGREE)
@@ -190,6 +213,8 @@ class RgbSettings:
     parallel; else only those of the best."""
     exchanged_kept: Count = 3  # Distinct hypotheses of each with turns shared otherwise.
     final_kept: Count = 3  # Distinct hypotheses in the last refinement.
+    final_doors_kept: Count = 5  # The same of a door whose outline is searched.
+    distinct_door: NonNegative = 0.04  # Difference of a turn that makes these distinct, rad.
     patch_outlier_cost: NonNegative = 9.0  # Score of a patch that is found elsewhere.
     patch_missing_cost: NonNegative = 4.0  # Score of a patch that is not found.
     score_tracks: NonNegative = 1.0  # Weight of the cost of tracks against the patches'.
@@ -203,6 +228,7 @@ class RgbSettings:
     score_inversions: NonNegative = 1.5  # Weight of the share of labels out of order.
     score_offset: NonNegative = 0.1  # Weight of an axis that passes far from its hinge.
     axis_offset: Positive = 0.2  # Distance of an axis from its hinge that counts half.
+    score_outline: NonNegative = 0.0  # Weight of the misfit of a door's outline, 1/px.
     score_sigma: NonNegative = 0.1  # Weight of the logarithm of a standard deviation.
     min_sigma: Positive = 0.004  # Least standard deviation in a score, rad.
 

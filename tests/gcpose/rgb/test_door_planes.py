@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from gcbench.gcpose.chain.articulation import Articulation
@@ -29,6 +30,7 @@ from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, pr
 from gcbench.gcpose.rgb.search import (
     exchange_parallel_turns,
     score_hypothesis,
+    score_last,
     search_door,
     search_edge_on,
 )
@@ -178,6 +180,24 @@ def test_a_door_that_turns_the_wrong_way_is_mended() -> None:
     best = min(found, key=lambda h: score_hypothesis(h, SETTINGS))
     assert score_hypothesis(best, SETTINGS) < score_hypothesis(wrong, SETTINGS)
     assert np.degrees(abs(best.state.angle[-1, 0] - near.state.angle[-1, 0])) < 5
+
+
+def test_the_outline_counts_in_the_last_choice() -> None:
+    evidence, near, true = door_hypothesis()
+    start = replace(near, points=replace(near.points, inverse_depth=true))
+    right = evidence.refine_by_patches(start, evidence.sample((0, 4), 60), 1, SETTINGS.patch_reach)
+    wrong = replace(right, state=replace(right.state, angle=-right.state.angle))
+    moving = np.zeros(evidence.video.moving.shape, np.uint8)
+    panel = np.array([*CORNERS, CORNERS[0] + CORNERS[2] - CORNERS[1]])
+    for image, motion in zip(moving, near.state.motions(len(moving))[:, 1], strict=True):
+        at = (panel @ motion[:3, :3].T + motion[:3, 3]) @ evidence.video.intrinsics.T
+        cv2.fillConvexPoly(image, np.rint(at[:, :2] / at[:, 2:]).astype(np.int32), 1)
+    video = replace(evidence.video, moving=moving > 0)
+    seen = RgbEvidence(video, evidence.priors, replace(SETTINGS, score_outline=0.4))
+    by_outline = [score_last(seen, h) - score_hypothesis(h, SETTINGS) for h in (right, wrong)]
+    assert 0 < by_outline[0] < 0.5 * by_outline[1]
+    off = RgbEvidence(video, evidence.priors, SETTINGS)
+    assert score_last(off, right) == score_hypothesis(right, SETTINGS)
 
 
 def test_a_door_is_seen_edge_on_where_its_foreground_is_small() -> None:
