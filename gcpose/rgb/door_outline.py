@@ -62,8 +62,11 @@ def search_outlines(
 
 
 def outline_misfit(video: VideoEvidence, state: Articulation, settings: RgbSettings) -> float:
-    """Return the robust mean distance from the seen outline, px, of that box that fits it best and
-    moves as a door does."""
+    """Return how badly the box fits that turns as a door does and fits the seen outline best, px^2.
+
+    This is half the robust square of the distance, a mean over frames and points of the outline.
+    It grows as `settings.outline_scale` times the distance where that is large.
+    """
     axis, moment = np.split(state.twist[0], 2)
     seen = see_outline(video, axis, settings)
     if seen is None:

@@ -228,7 +228,7 @@ class RgbSettings:
     score_inversions: NonNegative = 1.5  # Weight of the share of labels out of order.
     score_offset: NonNegative = 0.1  # Weight of an axis that passes far from its hinge.
     axis_offset: Positive = 0.2  # Distance of an axis from its hinge that counts half.
-    score_outline: NonNegative = 0.0  # Weight of the misfit of a door's outline, 1/px.
+    score_outline: NonNegative = 0.0  # Weight of the misfit of a door's outline, 1/px^2.
     score_sigma: NonNegative = 0.1  # Weight of the logarithm of a standard deviation.
     min_sigma: Positive = 0.004  # Least standard deviation in a score, rad.
 
