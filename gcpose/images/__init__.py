@@ -30,6 +30,7 @@ from .patches import PredictedPatches, find_patches
 from .regions import Candidates, geodesic_rank, smooth_costs
 from .settings import ImageSettings
 from .still_camera import FrontEnd, VideoEvidence, video_evidence
+from .straight_edges import moving_edges
 from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 
 __all__ = [
@@ -37,7 +38,7 @@ __all__ = [
     "ForegroundInference", "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches",
     "Square", "Surfaces", "VideoEvidence", "WeightReader", "changing_square", "color_and_change",
     "cut_square", "dis_flow", "find_depth", "find_flow", "find_foreground", "find_patches",
-    "fine_dis_flow", "for_cuts_of", "geodesic_rank", "row_suffix", "smooth_costs",
+    "fine_dis_flow", "for_cuts_of", "geodesic_rank", "moving_edges", "row_suffix", "smooth_costs",
     "subtract_background", "surfaces_from_depth", "surfaces_from_noisy_depth", "training_of",
     "video_evidence",
 ]

@@ -64,6 +64,16 @@ class ImageSettings:
     min_relative_depth: NonNegative = 0.5  # Least inverse depth, by the median.
     max_relative_depth: Positive = 2.0  # Largest inverse depth, by the median.
 
+    # straight edges
+    min_edge_length: Positive = 0.25
+    """Least length of a straight edge, in sides of a square as large as the foreground."""
+    edge_margin: Whole = 3  # Distance from the foreground up to which an edge may be, px.
+    min_edge_share: Share = 0.8  # Least share of an edge in or near the foreground.
+    still_edge_frames: Count = 12  # Distant frames in which a still edge is looked for at most.
+    still_edge_share: Share = 0.4  # Share of these frames that a still edge is seen in.
+    still_edge_distance: Positive = 1.5  # Distance at which an edge is the same, px.
+    still_edge_overlap: Share = 0.4  # Share of its length that must be the same.
+
     # patches
     patch_radius: Count = 3  # Radius of patches, px; larger patches cover more than one part.
     patch_sigma: Positive = 0.1  # Error of a patch's model, px.

@@ -30,8 +30,10 @@ class VideoEvidence:
     """[3 3] px, of the crop"""
     moving: NDArray[np.bool_]
     """[T h w] foreground: what is not static background"""
+    gray: Image
+    """[T h w] brightness, 0 to 255"""
     appearance: Image
-    """[T h w 2] brightness, and outline of the foreground"""
+    """[T h w 2] brightness, and outline of the foreground, both blurred"""
     flow: Image
     """[T-1 h w 2] px, to the next frame"""
     flow_backward: Image | None
@@ -117,7 +119,7 @@ def video_evidence(
     texture = np.stack([texture_confidence(g, settings) for g in gray])
     sure = np.array([1, 0, 1], np.float32)
     evidence = VideoEvidence(
-        (box[1].start, box[0].start), k, inside,
+        (box[1].start, box[0].start), k, inside, gray,
         np.stack([appearance(g, m, settings) for g, m in zip(gray, inside, strict=True)]),
         flow, back, texture,
         texture if observation.flow is None else np.full_like(texture, sure),

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array, se3
 from ..chain import Articulation
 from ..images import VideoEvidence
-from .door_outline import DoorMotion
 from .evidence import VideoHypothesis
 from .points import InverseDepthPoints, inverse_depth_slopes, patch_costs_by_point, predict_places
 from .settings import RgbSettings
@@ -30,24 +29,15 @@ def is_door(state: Articulation) -> bool:
 
 
 def inverse_depths_on_plane(
-    state: Articulation, points: InverseDepthPoints, normal: Array, offset: float | Array
+    state: Articulation, points: InverseDepthPoints, normal: Array, offset: float
 ) -> tuple[Array, Array]:
     """Return the inverse depths [N], and their slopes [N 2] by the ray, of points on a plane of the
-    part: normal @ X = offset (of all, or [N]) in frame 0."""
-    turned, shift = _turned_normal(state, points, normal)
-    away = offset + shift
-    gradient = turned / np.where(np.abs(away) < 1e-6, 1e-6, away)[:, None]
-    return np.einsum("na,na->n", gradient, points.ray), gradient[:, :2]
-
-
-def _turned_normal(
-    state: Articulation, points: InverseDepthPoints, normal: Array
-) -> tuple[Array, Array]:
-    """The normal [N 3] of a plane of the part in the key frame of each point, and how much larger
-    [N] than in frame 0 its offset is there."""
+    part: normal @ X = offset in frame 0."""
     motion = state.motions(len(state.angle))[points.frame, 1]
     turned = motion[:, :3, :3] @ normal
-    return turned, np.einsum("na,na->n", turned, motion[:, :3, 3])
+    away = offset + np.einsum("na,na->n", turned, motion[:, :3, 3])
+    gradient = turned / np.where(np.abs(away) < 1e-6, 1e-6, away)[:, None]
+    return np.einsum("na,na->n", gradient, points.ray), gradient[:, :2]
 
 
 def vary_door_plane(hypothesis: VideoHypothesis, settings: RgbSettings) -> list[VideoHypothesis]:
@@ -95,19 +85,23 @@ def exchange_door_turn(
     return out
 
 
-def vary_by_outline(
-    hypothesis: VideoHypothesis, doors: list[DoorMotion], settings: RgbSettings
-) -> list[VideoHypothesis]:
-    """Return a door with each of the motions that its outline shows."""
-    axis, out = hypothesis.state.twist[0, :3], list[VideoHypothesis]()
-    for door in doors:
-        line = np.concatenate([axis, np.cross(door.foot, axis)])[None]
-        state = replace(hypothesis.state, twist=line, angle=door.turn[:, None])
-        _, shift = _turned_normal(state, hypothesis.points, door.normal)
-        offset = np.where(door.offset[1] + shift < 0, door.offset[1], door.offset[0])
-        other = _put_on_plane(hypothesis, state, door.normal, offset, settings)
-        out += [other] if other else []
-    return out
+def turn_by_edges(
+    hypothesis: VideoHypothesis, turn: Array, intrinsics: Array, settings: RgbSettings
+) -> VideoHypothesis | None:
+    """Return a door with given turns [T], with an axis and a plane with which its points of frame 0
+    go nearly to the same places in the frame with the largest turn; None if there is none."""
+    s, state = settings, hypothesis.state
+    mine, far = hypothesis.points.frame == 0, int(np.abs(turn).argmax())
+    if np.count_nonzero(mine) < s.min_points or abs(turn[far]) < s.min_edge_turn:
+        return None
+    axis, ray = state.twist[0, :3], hypothesis.points.ray[mine]
+    place = predict_places(state, hypothesis.points, intrinsics)[mine, far]
+    place = (place - intrinsics[:2, 2]) / intrinsics[[0, 1], [0, 1]]
+    limit = s.exchange_limit / float(intrinsics[0, 0])
+    foot, normal = fit_plane_motion(ray, place, axis, float(turn[far]), limit)
+    line = np.concatenate([axis, np.cross(foot, axis)])[None]
+    return _put_on_plane(
+        hypothesis, replace(state, twist=line, angle=turn[:, None]), normal, 1.0, s)
 
 
 def fit_plane_motion(
@@ -279,7 +273,7 @@ def _is_possible(inverse_depth: Array, settings: RgbSettings) -> NDArray[np.bool
 
 
 def _put_on_plane(
-    hypothesis: VideoHypothesis, state: Articulation, normal: Array, offset: float | Array,
+    hypothesis: VideoHypothesis, state: Articulation, normal: Array, offset: float,
     settings: RgbSettings,
 ) -> VideoHypothesis | None:
     """The hypothesis with a motion, its points on a plane, and their mean inverse depth 1; None

@@ -13,6 +13,7 @@ from ..estimator import Adjustment, Hypothesis, Round, run_em, track
 from ..images import VideoEvidence, geodesic_rank
 from ..numerics import Image, Solver
 from .costs import MovedRays, flow_costs, flow_records, patch_costs
+from .door_edges import DoorEdges, see_edges
 from .labels import (
     SampledPixels,
     assign_labels,
@@ -98,6 +99,16 @@ class RgbEvidence:
     @cached_property
     def _flow_records(self) -> Image:
         return flow_records(self.video)
+
+    @cached_property
+    def edges(self) -> DoorEdges | None:
+        """The straight edges of a door whose depth is not measured and whose axis has a known
+        direction; None elsewhere, and where they are not across the axis."""
+        known = self.priors
+        if (not self.settings.edge_weight or known.direction is None or self.joints > 1
+                or known.prismatic[0] or self.video.distance is not None):
+            return None
+        return see_edges(self.video, known.direction[0], self.settings)
 
     def by_each_flow(self) -> list[RgbEvidence]:
         """Return this evidence, and that by the second flow of the video."""
@@ -200,7 +211,7 @@ class RgbEvidence:
             points = measure_patches(self.video, state, points, *how.patches, s)
             points = add_tracks(self.video, points, s)
         return RayResiduals(points, self.video.intrinsics, how.depth_sigma,
-                            smoothness_blocks(points, s), s)
+                            smoothness_blocks(points, s), s, self.edges)
 
     def refine_by_patches(
         self, hypothesis: VideoHypothesis, points: SampledPixels, rounds: int, reach: float
@@ -218,7 +229,9 @@ class RgbEvidence:
         jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
         fit = patch_misfit(self.video, hypothesis.state, hypothesis.points, span, s)
         fit += s.score_tracks * track_misfit(self.video, hypothesis.state, hypothesis.points, s)
-        return replace(hypothesis, cost=fit + s.score_jerk * jerky)
+        missed = self.edges.misfit(hypothesis.state.angle[:, 0], s) if self.edges else 0.0
+        return replace(hypothesis, cost=fit + s.score_jerk * jerky,
+                       penalty=hypothesis.penalty + s.score_edges * missed)
 
     def tracking_round(self, points: SampledPixels) -> VideoRound:
         """Return a round of EM with patches on the frames so far, with stronger priors: these

@@ -48,9 +48,12 @@ def estimate_rgb(
         settings = with_two_flows(settings)
     distance = evidence.distance or object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
-    found = search_video(RgbEvidence(evidence, scale_axes(known, 1 / distance), settings))
+    seen = RgbEvidence(evidence, scale_axes(known, 1 / distance), settings)
+    found = search_video(seen)
     if found is None:
         return None
+    if seen.edges:
+        settings = replace(settings, deviation=settings.deviation_edges)
     best = found.best
     metres, line = evidence.distance or length_unit(known, best.state), known.line
     if line is None and metres is not None:

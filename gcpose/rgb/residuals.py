@@ -20,6 +20,7 @@ from scipy.linalg import get_lapack_funcs
 from ...robots.geometry import Array
 from ..chain import Articulation, relative_derivatives
 from ..estimator import BundleEquations
+from .door_edges import DoorEdges
 from .kernels import accumulate
 from .points import InverseDepthPoints, motions_from_frames
 from .settings import RgbSettings
@@ -40,6 +41,8 @@ class RayResiduals:
     smoothness: list[tuple[NDArray[np.intp], Array]]
     """See `smoothness_blocks`."""
     settings: RgbSettings
+    edges: DoorEdges | None = None
+    """Of a door"""
 
     def linearize(
         self, state: Articulation, basis: tuple[Array, ...], scale: float,
@@ -49,6 +52,11 @@ class RayResiduals:
         of the residuals."""
         matrix, vector, coupling, h, g = self._assemble(state, basis, scale)
         matrix, vector = matrix + prior[0], vector + prior[1]
+        if self.edges is not None:
+            turns = slice(len(state.angle) - 1)
+            by_turn = self.edges.equations(state.angle[:, 0], scale, self.settings)
+            matrix[turns, turns] += by_turn[0]
+            vector[turns] += by_turn[1]
         by_depth, alone = self._solve_depths(coupling, h, g)
         reduced = BundleEquations(matrix - coupling.T @ by_depth, vector - coupling.T @ alone,
                                   diagonal=np.diag(matrix))

@@ -21,14 +21,13 @@ from ..chain import (
 from ..estimator import label_difference, refine_in_stages, run_em, select_distinct
 from ..images import geodesic_rank
 from ..numerics import thread_map
-from .door_outline import outline_misfit, search_outlines
 from .door_planes import (
     bridge_edge_on,
     edge_on_frames,
     exchange_door_turn,
     is_door,
     search_depths,
-    vary_by_outline,
+    turn_by_edges,
     vary_door_plane,
 )
 from .evidence import PACE_STEPS, RgbEvidence, VideoAdjustment, VideoHypothesis, places_at_start
@@ -63,14 +62,13 @@ def search_video(evidence: RgbEvidence) -> SearchResult | None:
     s = evidence.settings
     score = partial(score_hypothesis, settings=s)
     searches = [search_motions(each) for each in evidence.by_each_flow()]
-    best = [select_last(evidence, found) for found in searches]
+    best = [select_hypotheses(found, s.final_kept, s, labels=1.0, key=score) for found in searches]
     if not any(best):
         return None
     last = refine_last(evidence, [h for some in best for h in some])
     search = np.repeat(np.arange(len(best)), [len(some) for some in best])
     agreeing = count_agreeing(np.stack([h.state.angle[-1] for h in last]), search, s.agreement)
-    scores = [score_last(evidence, h) - s.score_agreement * n
-              for h, n in zip(last, agreeing, strict=True)]
+    scores = [score(h) - s.score_agreement * n for h, n in zip(last, agreeing, strict=True)]
     first = int(np.argmin(scores))
     chosen = last[first]
     others = [other for found in searches for other in compare_scores(found, map(score, found))]
@@ -116,24 +114,6 @@ def search_motions(evidence: RgbEvidence) -> list[VideoHypothesis]:
         lambda h: again(run_em(evidence, h, [((), many), ((settle,), many)])), others)
 
 
-def select_last(evidence: RgbEvidence, found: list[VideoHypothesis]) -> list[VideoHypothesis]:
-    """Return the best hypotheses of a search, for the last refinement."""
-    s = evidence.settings
-    most, apart = s.final_kept, s.distinct_motion
-    if found and s.outlines_kept and shows_door(evidence, found[0]):
-        most, apart = s.final_doors_kept, s.distinct_door
-    return select_hypotheses(found, most, s, motion=apart, labels=1.0,
-                             key=partial(score_hypothesis, settings=s))
-
-
-def score_last(evidence: RgbEvidence, hypothesis: VideoHypothesis) -> float:
-    """Return the score of a hypothesis in the last choice; the outline of a door may count."""
-    s, score = evidence.settings, score_hypothesis(hypothesis, evidence.settings)
-    if s.score_outline and shows_door(evidence, hypothesis):
-        score += s.score_outline * outline_misfit(evidence.video, hypothesis.state, s)
-    return score
-
-
 def refine_last(evidence: RgbEvidence, found: list[VideoHypothesis]) -> list[VideoHypothesis]:
     """Return hypotheses that are refined by more points, and by points on the outline."""
     s = evidence.settings
@@ -161,17 +141,17 @@ def search_door(
     evidence: RgbEvidence, found: list[VideoHypothesis], points: SampledPixels
 ) -> list[VideoHypothesis]:
     """Return the motions of a door before the last refinement, from those of the video as of any
-    object: with other planes, turns and depths, and with the motions that its outline shows."""
+    object: with other planes, turns and depths."""
     s = evidence.settings
     first = refine_points(evidence, points, 2, s.patch_reach_first)
     tilted = [t for h in select_hypotheses(found, s.tilted_kept, s)
               for t in vary_door_plane(h, s)]
-    by_outline = thread_map(first, search_door_outline(evidence, found[0]))
-    found = thread_map(first, found + tilted) + by_outline
-    for _ in range(s.door_rounds):
+    found = thread_map(first, found + tilted)
+    for _ in range(1 if evidence.edges else s.door_rounds):
         found = search_turns_and_depths(evidence, found, points)
-    found = thread_map(partial(search_edge_on, evidence, points=points), found)
-    return found + by_outline
+    found = sorted(found, key=partial(score_hypothesis, settings=s))
+    most = 1 if evidence.edges else len(found)  # it takes long
+    return thread_map(partial(search_edge_on, evidence, points=points), found[:most]) + found[most:]
 
 
 def search_turns_and_depths(
@@ -182,9 +162,9 @@ def search_turns_and_depths(
     s = evidence.settings
     score = partial(score_hypothesis, settings=s)
     best = partial(select_hypotheses, settings=s, key=score)
-    others: list[VideoHypothesis] = []
+    others = turn_doors_by_edges(evidence, best(found, s.turned_kept))
     if evidence.priors.axis_dof:  # another turn needs another axis
-        others = exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
+        others += exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
     found = found + thread_map(refine_points(evidence, points, 2, s.patch_reach_first), others)
     refine = refine_points(evidence, points, 2, s.patch_reach)
 
@@ -194,16 +174,16 @@ def search_turns_and_depths(
     return refine_in_stages(found, best, *((kept, search) for kept in s.doors_kept))
 
 
-def search_door_outline(
-    evidence: RgbEvidence, hypothesis: VideoHypothesis
+def turn_doors_by_edges(
+    evidence: RgbEvidence, found: list[VideoHypothesis]
 ) -> list[VideoHypothesis]:
-    """Return a door with each of the motions that its outline shows, if these are searched."""
-    if not evidence.settings.outlines_kept:
+    """Return doors with the turns that their straight edges show."""
+    edges, frames = evidence.edges, evidence.video.frames
+    if edges is None or not evidence.priors.axis_dof:
         return []
-    axis, moment = np.split(hypothesis.state.twist[0], 2)
-    hinge = None if evidence.priors.axis_dof else np.cross(axis, moment)
-    doors = search_outlines(evidence.video, axis, hinge, evidence.settings)
-    return vary_by_outline(hypothesis, doors, evidence.settings)
+    turn = edges.turns(frames, evidence.settings)
+    others = [turn_by_edges(h, turn, evidence.video.intrinsics, evidence.settings) for h in found]
+    return [h for h in others if h is not None]
 
 
 def search_edge_on(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from ..chain import ChainSettings
-from ..numerics import DEGREE, Count, NonNegative, Positive, Scales, Share, Whole
+from ..numerics import DEGREE, Count, NonNegative, Positive, Scales, Share
 
 
 @dataclass(frozen=True)
@@ -162,29 +162,6 @@ class RgbSettings:
     plane_depths: Scales = (0.75, 0.87, 1.0, 1.15, 1.35)
     """Distances of these planes from the camera, in that of the plane through the door's center."""
 
-    # a door by its outline alone
-    outline_points: Count = 80  # Points on its outline.
-    outline_limit: Positive = 0.08
-    """Distance from the outline from which on a point is an outlier, in sides of a square as large
-    as the door."""
-    outline_hinges: Count = 6  # Places of the hinge at either end of the door.
-    outline_hinge_margin: Share = 0.15
-    """Distance of these places from that end, up to which they lie, as a share of the door."""
-    outline_tilts: Count = 24  # Directions of its plane.
-    outline_turn_step: Positive = 3 * DEGREE  # Difference between two turns, rad.
-    max_outline_turn: Positive = 120 * DEGREE  # Largest turn, rad.
-    max_outline_step: Positive = 9 * DEGREE  # Largest turn in a frame, rad.
-    outline_jerk_cost: NonNegative = 0.01  # Cost of a change of the turn in a frame by a step.
-    outlines_kept: Whole = 0  # Motions by outline that become hypotheses; 0: none is searched.
-    door_thickness: Positive = 0.02  # Expected thickness of a door.
-    outline_prior: NonNegative = 3.0
-    """Weight of the thickness and of the hinge's distance from the plane, px by
-    `door_thickness`."""
-    outline_jerk: NonNegative = 60.0
-    """Weight of the second difference of the turns against the distances, px/rad."""
-    outline_scale: Positive = 2.0  # Robust scale of the distance from the outline, px.
-    outline_iterations: Count = 20  # Evaluations of the fit at most.
-
     edge_on_share: Share = 0.75
     """Share of the median area of the foreground below which a frame shows a door edge-on."""
     edge_on_shifts: Scales = (2.5 * DEGREE, 6.0 * DEGREE)
@@ -192,6 +169,23 @@ class RgbSettings:
     edge_on_paces: Scales = (0.6, 1.0, 1.5)
     """Paces of one side of such a frame that are tried, as multiples of that of the other side."""
     edge_on_rounds: Count = 4  # Rounds in which they are tried at most.
+
+    # straight edges of a door
+    edge_weight: NonNegative = 20.0  # Weight against the patches; 0: they are not looked for.
+    edge_end_sigma: Positive = 0.35  # Standard deviation of the places of their ends, px.
+    edge_tilt_sigma: Positive = 0.1 * DEGREE
+    """Standard deviation of the tilt that an edge shows, besides that, rad."""
+    edge_frame_sigma: NonNegative = 0.05 * DEGREE  # That of what the edges of a frame share, rad.
+    max_tilt_sigma: Positive = 6 * DEGREE  # Standard deviation above which no tilt is shown, rad.
+    max_edge_step: Positive = 10 * DEGREE  # Largest turn in a frame by edges alone, rad.
+    edge_jerk_cost: NonNegative = 0.02
+    """Cost of a change of this turn by 1 degree, in edges of a frame."""
+    min_edge_frames: Share = 0.25  # Share of the frames with edges below which these do not count.
+    max_edge_misfit: Share = 0.48
+    """Share of the edges that the best turns by edges alone do not explain, above which edges do
+    not count: they are not across the axis."""
+    min_edge_turn: Positive = 2 * DEGREE  # Largest turn below which these turns are not tried, rad.
+    min_edge_slope: Share = 0.05  # Sine of the angle with the axis below which an edge shows none.
 
     # parallel axes
     exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.
@@ -205,7 +199,9 @@ class RgbSettings:
     # choice among hypotheses
     tilted_kept: Count = 3  # Distinct hypotheses for which a door's planes are tried.
     refined_kept: Count = 6  # Distinct hypotheses in the second refinement.
-    door_rounds: Count = 2  # Rounds in which other turns and depths of a door are tried.
+    door_rounds: Count = 2
+    """Rounds in which other turns and depths of a door are tried; 1 where its edges count."""
+    turned_kept: Count = 3  # Distinct hypotheses that are given the turns by the edges alone.
     doors_kept: tuple[Count, ...] = (8, 5, 3)
     """Distinct hypotheses of a door in the rounds that search its depths."""
     exchanged_from: Count = 3
@@ -213,8 +209,6 @@ class RgbSettings:
     parallel; else only those of the best."""
     exchanged_kept: Count = 3  # Distinct hypotheses of each with turns shared otherwise.
     final_kept: Count = 3  # Distinct hypotheses in the last refinement.
-    final_doors_kept: Count = 5  # The same of a door whose outline is searched.
-    distinct_door: NonNegative = 0.04  # Difference of a turn that makes these distinct, rad.
     patch_outlier_cost: NonNegative = 9.0  # Score of a patch that is found elsewhere.
     patch_missing_cost: NonNegative = 4.0  # Score of a patch that is not found.
     score_tracks: NonNegative = 1.0  # Weight of the cost of tracks against the patches'.
@@ -228,7 +222,8 @@ class RgbSettings:
     score_inversions: NonNegative = 1.5  # Weight of the share of labels out of order.
     score_offset: NonNegative = 0.1  # Weight of an axis that passes far from its hinge.
     axis_offset: Positive = 0.2  # Distance of an axis from its hinge that counts half.
-    score_outline: NonNegative = 0.0  # Weight of the misfit of a door's outline, 1/px^2.
+    score_edges: NonNegative = 1.0  # Weight of the share of a door's edges that is not explained.
+    edge_scale: Positive = 3.0  # Robust scale of edges in this share, standard deviations.
     score_sigma: NonNegative = 0.1  # Weight of the logarithm of a standard deviation.
     min_sigma: Positive = 0.004  # Least standard deviation in a score, rad.
 
@@ -238,6 +233,9 @@ class RgbSettings:
     deviation_pair: DeviationSettings = DeviationSettings(
         power=1.5, misfit=0.0, excess=0.05, floor=0.1 * DEGREE, alone=1.5)
     """The same where there are two flows."""
+    deviation_edges: DeviationSettings = DeviationSettings(
+        factor=7.0, misfit=0.4, floor=0.1 * DEGREE)
+    """The same of a door whose edges count."""
     sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
     part_stride: Count = 2  # Pixels from one to the next whose part is looked up.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from gcbench.gcpose.chain.articulation import Articulation
@@ -14,6 +13,7 @@ from gcbench.gcpose.images.flow import dis_flow
 from gcbench.gcpose.images.foreground import subtract_background
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import FrontEnd, video_evidence
+from gcbench.gcpose.rgb.door_edges import DoorEdges
 from gcbench.gcpose.rgb.door_planes import (
     bridge_edge_on,
     edge_on_frames,
@@ -23,6 +23,7 @@ from gcbench.gcpose.rgb.door_planes import (
     inverse_depths_on_plane,
     is_door,
     search_depths,
+    turn_by_edges,
     vary_door_plane,
 )
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
@@ -30,7 +31,6 @@ from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, pr
 from gcbench.gcpose.rgb.search import (
     exchange_parallel_turns,
     score_hypothesis,
-    score_last,
     search_door,
     search_edge_on,
 )
@@ -134,6 +134,35 @@ def test_other_turns_show_nearly_the_same_images() -> None:
     assert min(a[:, -1].mean() for a in apart) < 0.02 * moved
 
 
+def test_turns_by_edges_come_with_the_plane_that_shows_the_same_motion() -> None:
+    state = one_joint()
+    start, _, _ = panel(state)
+    found = turn_by_edges(start, state.angle[:, 0], INTRINSICS, SETTINGS)
+    assert found is not None and np.array_equal(found.state.angle, state.angle)
+    true = start.points.inverse_depth / np.median(start.points.inverse_depth)
+    assert np.allclose(found.points.inverse_depth, true, atol=1e-6)
+    other = turn_by_edges(start, 1.1 * state.angle[:, 0], INTRINSICS, SETTINGS)
+    assert other is not None and np.array_equal(other.state.angle, 1.1 * state.angle)
+    assert turn_by_edges(start, 0.01 * state.angle[:, 0], INTRINSICS, SETTINGS) is None
+
+
+def test_edges_decide_about_the_turn_where_patches_hardly_do() -> None:
+    """The same points, with edges that show 1.2 times the turn: the estimate follows them."""
+    evidence, near, true = door_hypothesis()
+    start = replace(near, points=replace(near.points, inverse_depth=true))
+    turn = start.state.angle[:, 0]
+    frame = np.arange(len(turn))
+    found, missed = [], []
+    for share in (1.0, 1.2):
+        evidence.edges = DoorEdges(frame, 0.4 + share * turn, np.full(len(turn), 0.003))
+        h = evidence.refine_by_patches(start, evidence.sample((0, 4), 60), 3, SETTINGS.patch_reach)
+        found.append(h.state.angle[-1, 0] / turn[-1])
+        missed.append(evidence.edges.misfit(h.state.angle[:, 0], SETTINGS))
+    assert found[0] == pytest.approx(1.0, abs=0.02)
+    assert found[1] == pytest.approx(1.2, abs=0.05)
+    assert max(missed) < 0.2
+
+
 def door_hypothesis() -> tuple[RgbEvidence, VideoHypothesis, np.ndarray]:
     """A door with its true motion, its points too near, and their true inverse depths."""
     observation = door(0.5)
@@ -180,24 +209,6 @@ def test_a_door_that_turns_the_wrong_way_is_mended() -> None:
     best = min(found, key=lambda h: score_hypothesis(h, SETTINGS))
     assert score_hypothesis(best, SETTINGS) < score_hypothesis(wrong, SETTINGS)
     assert np.degrees(abs(best.state.angle[-1, 0] - near.state.angle[-1, 0])) < 5
-
-
-def test_the_outline_counts_in_the_last_choice() -> None:
-    evidence, near, true = door_hypothesis()
-    start = replace(near, points=replace(near.points, inverse_depth=true))
-    right = evidence.refine_by_patches(start, evidence.sample((0, 4), 60), 1, SETTINGS.patch_reach)
-    wrong = replace(right, state=replace(right.state, angle=-right.state.angle))
-    moving = np.zeros(evidence.video.moving.shape, np.uint8)
-    panel = np.array([*CORNERS, CORNERS[0] + CORNERS[2] - CORNERS[1]])
-    for image, motion in zip(moving, near.state.motions(len(moving))[:, 1], strict=True):
-        at = (panel @ motion[:3, :3].T + motion[:3, 3]) @ evidence.video.intrinsics.T
-        cv2.fillConvexPoly(image, np.rint(at[:, :2] / at[:, 2:]).astype(np.int32), 1)
-    video = replace(evidence.video, moving=moving > 0)
-    seen = RgbEvidence(video, evidence.priors, replace(SETTINGS, score_outline=0.4))
-    by_outline = [score_last(seen, h) - score_hypothesis(h, SETTINGS) for h in (right, wrong)]
-    assert 0 < by_outline[0] < 0.5 * by_outline[1]
-    off = RgbEvidence(video, evidence.priors, SETTINGS)
-    assert score_last(off, right) == score_hypothesis(right, SETTINGS)
 
 
 def test_a_door_is_seen_edge_on_where_its_foreground_is_small() -> None:

@@ -160,7 +160,8 @@ def upright_bar(frames: int) -> VideoEvidence:
     gray, image = np.full(moving.shape[1:], 128, np.float32), ImageSettings()
     none = np.zeros((*moving.shape, 3), np.float32)
     return VideoEvidence(
-        (0, 0), INTRINSICS, moving, np.stack([appearance(gray, m, image) for m in moving]),
+        (0, 0), INTRINSICS, moving, np.stack([gray] * frames),
+        np.stack([appearance(gray, m, image) for m in moving]),
         none[1:, ..., :2], None, none, none, image)
 
 

@@ -40,6 +40,7 @@ def turning(angle: float = 0.1, back: float = 1.0) -> VideoEvidence:
     k = np.array([[100.0, 0, 40], [0, 100, 30], [0, 0, 1]])
     return VideoEvidence(
         (0, 0), k, np.ones((FRAMES, HEIGHT, WIDTH), bool),
+        np.zeros((FRAMES, HEIGHT, WIDTH), np.float32),
         np.zeros((FRAMES, HEIGHT, WIDTH, 2), np.float32), forward.copy(),
         flow_back, texture, texture, ImageSettings())
 
