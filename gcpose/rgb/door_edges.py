@@ -92,8 +92,7 @@ class DoorEdges:
         out = np.zeros(frames)
         for t in range(frames - 1, 0, -1):
             out[t - 1] = out[t] - step[k]
-            before = origin[t, tilt, k]
-            tilt, k = (tilt - step[k]) % tried, before
+            tilt, k = (tilt - step[k]) % tried, origin[t, tilt, k]
         return (out - out[0]) * np.pi / tried
 
     def _tilts_above(
@@ -154,8 +153,8 @@ def measure_tilts(
         turned = normal + s.edge_end_sigma * change
         square += _wrap(np.arctan2(-turned @ one, turned @ other) - tilt) ** 2
     sigma = np.sqrt(square)
-    slope = np.abs(normal @ axis) / np.linalg.norm(normal, axis=1)
-    shown = (slope > s.min_edge_slope) & (sigma < s.max_tilt_sigma)
+    sine = np.abs(normal @ axis) / np.linalg.norm(normal, axis=1)
+    shown = (sine > s.min_edge_sine) & (sigma < s.max_tilt_sigma)
     return tilt[shown], sigma[shown]
 
 

@@ -61,13 +61,10 @@ def exchange_door_turn(
     R + t n^T. Its turn gives R, and the translation t and the normal n lie across the axis, so that
     only a matrix of rank one is unknown (Hartley and Zisserman, Multiple View Geometry, Sec. 13.1).
     """
-    s, state = settings, hypothesis.state
-    mine = hypothesis.points.frame == 0
-    if not is_door(state) or np.count_nonzero(mine) < s.min_points:
+    s, axis = settings, hypothesis.state.twist[0, :3]
+    ray, place = _places_from_start(hypothesis, intrinsics)
+    if not is_door(hypothesis.state) or len(ray) < s.min_points:
         return []
-    axis, ray = state.twist[0, :3], hypothesis.points.ray[mine]
-    place = predict_places(state, hypothesis.points, intrinsics)[mine].swapaxes(0, 1)
-    place = (place - intrinsics[:2, 2]) / intrinsics[[0, 1], [0, 1]]
     limit = s.exchange_limit / float(intrinsics[0, 0])
     out: list[VideoHypothesis] = []
     for turn in np.arange(-s.max_door_turn, s.max_door_turn + 1e-9, s.door_turn_step):
@@ -76,10 +73,8 @@ def exchange_door_turn(
         foot, normal = fit_plane_motion(ray, place[-1], axis, turn, limit)
         if not s.door_axis_reach[0] < normal @ foot < s.door_axis_reach[1]:
             continue
-        line = np.concatenate([axis, np.cross(foot, axis)])[None]
         angle = fit_turns(ray, ray @ normal, place, (axis, foot), turn, limit)
-        other = _put_on_plane(
-            hypothesis, replace(state, twist=line, angle=angle[:, None]), normal, 1.0, s)
+        other = _turn_plane(hypothesis, angle, foot, normal, s)
         if other is not None:
             out.append(other)
     return out
@@ -90,18 +85,33 @@ def turn_by_edges(
 ) -> VideoHypothesis | None:
     """Return a door with given turns [T], with an axis and a plane with which its points of frame 0
     go nearly to the same places in the frame with the largest turn; None if there is none."""
-    s, state = settings, hypothesis.state
-    mine, far = hypothesis.points.frame == 0, int(np.abs(turn).argmax())
-    if np.count_nonzero(mine) < s.min_points or abs(turn[far]) < s.min_edge_turn:
+    s, far = settings, int(np.abs(turn).argmax())
+    ray, place = _places_from_start(hypothesis, intrinsics)
+    if len(ray) < s.min_points or abs(turn[far]) < s.min_edge_turn:
         return None
-    axis, ray = state.twist[0, :3], hypothesis.points.ray[mine]
-    place = predict_places(state, hypothesis.points, intrinsics)[mine, far]
+    foot, normal = fit_plane_motion(
+        ray, place[far], hypothesis.state.twist[0, :3], float(turn[far]),
+        s.exchange_limit / float(intrinsics[0, 0]))
+    return _turn_plane(hypothesis, turn, foot, normal, s)
+
+
+def _places_from_start(hypothesis: VideoHypothesis, intrinsics: Array) -> tuple[Array, Array]:
+    """The rays [N 3] of the points of frame 0, and their places [T N 2] at depth 1."""
+    mine = hypothesis.points.frame == 0
+    place = predict_places(hypothesis.state, hypothesis.points, intrinsics)[mine].swapaxes(0, 1)
     place = (place - intrinsics[:2, 2]) / intrinsics[[0, 1], [0, 1]]
-    limit = s.exchange_limit / float(intrinsics[0, 0])
-    foot, normal = fit_plane_motion(ray, place, axis, float(turn[far]), limit)
+    return hypothesis.points.ray[mine], place
+
+
+def _turn_plane(
+    hypothesis: VideoHypothesis, turn: Array, foot: Array, normal: Array, settings: RgbSettings
+) -> VideoHypothesis | None:
+    """The hypothesis with turns [T] about an axis with another foot [3], its points on the plane
+    normal @ X = 1; None where few of the points can lie on it."""
+    axis = hypothesis.state.twist[0, :3]
     line = np.concatenate([axis, np.cross(foot, axis)])[None]
-    return _put_on_plane(
-        hypothesis, replace(state, twist=line, angle=turn[:, None]), normal, 1.0, s)
+    state = replace(hypothesis.state, twist=line, angle=turn[:, None])
+    return _put_on_plane(hypothesis, state, normal, 1.0, settings)
 
 
 def fit_plane_motion(

@@ -177,6 +177,8 @@ class RgbSettings:
     """Standard deviation of the tilt that an edge shows, besides that, rad."""
     edge_frame_sigma: NonNegative = 0.05 * DEGREE  # That of what the edges of a frame share, rad.
     max_tilt_sigma: Positive = 6 * DEGREE  # Standard deviation above which no tilt is shown, rad.
+    min_edge_sine: Share = 0.05
+    """Sine of the angle between the axis and the plane of camera and edge, below which none is."""
     max_edge_step: Positive = 10 * DEGREE  # Largest turn in a frame by edges alone, rad.
     edge_jerk_cost: NonNegative = 0.02
     """Cost of a change of this turn by 1 degree, in edges of a frame."""
@@ -185,7 +187,6 @@ class RgbSettings:
     """Share of the edges that the best turns by edges alone do not explain, above which edges do
     not count: they are not across the axis."""
     min_edge_turn: Positive = 2 * DEGREE  # Largest turn below which these turns are not tried, rad.
-    min_edge_slope: Share = 0.05  # Sine of the angle with the axis below which an edge shows none.
 
     # parallel axes
     exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gcbench.gcpose.chain.articulation import Articulation
-from gcbench.gcpose.chain.priors import JointPriors
+from gcbench.gcpose.chain.priors import JointPriors, joint_priors
 from gcbench.gcpose.estimator.em import adjust
 from gcbench.gcpose.images.flow import dis_flow
 from gcbench.gcpose.images.foreground import subtract_background
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import FrontEnd, video_evidence
+from gcbench.gcpose.rgb import pipeline
 from gcbench.gcpose.rgb.door_edges import DoorEdges
 from gcbench.gcpose.rgb.door_planes import (
     bridge_edge_on,
@@ -29,6 +30,7 @@ from gcbench.gcpose.rgb.door_planes import (
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, predict_places
 from gcbench.gcpose.rgb.search import (
+    SearchResult,
     exchange_parallel_turns,
     score_hypothesis,
     search_door,
@@ -161,6 +163,41 @@ def test_edges_decide_about_the_turn_where_patches_hardly_do() -> None:
     assert found[0] == pytest.approx(1.0, abs=0.02)
     assert found[1] == pytest.approx(1.2, abs=0.05)
     assert max(missed) < 0.2
+
+
+def test_edges_that_a_motion_does_not_explain_count_in_its_score() -> None:
+    evidence, near, _ = door_hypothesis()
+    turn, frame = near.state.angle[:, 0], np.arange(len(near.state.angle))
+    evidence.edges = DoorEdges(frame, 2 * turn, np.full(len(turn), 0.003))
+    penalties = []
+    for weight in (0.0, 2.0):
+        evidence.settings = replace(SETTINGS, edge_weight=0.0, score_edges=weight)
+        h = evidence.refine_by_patches(near, evidence.sample((0, 4), 60), 1, SETTINGS.patch_reach)
+        penalties.append(h.penalty)
+    missed = evidence.edges.misfit(h.state.angle[:, 0], SETTINGS)
+    assert missed > 0.2
+    assert penalties[1] - penalties[0] == pytest.approx(2 * missed)
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_a_door_whose_edges_count_has_deviations_of_its_own(
+    counts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evidence, near, _ = door_hypothesis()
+    found = evidence.refine_by_patches(
+        near, evidence.sample((0, 4), 60), 1, SETTINGS.patch_reach)
+    edges = DoorEdges(np.zeros(1, np.int64), np.zeros(1), np.ones(1)) if counts else None
+    monkeypatch.setattr(RgbEvidence, "edges", edges)
+    monkeypatch.setattr(pipeline, "search_video", lambda seen: SearchResult(found, []))
+    observation = door(0.5)
+    front = FrontEnd(dis_flow, lambda rgb: subtract_background(rgb, ImageSettings()))
+    estimate = pipeline.estimate_rgb(
+        observation, joint_priors(observation), front, SETTINGS, ImageSettings())
+    assert estimate is not None and estimate.sigma is not None
+    own = SETTINGS.deviation_edges if counts else SETTINGS.deviation
+    expected = pipeline.reported_deviation(
+        SearchResult(found, []), replace(SETTINGS, deviation=own))
+    assert np.array_equal(estimate.sigma, expected)
 
 
 def door_hypothesis() -> tuple[RgbEvidence, VideoHypothesis, np.ndarray]:
