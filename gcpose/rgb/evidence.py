@@ -25,6 +25,7 @@ from .outline import OutlineKind
 from .points import (
     InverseDepthPoints,
     add_tracks,
+    drop_points_at_rest,
     interpolate_depths,
     measure_flow,
     measure_patches,
@@ -209,6 +210,9 @@ class RgbEvidence:
             points = measure_flow(self.video, state, points, s)
         else:
             points = measure_patches(self.video, state, points, *how.patches, s)
+            if s.drop_at_rest:
+                on_base = np.append(False, self.priors.parent < 0)[points.label]
+                points = drop_points_at_rest(state, points, self.video.intrinsics, on_base, s)
             points = add_tracks(self.video, points, s)
         return RayResiduals(points, self.video.intrinsics, how.depth_sigma,
                             smoothness_blocks(points, s), s, self.edges)

@@ -202,6 +202,23 @@ def _find_patches(
     return place - slide, information
 
 
+def drop_points_at_rest(
+    state: Articulation, points: InverseDepthPoints, intrinsics: Array, on_base: NDArray[np.bool_],
+    settings: RgbSettings,
+) -> InverseDepthPoints:
+    """Return points without the places of those `on_base` [N] that rest.
+
+    Shading and outline of a round part that turns about its own axis rest: they would vote for no
+    turn. A point rests where no motion explains the places of its patch better than the state.
+    """
+    at, information = predict_places(state, points, intrinsics), points.place_information
+    own = at[np.arange(len(at)), points.frame][:, None]
+    moving, resting = (_place_costs(points.place - place, information, settings).sum(axis=1)
+                       for place in (at, own))
+    drop = on_base & (resting < moving)
+    return replace(points, place_information=np.where(drop[:, None, None, None], 0.0, information))
+
+
 def add_tracks(
     evidence: VideoEvidence, points: InverseDepthPoints, settings: RgbSettings
 ) -> InverseDepthPoints:

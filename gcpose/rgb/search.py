@@ -33,9 +33,10 @@ from .door_planes import (
 from .evidence import PACE_STEPS, RgbEvidence, VideoAdjustment, VideoHypothesis, places_at_start
 from .flow_sweep import sweep_flow
 from .labels import SampledPixels
+from .outline import OutlineKind
 from .parallel_axes import candidate_feet, keep_total_turn, parallel_joints, redistribute
 from .points import InverseDepthPoints
-from .settings import RgbSettings
+from .settings import RgbSettings, for_last_refinement
 
 Refine = Callable[[VideoHypothesis], VideoHypothesis]
 Alternatives = list[tuple[Articulation, float]]
@@ -115,14 +116,26 @@ def search_motions(evidence: RgbEvidence) -> list[VideoHypothesis]:
 
 
 def refine_last(evidence: RgbEvidence, found: list[VideoHypothesis]) -> list[VideoHypothesis]:
-    """Return hypotheses that are refined by more points, and by points on the outline."""
-    s = evidence.settings
-    door = shows_door(evidence, found[0])
-    dense = evidence.sample(
-        evidence.final_keys, s.final_points,
-        "edge" if door else "round" if evidence.joints > 1 else "none")
+    """Return hypotheses that are refined by more points, and by points on the outline.
+
+    Those of several joints whose axes have known directions and whose depth is not measured are
+    refined until they hardly change.
+    """
+    s, several = evidence.settings, evidence.joints > 1
+    outline: OutlineKind = (
+        "round" if several else "edge" if shows_door(evidence, found[0]) else "none")
+    converge = (several and evidence.priors.direction is not None
+                and evidence.video.distance is None)
+    if converge:
+        evidence = RgbEvidence(evidence.video, evidence.priors, for_last_refinement(s))
+    dense = evidence.sample(evidence.final_keys, s.final_points, outline)
     refine = refine_points(evidence, dense, 3, s.patch_reach)
-    return thread_map(lambda h: refine(evidence.label(h, dense)), found)
+    found = thread_map(lambda h: refine(evidence.label(h, dense)), found)
+    if converge:
+        best = np.argsort([score_hypothesis(h, s) for h in found])[: s.continued_kept]
+        for i, h in zip(best, thread_map(refine, [found[i] for i in best]), strict=True):
+            found[i] = h
+    return found
 
 
 def shows_door(evidence: RgbEvidence, hypothesis: VideoHypothesis) -> bool:

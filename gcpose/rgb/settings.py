@@ -109,8 +109,15 @@ class RgbSettings:
     tracking_scales: Scales = (3.0, 3.0)  # Robust scales of the second round of tracking.
     refine_scales: Scales = (6.0, 4.0, 3.0)  # Robust scales of the first round of a refinement.
     final_scales: Scales = (3.0, 3.0, 3.0)  # Robust scales of the other rounds.
+    drop_at_rest: bool = False  # Whether points on the base count only where they move.
     exchange_scales: Scales = (8.0, 6.0)  # Robust scales after turns are exchanged.
     settle_scales: Scales = (6.0, 4.0)  # Robust scales of the adjustment to flow that follows.
+
+    # last refinement of several joints
+    last_scales: Scales = (2.0,) * 8
+    """`final_scales` there: more, since joints that trade their turns converge slowly."""
+    last_hinge_slack: Positive = 0.02  # `hinge_slack` there.
+    continued_kept: Count = 3  # Hypotheses with which it goes on for as many rounds again.
 
     # sweep: a beam search over first steps
     sweep_spans: tuple[Count, ...] = (2, 3)  # Frames between the two frames of each sweep.
@@ -245,6 +252,12 @@ def with_two_flows(settings: RgbSettings) -> RgbSettings:
     """Return the settings for a video with two flows."""
     return replace(settings, score_flow=settings.score_flow_pair,
                    deviation=settings.deviation_pair)
+
+
+def for_last_refinement(settings: RgbSettings) -> RgbSettings:
+    """Return the settings for the last refinement of several joints."""
+    return replace(settings, final_scales=settings.last_scales,
+                   hinge_slack=settings.last_hinge_slack, drop_at_rest=True)
 
 
 def with_measured_depth(settings: RgbSettings) -> RgbSettings:

@@ -21,6 +21,7 @@ from gcbench.gcpose.rgb.evidence import VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.flow_sweep import flow_step_costs, places_at_depths
 from gcbench.gcpose.rgb.points import (
     InverseDepthPoints,
+    drop_points_at_rest,
     inverse_depth_slopes,
     predict_places,
     predict_warps,
@@ -81,6 +82,24 @@ def adjusted(
 @pytest.mark.parametrize("steps", [False, True])
 def test_exact_places_and_exact_flow_give_exact_angles(steps: bool) -> None:
     assert adjusted(steps=steps)[1] < 0.1
+
+
+def test_points_that_rest_do_not_slow_the_turn_of_the_part_on_the_base() -> None:
+    true, near = chain()
+    hinges, how = HingePrior(near, 0.1, near), VideoAdjustment((50.0,) * 20, prior=1e-3)
+    exact = fitted(true, measured(true, 1.0, 0.0, False), hinges, how)
+    state, points = exact.state, exact.points
+    own = predict_places(state, points, INTRINSICS)[np.arange(len(points.ray)), points.frame]
+    still = (points.label == 1) & (np.random.default_rng(3).random(len(own)) < 0.5)
+    mixed = replace(points, place=np.where(still[:, None, None], own[:, None], points.place))
+    kept = drop_points_at_rest(state, mixed, INTRINSICS, points.label == 1, SETTINGS)
+    assert np.array_equal(kept.place_information.any(axis=(1, 2, 3)), ~still)
+    other = drop_points_at_rest(state, mixed, INTRINSICS, points.label == 2, SETTINGS)
+    assert np.array_equal(other.place_information, mixed.place_information)
+    slowed, mended = (fitted(state, some, hinges, how).state.angle[-1, 0] / true.angle[-1, 0]
+                      for some in (mixed, kept))
+    assert slowed < 0.98
+    assert mended == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_sweep_holds_the_first_steps_by_flow() -> None:
