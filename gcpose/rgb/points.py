@@ -206,10 +206,11 @@ def drop_points_at_rest(
     state: Articulation, points: InverseDepthPoints, intrinsics: Array, on_base: NDArray[np.bool_],
     settings: RgbSettings,
 ) -> InverseDepthPoints:
-    """Return points without the places of those `on_base` [N] that rest.
+    """Return points without the places of those that are at rest, among those `on_base` [N].
 
-    Shading and outline of a round part that turns about its own axis rest: they would vote for no
-    turn. A point rests where no motion explains the places of its patch better than the state.
+    Shading and outline of a round part that turns about its own axis do not move, and would show
+    too small a turn. A point is at rest if its patches are found nearer to its own pixel than to
+    the places that the state predicts.
     """
     at, information = predict_places(state, points, intrinsics), points.place_information
     own = at[np.arange(len(at)), points.frame][:, None]

@@ -118,8 +118,8 @@ def search_motions(evidence: RgbEvidence) -> list[VideoHypothesis]:
 def refine_last(evidence: RgbEvidence, found: list[VideoHypothesis]) -> list[VideoHypothesis]:
     """Return hypotheses that are refined by more points, and by points on the outline.
 
-    Those of several joints whose axes have known directions and whose depth is not measured are
-    refined until they hardly change.
+    Those of several joints whose axes have known directions and whose depth is not measured take
+    more steps (see `for_last_refinement`), and the best of them more rounds.
     """
     s, several = evidence.settings, evidence.joints > 1
     outline: OutlineKind = (

@@ -109,7 +109,7 @@ class RgbSettings:
     tracking_scales: Scales = (3.0, 3.0)  # Robust scales of the second round of tracking.
     refine_scales: Scales = (6.0, 4.0, 3.0)  # Robust scales of the first round of a refinement.
     final_scales: Scales = (3.0, 3.0, 3.0)  # Robust scales of the other rounds.
-    drop_at_rest: bool = False  # Whether points on the base count only where they move.
+    drop_at_rest: bool = False  # Whether points at rest do not count, on parts on the base.
     exchange_scales: Scales = (8.0, 6.0)  # Robust scales after turns are exchanged.
     settle_scales: Scales = (6.0, 4.0)  # Robust scales of the adjustment to flow that follows.
 
