@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import ConfigError, suggestion
 from ..numerics import Image
+from .camera_noise import remove_camera_noise
 from .foreground_input import (
     FOREGROUND_SIDE,
     changing_pixels,
@@ -62,6 +63,7 @@ class LearnedForeground:
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return where images [T H W 3] show something that moves [T H W]."""
+        rgb = remove_camera_noise(rgb, self._settings)
         height, width = rgb.shape[1:3]
         square = changing_square(rgb, self._settings)
         if square is None:
@@ -110,6 +112,7 @@ def subtract_background(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
 
     The background of a pixel is the color that it shows in most frames.
     """
+    rgb = remove_camera_noise(rgb, settings)
     live = changing_pixels(rgb, settings)
     values = np.ascontiguousarray(np.moveaxis(rgb[:, live], 2, 1))
     apart = values.astype(np.int16) - most_frequent(values, settings.same_threshold)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..numerics import Count, NonNegative, Positive, Share, Whole
+from ..numerics import Count, NonNegative, Positive, Scales, Share, Whole
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,20 @@ class ImageSettings:
     max_static_gap: Count = 1500  # The same for a gap that does not change, px.
     static_gap_share: Share = 0.3  # Share of a gap's pixels that must not change.
     crop_margin: Count = 24  # Margin of the crop around what moves, px.
+
+    # noise of the camera
+    noise_blur: Positive = 1.5  # Standard deviation of the blur before changes are measured, px.
+    noise_shares: Scales = (0.5, 0.3)
+    """Quantiles of the changes of all pixels, of which the first that is small enough is the noise:
+    where an object moves over most of the image, the median is too large. There is no noise if the
+    last one is 0."""
+    max_noise: Positive = 4.0  # Change above which a pixel cannot be still, grey levels.
+    weak_change: tuple[NonNegative, NonNegative] = (1.5, 2.0)
+    """Change above which a pixel may move, grey levels: without noise, and more for each grey level
+    of noise."""
+    strong_change: tuple[NonNegative, NonNegative] = (4.0, 3.0)
+    """The same above which it moves: these pixels take connected ones that may move with them."""
+    min_strong: Count = 20  # Such pixels in a region that moves.
 
     # appearance
     brightness_blur: Positive = 0.8  # Standard deviation of the blur of brightness, px.

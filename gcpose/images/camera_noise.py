@@ -1,0 +1,62 @@
+"""Noise of a camera and of a codec, without which only what moves changes in a video."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..numerics import Image
+from .settings import ImageSettings
+
+_STRIDE = 3  # px from one pixel to the next of those whose changes show the noise
+_EXPOSED = (4, 251)  # grey levels between which noise is not cut off
+
+
+def remove_camera_noise(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.uint8]:
+    """Return images [T H W 3] of a still camera in which what does not move does not change.
+
+    Noise is told from motion by its size and its extent, by hysteresis as edges are by Canny
+    (1986): a region moves if its pixels change by more than noise does, and some of them by much
+    more. All other pixels get their median over time. A video without noise stays as it is.
+    """
+    s = settings
+    some = rgb[np.linspace(0, len(rgb) - 1, min(len(rgb), s.foreground_frames)).astype(int)]
+    middle = len(some) // 2
+    usual = np.partition(some, middle, axis=0)[middle]
+    smooth = _blur(usual, s)
+    coarse = (slice(None, None, _STRIDE),) * 2
+    noise = still_change(np.stack([_blur(i, s)[coarse] for i in some]), smooth[coarse], s)
+    if noise == 0:
+        return rgb
+    weak, strong = (least + growth * noise for least, growth in (s.weak_change, s.strong_change))
+    out = rgb.copy()
+    for image in out:
+        change = np.abs(_blur(image, s) - smooth).max(axis=2)
+        count, found = cv2.connectedComponents((change > weak).astype(np.uint8))
+        region = np.asarray(found, np.int64)
+        moves = np.bincount(region[change > strong], minlength=count) >= s.min_strong
+        moves[0] = False
+        still = ~moves[region]
+        image[still] = usual[still]
+    return out
+
+
+def still_change(images: Image, usual: Image, settings: ImageSettings) -> float:
+    """Return by how many grey levels a pixel that does not move changes at most, in the median.
+
+    images [T H W 3] are compared with the usual one [H W 3]. The result is 0 where most pixels
+    move, or where many do not change at all.
+    """
+    exposed = ((usual > _EXPOSED[0]) & (usual < _EXPOSED[1])).all(axis=2)
+    if not exposed.any():
+        return 0.0
+    change = np.abs(images - usual).max(axis=(0, 3))[exposed]
+    quantiles = [float(q) for q in np.quantile(change, settings.noise_shares)]
+    small = [q for q in quantiles if q <= settings.max_noise]
+    return small[0] if small and quantiles[-1] > 0 else 0.0
+
+
+def _blur(image: NDArray[np.uint8], settings: ImageSettings) -> Image:
+    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), settings.noise_blur)
+    return np.asarray(blurred, np.float32)

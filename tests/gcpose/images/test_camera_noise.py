@@ -1,0 +1,100 @@
+"""The noise of a camera and of a codec goes, and what moves stays."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from gcbench.gcpose.images.camera_noise import remove_camera_noise, still_change
+from gcbench.gcpose.images.foreground import find_foreground
+from gcbench.gcpose.images.settings import ImageSettings
+from numpy.typing import NDArray
+
+from ...support.ray_scenes import texture
+
+SETTINGS = ImageSettings()
+Video = NDArray[np.uint8]
+Masks = NDArray[np.bool_]
+
+
+def moving_panel(height: int = 60, width: int = 80) -> tuple[Video, Masks]:
+    """A panel of this size before a wall, which moves by 7 px in each frame, and where it is."""
+    rng = np.random.default_rng(3)
+    wall, panel = texture(rng, 240, 320, 3.0), texture(rng, height, width, 2.0)
+    rgb, true = np.repeat(wall[None], 12, axis=0), np.zeros((12, 240, 320), bool)
+    for t in range(12):
+        place = np.s_[t, 20 : 20 + height, 10 + 7 * t : 10 + 7 * t + width]
+        rgb[place], true[place] = panel, True
+    return rgb, true
+
+
+def with_noise(rgb: Video, deviation: float) -> Video:
+    noisy = rgb + np.random.default_rng(4).normal(0, deviation, rgb.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def with_codec(rgb: Video) -> Video:
+    """Return images whose quality varies, as that of the frames of a compressed video does."""
+    out = []
+    for image, quality in zip(rgb, 2 * [80, 94, 96, 97, 92, 96], strict=True):
+        _, file = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        out.append(np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR), np.uint8))
+    return np.stack(out)
+
+
+def overlap(found: Masks, true: Masks) -> float:
+    return float((found & true).sum() / (found | true).sum())
+
+
+def changing(rgb: Video) -> float:
+    """Share of the pixels that change."""
+    return float((rgb != rgb[0]).any(axis=(0, 3)).mean())
+
+
+def test_a_video_without_noise_stays_as_it_is() -> None:
+    rgb, _ = moving_panel()
+    assert remove_camera_noise(rgb, SETTINGS) is rgb
+
+
+@pytest.mark.parametrize("source", ["camera", "codec"])
+def test_what_is_still_does_not_change_and_what_moves_stays(source: str) -> None:
+    rgb, true = moving_panel()
+    noisy = with_noise(rgb, 2) if source == "camera" else with_codec(rgb)
+    clean = remove_camera_noise(noisy, SETTINGS)
+    assert changing(noisy) > 0.9
+    assert changing(clean) < true.any(axis=0).mean() + 0.05
+    kept = (clean == noisy).all(axis=3)
+    usual = (clean == np.sort(noisy, axis=0)[6]).all(axis=3)
+    assert (kept | usual).all()
+    assert kept[true].mean() > 0.9
+
+
+@pytest.mark.parametrize("source", ["camera", "codec"])
+def test_the_foreground_is_found_in_spite_of_noise(source: str) -> None:
+    rgb, true = moving_panel()
+    noisy = with_noise(rgb, 2) if source == "camera" else with_codec(rgb)
+    keep_noise = ImageSettings(max_noise=1e-6)
+    assert overlap(find_foreground("network", keep_noise)(noisy), true) < 0.5
+    assert overlap(find_foreground("network", SETTINGS)(noisy), true) > 0.8
+    assert overlap(find_foreground("background", SETTINGS)(noisy), true) > 0.8
+
+
+def test_the_noise_is_that_of_still_pixels_where_most_move() -> None:
+    rgb, true = moving_panel(height=200, width=150)
+    assert 0.5 < true.any(axis=0).mean() < 0.8
+    small, large = (
+        still_change(blurred, np.sort(blurred, axis=0)[6], SETTINGS)
+        for blurred in (np.stack([cv2.GaussianBlur(i, (0, 0), 1.5) for i in
+                                  with_noise(rgb, deviation).astype(np.float32)])
+                        for deviation in (1, 2)))
+    assert 0.2 < small < large < 1.5
+    clean = remove_camera_noise(with_noise(rgb, 2), SETTINGS)
+    assert changing(clean) < true.any(axis=0).mean() + 0.05
+
+
+def test_two_frames_and_white_images_are_no_trouble() -> None:
+    rgb, true = moving_panel()
+    clean = remove_camera_noise(with_noise(rgb[[0, 11]], 2), SETTINGS)
+    assert changing(clean) < true[[0, 11]].any(axis=0).mean() + 0.05
+    white = np.full((3, 40, 50, 3), 255, np.uint8)
+    assert remove_camera_noise(white, SETTINGS) is white
