@@ -23,8 +23,8 @@ def remove_camera_noise(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
     s = settings
     some = rgb[np.linspace(0, len(rgb) - 1, min(len(rgb), s.foreground_frames)).astype(int)]
     middle = len(some) // 2
-    usual = np.partition(some, middle, axis=0)[middle]
-    smooth = _blur(usual, s)
+    median = np.partition(some, middle, axis=0)[middle]
+    smooth = _blur(median, s)
     coarse = (slice(None, None, _STRIDE),) * 2
     noise = still_change(np.stack([_blur(i, s)[coarse] for i in some]), smooth[coarse], s)
     if noise == 0:
@@ -38,20 +38,20 @@ def remove_camera_noise(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
         moves = np.bincount(region[change > strong], minlength=count) >= s.min_strong
         moves[0] = False
         still = ~moves[region]
-        image[still] = usual[still]
+        image[still] = median[still]
     return out
 
 
-def still_change(images: Image, usual: Image, settings: ImageSettings) -> float:
+def still_change(images: Image, median: Image, settings: ImageSettings) -> float:
     """Return by how many grey levels a pixel that does not move changes at most, in the median.
 
-    images [T H W 3] are compared with the usual one [H W 3]. The result is 0 where most pixels
+    images [T H W 3] are compared with their median [H W 3]. The result is 0 where most pixels
     move, or where many do not change at all.
     """
-    exposed = ((usual > _EXPOSED[0]) & (usual < _EXPOSED[1])).all(axis=2)
+    exposed = ((median > _EXPOSED[0]) & (median < _EXPOSED[1])).all(axis=2)
     if not exposed.any():
         return 0.0
-    change = np.abs(images - usual).max(axis=(0, 3))[exposed]
+    change = np.abs(images - median).max(axis=(0, 3))[exposed]
     quantiles = [float(q) for q in np.quantile(change, settings.noise_shares)]
     small = [q for q in quantiles if q <= settings.max_noise]
     return small[0] if small and quantiles[-1] > 0 else 0.0
