@@ -173,13 +173,14 @@ def depth_unit(far: float) -> float:
 
 def _through_lens(rgb: NDArray[np.uint8], scene: Scene, t: int) -> NDArray[np.uint8]:
     """Exposure, blur and noise of frame t."""
-    if scene.exposure == 0 and scene.blur == 0 and scene.noise == 0:
+    exposure = float(scene.exposure[t])
+    if exposure == 0 and scene.blur == 0 and scene.noise == 0:
         return rgb
     import cv2
 
     image = rgb.astype(np.float32)
-    if scene.exposure:
-        image *= 2.0 ** (scene.exposure / 2.2)  # stops of light, in the image's gamma
+    if exposure:
+        image *= 2.0 ** (exposure / 2.2)  # stops of light, in the image's gamma
     if scene.blur > 0.05:
         image = cv2.GaussianBlur(image, (0, 0), scene.blur)
     if scene.noise:

@@ -183,6 +183,8 @@ class ImageConfig:
     """Standard deviation of a Gaussian blur, px."""
     exposure: Annotated[Range, Bounds(-20, 20)] = (0.0, 0.0)
     """Exposure change, stops."""
+    exposure_drift: Annotated[Range, Bounds(-20, 20)] = (0.0, 0.0)
+    """Exposure change from the first frame to the last, as of a camera that adapts, stops."""
 
 
 @dataclass(frozen=True)
@@ -201,17 +203,10 @@ class RandomizationConfig:
 
 STUDIO = RandomizationConfig(
     camera=StudioCameraConfig(
-        elevation=(25.0, 25.0),
-        fov=(45.0, 45.0),
-        fill=(0.8, 0.8),
-        jitter=0.0,
-        roll=(0.0, 0.0),
+        elevation=(25.0, 25.0), fov=(45.0, 45.0), fill=(0.8, 0.8), jitter=0.0, roll=(0.0, 0.0),
     ),
     lights=LightsConfig(
-        number=(2, 2),
-        elevation=(50.0, 50.0),
-        intensity=(3.5, 3.5),
-        warmth=(0.0, 0.0),
+        number=(2, 2), elevation=(50.0, 50.0), intensity=(3.5, 3.5), warmth=(0.0, 0.0),
         ambient=(0.3, 0.3),
     ),
     materials=MaterialsConfig(probability=0.0),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -14,7 +16,7 @@ from ..runtime import MAX_JSON, dump_json, parse_json, parse_toml, to_record
 from .config import RenderConfig, find_invalid_values
 
 Config = TypeVar("Config")
-_ADDED = "flow", "visibility"
+_ADDED = "flow", "visibility", "randomization.image.exposure_drift"
 
 
 def config_tree(config: RenderConfig) -> dict[str, Any]:
@@ -23,10 +25,12 @@ def config_tree(config: RenderConfig) -> dict[str, Any]:
     Fields that earlier versions did not store are left out where they have their defaults, so that
     trees of the same data are equal.
     """
-    tree = json.loads(dump_json(dataclasses.asdict(config)))
+    tree, usual = (json.loads(dump_json(dataclasses.asdict(c))) for c in (config, RenderConfig()))
     for name in _ADDED:
-        if getattr(config, name) == getattr(RenderConfig, name):
-            del tree[name]
+        *groups, field = name.split(".")
+        here, there = (reduce(getitem, groups, t) for t in (tree, usual))
+        if here[field] == there[field]:
+            del here[field]
     return tree
 
 

@@ -198,12 +198,12 @@ def draw_background(
 
 def draw_imperfections(
     rng: np.random.Generator, config: ImageConfig
-) -> tuple[float, int, float, float]:
-    """Draw noise (grey levels), its seed, blur (px) and exposure (stops)."""
-    noise, blur, exposure = (
-        float(rng.uniform(*r)) for r in (config.noise, config.blur, config.exposure)
-    )
-    return noise, int(rng.integers(2**62)), blur, exposure
+) -> tuple[dict[str, float], int]:
+    """Draw noise (grey levels), blur (px), exposure and its drift (stops); and a seed of noise."""
+    found = {n: float(rng.uniform(*getattr(config, n))) for n in ("noise", "blur", "exposure")}
+    noise_seed = int(rng.integers(2**62))
+    found["exposure_drift"] = float(rng.uniform(*config.exposure_drift))
+    return found, noise_seed
 
 
 def draw_scene(
@@ -226,10 +226,11 @@ def draw_scene(
     backdrop, room, background = draw_background(
         streams.rng("background"), config.background, camera, floor, center, reach
     )
-    noise, noise_seed, blur, exposure = draw_imperfections(streams.rng("image"), config.image)
+    image, noise_seed = draw_imperfections(streams.rng("image"), config.image)
+    exposure = image["exposure"] + np.linspace(0, image["exposure_drift"], len(trajectory.times))
     scene = Scene(
         model, trajectory, camera, lights, ambient, config.lights.shadows, materials, tile,
-        backdrop, room, noise, noise_seed, blur, exposure,
+        backdrop, room, image["noise"], noise_seed, image["blur"], exposure,
     )
     record = {
         "vertical_fov_deg": float(
@@ -249,6 +250,6 @@ def draw_scene(
         ],
         "textures": kinds,
         "background": background,
-        "image": {"noise": noise, "blur": blur, "exposure": exposure},
+        "image": image,
     }
     return scene, record

@@ -49,5 +49,5 @@ class Scene:
     noise_seed: int
     blur: float
     """px"""
-    exposure: float
-    """stops"""
+    exposure: Array
+    """[T] stops"""

@@ -237,8 +237,25 @@ def test_lens_effects_touch_the_image_only(crane: str) -> None:
         frames, meta, _ = whole(opened.render(0))
     assert_equal(sharp, frames, ("depth", "part", "flow", "visibility"))
     assert frames[0].rgb.mean() > sharp[0].rgb.mean()
-    assert meta.randomization["image"] == {"noise": 8.0, "blur": 1.0, "exposure": 0.5}
+    assert meta.randomization["image"] == {
+        "noise": 8.0, "blur": 1.0, "exposure": 0.5, "exposure_drift": 0.0}
     still = (frames[0].part == 0) & (frames[1].part == 0)
     still &= (frames[0].rgb.max(axis=2) < 220) & (frames[0].rgb.min(axis=2) > 35)  # unclipped
     apart = frames[0].rgb[still].astype(int) - frames[1].rgb[still]
     assert still.sum() > 1000 and apart.std() == pytest.approx(8 * 2**0.5, rel=0.1)
+
+
+def test_a_drift_of_exposure_brightens_frame_by_frame_and_changes_no_other_draw(crane: str) -> None:
+    image = replace(SMALL.randomization.image, noise=(0.1, 0.2), exposure_drift=(1.1, 1.1))
+    found = []
+    for drawn in (replace(image, exposure_drift=(0.0, 0.0)), image):
+        changed = replace(SMALL.randomization, image=drawn)
+        with renderer(replace(SMALL, robot=crane, randomization=changed)) as opened:
+            found.append(whole(opened.render(0))[:2])
+    (steady, without), (drifting, meta) = found
+    assert meta.randomization["image"] == {
+        **without.randomization["image"], "exposure_drift": 1.1}
+    for t, (a, b) in enumerate(zip(steady, drifting, strict=True)):
+        factor = 2 ** (1.1 / 2.2 * t / (len(steady) - 1))
+        inside = (a.rgb > 40) & (a.rgb < 150)
+        assert np.median(b.rgb[inside] / a.rgb[inside]) == pytest.approx(factor, rel=0.01)

@@ -88,7 +88,7 @@ def scene(things: ArticulatedModel, **changes: object) -> Scene:
         lights=(Light(np.array([0, 0, -1.0]), (1.0, 1.0, 1.0), 2.0),), ambient=0.2,
         shadows=False, materials=tuple(v.material for v in things.visuals),
         texture_size=np.zeros(n), backdrop=np.zeros((HEIGHT, WIDTH, 3), np.uint8), room=(),
-        noise=0.0, noise_seed=0, blur=0.0, exposure=0.0)
+        noise=0.0, noise_seed=0, blur=0.0, exposure=np.zeros(1))
     return replace(plain, **changes)
 
 

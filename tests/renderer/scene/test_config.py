@@ -147,6 +147,18 @@ def test_a_config_survives_json_and_toml(tmp_path_factory: Any, config: RenderCo
         assert read_config(folder / f"config{suffix}") == config
 
 
+def test_fields_that_earlier_versions_lacked_are_stored_where_they_are_set() -> None:
+    usual = RenderConfig()
+    assert "exposure_drift" not in config_tree(usual)["randomization"]["image"]
+    assert "flow" not in config_tree(usual)
+    image = replace(usual.randomization.image, exposure_drift=(0.0, 1.0))
+    changed = replace(usual, flow="none", randomization=replace(usual.randomization, image=image))
+    tree = config_tree(changed)
+    assert tree["randomization"]["image"]["exposure_drift"] == [0.0, 1.0]
+    assert tree["flow"] == "none"
+    assert parse_config(tree, "") == replace(changed, twin_of=tree["twin_of"])
+
+
 def test_a_file_of_an_earlier_version_has_its_draws(tmp_path: Path) -> None:
     (tmp_path / "old.toml").write_text("seed = 3")
     (tmp_path / "new.toml").write_text('seed = 3\ntwin_of = "own"')
