@@ -14,6 +14,7 @@ from .images import (
     FlowPair,
     FrontEnd,
     dis_flow,
+    equalize_exposure,
     find_depth,
     find_flow,
     find_foreground,
@@ -43,7 +44,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "31"
+    version = "32"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -92,6 +93,9 @@ class GCPose:
             return self._estimate(observation)
 
     def _estimate(self, observation: Observation) -> Estimate:
+        if observation.rgb is not None:
+            rgb = equalize_exposure(observation.rgb, self.settings.images)
+            observation = replace(observation, rgb=rgb)
         priors = joint_priors(observation)
         if observation.depth is None:
             found = self._estimate_by_images(observation, priors)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from .convolution import WeightReader
 from .depth import Depth, find_depth
+from .exposure import equalize_exposure
 from .flow import (
     Flow,
     FlowPair,
@@ -37,8 +38,8 @@ __all__ = [
     "FOREGROUND_CHANNELS", "Candidates", "Depth", "Flow", "FlowPair", "Foreground",
     "ForegroundInference", "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches",
     "Square", "Surfaces", "VideoEvidence", "WeightReader", "changing_square", "color_and_change",
-    "cut_square", "dis_flow", "find_depth", "find_flow", "find_foreground", "find_patches",
-    "fine_dis_flow", "for_cuts_of", "geodesic_rank", "moving_edges", "row_suffix", "smooth_costs",
-    "subtract_background", "surfaces_from_depth", "surfaces_from_noisy_depth", "training_of",
-    "video_evidence",
+    "cut_square", "dis_flow", "equalize_exposure", "find_depth", "find_flow", "find_foreground",
+    "find_patches", "fine_dis_flow", "for_cuts_of", "geodesic_rank", "moving_edges", "row_suffix",
+    "smooth_costs", "subtract_background", "surfaces_from_depth", "surfaces_from_noisy_depth",
+    "training_of", "video_evidence",
 ]

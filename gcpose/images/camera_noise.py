@@ -21,18 +21,16 @@ def remove_camera_noise(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
     more. All other pixels get their median over time. A video without noise stays as it is.
     """
     s = settings
-    some = rgb[np.linspace(0, len(rgb) - 1, min(len(rgb), s.foreground_frames)).astype(int)]
-    middle = len(some) // 2
-    median = np.partition(some, middle, axis=0)[middle]
-    smooth = _blur(median, s)
+    some, median = median_image(rgb, s)
+    smooth = blur_image(median, s)
     coarse = (slice(None, None, _STRIDE),) * 2
-    noise = still_change(np.stack([_blur(i, s)[coarse] for i in some]), smooth[coarse], s)
+    noise = still_change(np.stack([blur_image(i, s)[coarse] for i in some]), smooth[coarse], s)
     if noise == 0:
         return rgb
     weak, strong = (least + growth * noise for least, growth in (s.weak_change, s.strong_change))
     out = rgb.copy()
     for image in out:
-        change = np.abs(_blur(image, s) - smooth).max(axis=2)
+        change = np.abs(blur_image(image, s) - smooth).max(axis=2)
         count, found = cv2.connectedComponents((change > weak).astype(np.uint8))
         region = np.asarray(found, np.int64)
         moves = np.bincount(region[change > strong], minlength=count) >= s.min_strong
@@ -57,6 +55,17 @@ def still_change(images: Image, median: Image, settings: ImageSettings) -> float
     return small[0] if small and quantiles[-1] > 0 else 0.0
 
 
-def _blur(image: NDArray[np.uint8], settings: ImageSettings) -> Image:
+def median_image(
+    rgb: NDArray[np.uint8], settings: ImageSettings
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return at most `foreground_frames` of images [T H W 3], and their median [H W 3]."""
+    count = min(len(rgb), settings.foreground_frames)
+    some = rgb[np.linspace(0, len(rgb) - 1, count).astype(int)]
+    middle = len(some) // 2
+    return some, np.partition(some, middle, axis=0)[middle]
+
+
+def blur_image(image: NDArray[np.uint8], settings: ImageSettings) -> Image:
+    """Return an image [H W 3] in which noise is smaller."""
     blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), settings.noise_blur)
     return np.asarray(blurred, np.float32)

@@ -62,6 +62,15 @@ class ImageSettings:
     """The same above which it moves: these pixels take connected ones that may move with them."""
     min_strong: Count = 20  # Such pixels in a region that moves.
 
+    # exposure of the camera
+    exposure_knots: Count = 9  # Knots of a tone curve.
+    exposure_smoothness: Positive = 5e-4  # Weight of its bends, by the squared scale.
+    exposure_ridge: Positive = 1e-5  # Weight of its difference from a factor, squared grey levels.
+    exposure_scales: Scales = (16.0, 16.0, 8.0, 8.0, 4.0, 4.0, 2.0, 2.0)
+    """Scales of the robust weights by which it is fitted in turn, grey levels."""
+    min_exposure_change: NonNegative = 1.0
+    """Mean change of the image below which the exposure is constant, grey levels."""
+
     # appearance
     brightness_blur: Positive = 0.8  # Standard deviation of the blur of brightness, px.
     outline_blur: Positive = 1.0  # Standard deviation of the blur of the outline, px.

@@ -25,6 +25,7 @@ from ..images import (
     Depth,
     Flow,
     FrontEnd,
+    equalize_exposure,
     find_depth,
     find_flow,
     for_cuts_of,
@@ -212,6 +213,8 @@ def _observe(
         j = int(np.flatnonzero(known.prismatic)[0]) + 1
         raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
     assert observation.rgb is not None
+    rgb = equalize_exposure(observation.rgb, settings.images)
+    observation = replace(observation, rgb=rgb)
     by_color = partial(subtract_background, settings=settings.images)
     measured = video_evidence(observation, FrontEnd(flow, by_color, depth), settings.images)
     if measured is None or known.direction is None:

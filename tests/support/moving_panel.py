@@ -1,0 +1,41 @@
+"""A panel that moves before a wall, as a camera and a codec show it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .ray_scenes import texture
+
+Video = NDArray[np.uint8]
+Masks = NDArray[np.bool_]
+
+
+def moving_panel(height: int = 60, width: int = 80) -> tuple[Video, Masks]:
+    """A panel of this size before a wall, which moves by 7 px in each frame, and where it is."""
+    rng = np.random.default_rng(3)
+    wall, panel = texture(rng, 240, 320, 3.0), texture(rng, height, width, 2.0)
+    rgb, true = np.repeat(wall[None], 12, axis=0), np.zeros((12, 240, 320), bool)
+    for t in range(12):
+        place = np.s_[t, 20 : 20 + height, 10 + 7 * t : 10 + 7 * t + width]
+        rgb[place], true[place] = panel, True
+    return rgb, true
+
+
+def with_noise(rgb: Video, deviation: float) -> Video:
+    noisy = rgb + np.random.default_rng(4).normal(0, deviation, rgb.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def with_codec(rgb: Video) -> Video:
+    """Return images whose quality varies, as that of the frames of a compressed video does."""
+    out = []
+    for image, quality in zip(rgb, 2 * [80, 94, 96, 97, 92, 96], strict=True):
+        _, file = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        out.append(np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR), np.uint8))
+    return np.stack(out)
+
+
+def overlap(found: Masks, true: Masks) -> float:
+    return float((found & true).sum() / (found | true).sum())
