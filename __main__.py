@@ -32,6 +32,7 @@ GROUPS: dict[str, dict[str, Command]] = {
         "eval": benchmark.evaluate, "score": benchmark.score, "report": benchmark.report,
         "publish": benchmark.publish, "methods": benchmark.methods, "suites": benchmark.suites,
     },
+    "estimate motion": {"estimate": gcpose.estimate},
     "more": {
         "doctor": renderer.doctor, "train flow": gcpose.train_flow,
         "train foreground": gcpose.train_foreground, "train screwnet": gcpose.train_screwnet,
@@ -50,6 +51,7 @@ examples:
   gcbench show data/ur5 --open
   gcbench verify data/ur5
   gcbench eval --method gcpose --data data/ur5
+  gcbench estimate door.mp4 --fov 42 --axes 0 -1 0
   source <(gcbench --completion bash)        # or zsh, tcsh
 
 `gcbench COMMAND --help` explains a command. `gcbench --version` prints the version.

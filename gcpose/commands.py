@@ -1,7 +1,62 @@
-"""The commands `gcbench train`."""
+"""The commands `gcbench estimate`, `train` and `craves-images`."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
+
+from ..errors import ConfigError
+
+
+def estimate(
+    video: Path, /, fov: float, axes: tuple[float, ...], base: tuple[float, float] | None = None,
+    frames: int = 16, start: float = 0.0, end: float = math.inf, out: Path | None = None,
+    picture: Path | None = None, quiet: bool = False, json: bool = False,
+) -> tuple[object, int]:
+    """Estimate how the joints in your own video turn, by GC-Pose.
+
+    The camera must stand still, and the directions of the axes must be known. An axis is given in
+    the camera's frame: x points to the right, y down, z forward. The joint turns about it by the
+    right-hand rule. Writes a table (CSV): the angle of each joint since the first frame, deg, and
+    its standard deviation. Joints that slide are not supported: a plain video has no scale.
+
+    Examples:
+      gcbench estimate door.mp4 --fov 42 --axes 0 -1 0
+      gcbench estimate door.mp4 --fov 42 --axes 0 -0.94 -0.34 --picture door.png
+      gcbench estimate arm.mp4 --fov 50 --axes 0 -1 0 1 0 0 1 0 0 --base 320 410 --start 2 --end 4
+
+    Args:
+        video: MP4, MOV, MKV, WebM or AVI.
+        fov: Vertical field of view of the camera, deg.
+        axes: Direction of each joint's axis, three numbers each, from the base outward.
+        base: Pixel (u, v) where the base of an arm stands.
+        frames: Number of evenly spaced frames to use.
+        start: Time of the first frame, s.
+        end: Time of the last frame, s.
+        out: CSV to write. Default: the name of the video, in the current folder.
+        picture: PNG to write: some frames with the estimated parts in color.
+        quiet: Show no progress: print the result and errors only.
+        json: Print the result as one JSON document.
+    """
+    from ..renderer.runtime import say
+    from .method import GCPose
+    from .video_file import draw_parts, observe_video, read_frames, summarize_estimate, write_table
+
+    if not 2 <= frames <= 1000:
+        raise ConfigError(f"--frames {frames}: give 2 to 1000")
+    seen = read_frames(video, frames, start, end)
+    observation = observe_video(seen, fov, axes, base)
+    if not quiet:
+        say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
+            "minute for an arm")
+    found = GCPose().estimate(observation)
+    out = out or Path(video.stem + ".csv")
+    write_table(out, seen, found)
+    if picture:
+        draw_parts(picture, seen, found)
+    joints = summarize_estimate(found)
+    lines = [f"{j['joint']}: {j['displacement']:.2f} deg, standard deviation "
+             f"{j['deviation']:.2f} deg" + ", not reliable" * (not j["reliable"]) for j in joints]
+    return {"table": out, "joints": joints} if json else "\n".join([str(out), *lines]), 0
 
 
 def train_flow(args: Sequence[str]) -> tuple[object, int]:

@@ -68,7 +68,7 @@ LAYERS = {
     ),
     "gcpose": (
         "numerics networks", "chain images", "estimator", "rgbd", "rgb", "paper training learned",
-        "settings", "method", "commands",
+        "settings", "method", "video_file", "commands",
     ),
     "benchmark": ("results", "protocol", "methods report", "run", "commands"),
 }

@@ -1,0 +1,174 @@
+"""GC-Pose on a video file: which frames are read, and what is written of the estimate."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ConfigError, printable
+from ..renderer.types import Estimate, Observation
+from ..robots.files import write_atomically
+from ..robots.geometry import Array
+
+_FFMPEG = {
+    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "format_whitelist;mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
+    "OPENCV_FFMPEG_LOGLEVEL": "-8",
+}
+"""Only containers that hold the video itself: a playlist could name other files and addresses. The
+messages of FFmpeg are not shown."""
+_MAX_SIDE, _MAX_FRAMES = 8192, 100_000  # of a video file
+_COLORS = np.array([[0, 0, 0], [255, 60, 40], [40, 160, 255], [60, 220, 60], [255, 200, 0],
+                    [220, 80, 255]], np.uint8)
+"""RGB of parts in a picture; the first is not used."""
+
+
+@dataclass(frozen=True)
+class VideoFrames:
+    """Frames of a video file."""
+
+    rgb: NDArray[np.uint8]
+    """[T H W 3]"""
+    number: NDArray[np.int64]
+    """[T] of each frame in the file, from 0"""
+    times: Array
+    """[T] s since the beginning of the file"""
+    reduction: float
+    """Pixels of the file by pixel of `rgb`"""
+
+
+def read_frames(
+    path: Path, count: int, start: float = 0.0, end: float = np.inf, side: int = 480
+) -> VideoFrames:
+    """Return `count` evenly spaced frames between two times, s; all if there are fewer.
+
+    Larger images are reduced until their smaller side is `side` px.
+
+    Raises:
+        ConfigError: If the file is not a video, is too large, or has fewer than two such frames.
+    """
+    name = printable(str(path))
+    if not path.is_file():
+        raise ConfigError(f"{name}: no such file; give a video, such as door.mp4")
+    fps, total = _count_frames(path, name)
+    first = max(0, int(np.ceil(start * fps - 1e-6)))
+    last = min(total - 1, int(np.floor(min(end, total / fps) * fps + 1e-6)))
+    if last <= first:
+        raise ConfigError(f"{name}: has {max(0, last - first + 1)} frames between {start:g} and "
+                          f"{min(end, total / fps):g} s; two are needed, change --start or --end")
+    number = np.unique(np.linspace(first, last, min(count, last - first + 1)).round().astype(int))
+    images, reduction = list[NDArray[np.uint8]](), 1.0
+    video, wanted = _open(path, name), set(number.tolist())
+    for k in range(last + 1):
+        if not video.grab():
+            raise ConfigError(f"{name}: frame {k} is damaged; lower --end")
+        if k in wanted:
+            _, image = video.retrieve()
+            reduction = max(1.0, min(image.shape[:2]) / side)
+            size = tuple(round(s / reduction) for s in image.shape[1::-1])
+            images.append(np.asarray(cv2.resize(image[..., ::-1], size,
+                                                interpolation=cv2.INTER_AREA), np.uint8))
+    return VideoFrames(np.stack(images), number, number / fps, reduction)
+
+
+def observe_video(
+    video: VideoFrames, fov: float, axes: Sequence[float], base: tuple[float, float] | None = None
+) -> Observation:
+    """Return what GC-Pose sees of joints that turn, each carried by the one before.
+
+    `fov` is the vertical field of view, deg; `axes` are three numbers for each joint (camera frame,
+    x right, y down, z forward); `base` is the pixel (u, v) of the file where the first part stands.
+
+    Raises:
+        ConfigError: If a value is out of range.
+    """
+    height, width = video.rgb.shape[1:3]
+    if not 1 <= fov <= 170:
+        raise ConfigError(f"--fov {fov:g}: give the vertical field of view, 1 to 170 deg")
+    direction = np.array(axes, np.float64)
+    if not len(direction) or len(direction) % 3:
+        raise ConfigError(f"--axes has {len(direction)} numbers; give three for each joint")
+    direction = direction.reshape(-1, 3)
+    length = np.linalg.norm(direction, axis=1)
+    if not (np.isfinite(length) & (length > 0)).all():
+        raise ConfigError("--axes: each joint needs a direction that is finite and not 0 0 0")
+    focal = height / 2 / np.tan(np.radians(fov) / 2)
+    k = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    world = None
+    if base is not None:
+        pixel = np.array([*base, video.reduction]) / video.reduction
+        if not (pixel >= 0).all() or pixel[0] >= width or pixel[1] >= height:
+            raise ConfigError(f"--base {base[0]:g} {base[1]:g} is outside of the image")
+        world = np.eye(4)
+        world[:3, 3] = np.linalg.solve(k, pixel)
+    joints = len(direction)
+    return Observation(
+        video.rgb, None, k, video.times, joints, ("revolute",) * joints, cam_from_world=world,
+        axis_direction=direction / length[:, None])
+
+
+def write_table(path: Path, video: VideoFrames, estimate: Estimate) -> None:
+    """Write CSV: one line for each frame and joint, deg."""
+    assert estimate.sigma is not None
+    lines = ["frame,time,joint,displacement,deviation"]
+    for t, (angle, sigma) in enumerate(zip(estimate.displacement, estimate.sigma, strict=True)):
+        lines += [f"{video.number[t]},{video.times[t]:.6g},{j + 1},{np.degrees(angle[j]):.4f},"
+                  f"{np.degrees(sigma[j]):.4f}" for j in range(len(angle))]
+    write_atomically(path, "".join(f"{line}\n" for line in lines).encode())
+
+
+def summarize_estimate(estimate: Estimate) -> list[dict[str, Any]]:
+    """Return what is estimated of each joint at the last frame, deg."""
+    assert estimate.sigma is not None and estimate.reliable is not None
+    last = zip(estimate.displacement[-1], estimate.sigma[-1], estimate.reliable, strict=True)
+    return [{"joint": f"joint {j}", "displacement": float(np.degrees(angle)),
+             "deviation": float(np.degrees(sigma)), "reliable": bool(reliable)}
+            for j, (angle, sigma, reliable) in enumerate(last, 1)]
+
+
+def draw_parts(path: Path, video: VideoFrames, estimate: Estimate, most: int = 6) -> None:
+    """Write a PNG of at most so many frames, in two rows, with the estimated parts in color."""
+    assert estimate.part is not None
+    shown = list[NDArray[np.uint8]]()
+    for t in np.unique(np.linspace(0, len(video.rgb) - 1, most).astype(int)):
+        part = estimate.part[t]
+        color = _COLORS[np.where(part > 0, (part - 1) % (len(_COLORS) - 1) + 1, 0)]
+        mixed = np.where(part[..., None] > 0, video.rgb[t] // 2 + color // 2, video.rgb[t])
+        shown.append(np.asarray(cv2.resize(mixed, None, fx=0.5, fy=0.5,
+                                           interpolation=cv2.INTER_AREA), np.uint8))
+    half = -(-len(shown) // 2)
+    shown += [np.zeros_like(shown[0])] * (2 * half - len(shown))
+    rows = np.vstack([np.hstack(shown[:half]), np.hstack(shown[half:])])
+    write_atomically(path, cv2.imencode(".png", rows[..., ::-1])[1].tobytes())
+
+
+def _open(path: Path, name: str) -> cv2.VideoCapture:
+    os.environ.update(_FFMPEG)
+    log = cv2.utils.logging
+    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    log.setLogLevel(level)
+    if not video.isOpened():
+        raise ConfigError(f"{name}: is not a video that can be read; convert it to MP4")
+    sides = [video.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
+    if not 16 <= min(sides) <= max(sides) <= _MAX_SIDE:
+        raise ConfigError(f"{name}: images of {sides[0]:g} x {sides[1]:g} px; give a video of 16 "
+                          f"to {_MAX_SIDE} px")
+    return video
+
+
+def _count_frames(path: Path, name: str) -> tuple[float, int]:
+    """Return the frames per second of a video, and how many can be read."""
+    video, total = _open(path, name), 0
+    while total <= _MAX_FRAMES and video.grab():
+        total += 1
+    if total > _MAX_FRAMES:
+        raise ConfigError(f"{name}: has more than {_MAX_FRAMES} frames; cut it")
+    fps = video.get(cv2.CAP_PROP_FPS)
+    return (fps if np.isfinite(fps) and 0 < fps < 1e4 else 30.0), total

@@ -1,0 +1,138 @@
+"""GC-Pose on a video file: frames, errors in one line, and a table that is right."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from gcbench.__main__ import main
+from gcbench.errors import ConfigError
+from gcbench.gcpose.video_file import VideoFrames, draw_parts, observe_video, read_frames
+from gcbench.renderer.types.observation import Estimate
+from numpy.typing import NDArray
+
+from ..support.ray_scenes import door
+
+
+def write_video(path: Path, rgb: NDArray[np.uint8], fps: float = 10.0) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps,
+                             (rgb.shape[2], rgb.shape[1]))
+    for image in rgb:
+        writer.write(np.ascontiguousarray(image[..., ::-1]))
+    writer.release()
+    return path
+
+
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    image = cv2.imread(str(path))
+    assert image is not None
+    return np.asarray(image, np.uint8)
+
+
+@pytest.fixture
+def ramp(tmp_path: Path) -> Path:
+    """A video of 30 frames that grow brighter by 8 grey levels each."""
+    level = (10 + 8 * np.arange(30))[:, None, None, None]
+    rgb = np.broadcast_to(level, (30, 960, 640, 3)).astype(np.uint8)
+    return write_video(tmp_path / "ramp.mp4", rgb)
+
+
+def test_a_door_in_a_video_opens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen = door(0.5)
+    assert seen.rgb is not None and seen.axis_direction is not None
+    large = [cv2.resize(i, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC) for i in seen.rgb]
+    write_video(tmp_path / "door.mp4", np.stack(large).astype(np.uint8))
+    fov = 2 * np.degrees(np.arctan(seen.rgb.shape[1] / 2 / seen.intrinsics[1, 1]))
+    axes = [f"{x:.5f}" for x in seen.axis_direction.ravel()]
+    assert main(["estimate", "door.mp4", "--fov", f"{fov:.4f}", "--axes", *axes,
+                 "--picture", "door.png", "--quiet", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["table"] == "door.csv"
+    true = np.degrees(0.5)
+    assert found["joints"][0]["displacement"] == pytest.approx(true, abs=2.5)
+    with Path("door.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["frame"] for row in rows] == [str(t) for t in range(8)]
+    assert float(rows[-1]["time"]) == pytest.approx(0.7)
+    angle = [float(row["displacement"]) for row in rows]
+    assert angle == pytest.approx(list(np.linspace(0, true, 8)), abs=2.5)
+    assert read_picture(Path("door.png")).shape == (360, 720, 3)
+
+
+def test_frames_are_evenly_spaced_and_reduced(ramp: Path) -> None:
+    video = read_frames(ramp, 4)
+    assert video.number.tolist() == [0, 10, 19, 29]
+    assert video.times == pytest.approx([0, 1.0, 1.9, 2.9])
+    assert video.rgb.shape == (4, 720, 480, 3)
+    assert video.reduction == pytest.approx(4 / 3)
+    assert video.rgb.mean(axis=(1, 2, 3)) == pytest.approx([10, 90, 162, 242], abs=4)
+    assert read_frames(ramp, 100, 0.5, 1.0).number.tolist() == [5, 6, 7, 8, 9, 10]
+
+
+def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path) -> None:
+    text = tmp_path / "text.mp4"
+    text.write_text("no video")
+    for path, problem in ((tmp_path / "no.mp4", "no such file"), (text, "convert it to MP4"),
+                          (tmp_path, "no such file")):
+        with pytest.raises(ConfigError, match=problem):
+            read_frames(path, 4)
+    with pytest.raises(ConfigError, match=r"has 1 frames between 2\.9 and 3 s; .* --start"):
+        read_frames(ramp, 4, start=2.9)
+
+
+@pytest.mark.parametrize("playlist", [
+    "ffconcat version 1.0\nfile ramp.mp4\n",
+    "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\nramp.mp4\n#EXT-X-ENDLIST\n"])
+def test_a_playlist_that_names_other_files_is_refused(ramp: Path, playlist: str) -> None:
+    path = ramp.with_name("list.mp4")
+    path.write_text(playlist)
+    with pytest.raises(ConfigError, match="is not a video"):
+        read_frames(path, 4)
+
+
+def frames(height: int = 480, width: int = 640, reduction: float = 2.0) -> VideoFrames:
+    return VideoFrames(np.zeros((3, height, width, 3), np.uint8), np.arange(3), np.arange(3.0),
+                       reduction)
+
+
+def test_the_camera_and_the_base_are_those_of_the_reduced_images() -> None:
+    seen = observe_video(frames(), 90, [0, -2, 0, 3, 0, 0], (800, 900))
+    assert seen.intrinsics == pytest.approx(
+        np.array([[240, 0, 319.5], [0, 240, 239.5], [0, 0, 1]]))
+    assert seen.axis_direction == pytest.approx(np.array([[0, -1, 0], [1, 0, 0]]))
+    assert seen.joint_types == ("revolute",) * 2
+    assert seen.cam_from_world is not None
+    pixel = seen.intrinsics @ seen.cam_from_world[:3, 3]
+    assert pixel == pytest.approx([400, 450, 1])
+
+
+@pytest.mark.parametrize(("fov", "axes", "base", "problem"), [
+    (0.0, [0, 1, 0], None, "--fov 0: "), (40, [0, 1], None, "--axes has 2 numbers"),
+    (40, [], None, "--axes has 0"), (40, [0, 0, 0], None, "not 0 0 0"),
+    (40, [0, np.nan, 0], None, "finite"), (40, [0, 1, 0], (1300, 5), "--base 1300 5 is outside"),
+    (40, [0, 1, 0], (np.nan, 5), "--base nan 5")])
+def test_values_out_of_range_are_errors(
+    fov: float, axes: list[float], base: tuple[float, float] | None, problem: str
+) -> None:
+    with pytest.raises(ConfigError, match=problem):
+        observe_video(frames(), fov, axes, base)
+
+
+def test_a_picture_shows_each_part_in_its_color(tmp_path: Path) -> None:
+    part = np.zeros((3, 480, 640), np.uint8)
+    part[:, :240, :320], part[:, 240:, :320] = 1, 7
+    estimate = Estimate(np.zeros((3, 7)), part=part)
+    draw_parts(tmp_path / "parts.png", frames(), estimate)
+    png = read_picture(tmp_path / "parts.png")
+    assert png.shape == (480, 640, 3)
+    first, seventh, still = png[60, 80], png[180, 80], png[60, 240]
+    assert first.tolist() == [20, 30, 127]  # blue, green, red
+    assert seventh.tolist() == [127, 80, 20]  # as the second: there are five colors
+    assert still.tolist() == [0, 0, 0]
