@@ -43,13 +43,18 @@ def estimate(
 
     if not 2 <= frames <= 1000:
         raise ConfigError(f"--frames {frames}: give 2 to 1000")
+    out = out or Path(video.stem + ".csv")
+    for path in filter(None, (out, picture)):
+        if not path.absolute().parent.is_dir():
+            raise ConfigError(f"{path}: its folder does not exist; make it")
+        if path.resolve() == video.resolve():
+            raise ConfigError(f"{path}: is the video; name another file")
     seen = read_frames(video, frames, start, end)
     observation = observe_video(seen, fov, axes, base)
     if not quiet:
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
             "minute for an arm")
     found = GCPose().estimate(observation)
-    out = out or Path(video.stem + ".csv")
     write_table(out, seen, found)
     if picture:
         draw_parts(picture, seen, found)

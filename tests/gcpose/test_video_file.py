@@ -87,6 +87,21 @@ def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path)
         read_frames(ramp, 4, start=2.9)
 
 
+@pytest.mark.parametrize(("options", "problem"), [
+    (["--out", "no/a.csv"], "no/a.csv: its folder does not exist"),
+    (["--picture", "no/a.png"], "no/a.png: its folder does not exist"),
+    (["--out", "ramp.mp4"], "ramp.mp4: is the video"),
+    (["--frames", "1"], "--frames 1: give 2 to 1000")])
+def test_a_command_that_cannot_end_well_does_not_begin(
+    ramp: Path, options: list[str], problem: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(ramp.parent)
+    assert main(["estimate", ramp.name, "--fov", "40", "--axes", "0", "1", "0", *options]) == 2
+    assert problem in capsys.readouterr().err
+    assert not Path("ramp.csv").exists()
+
+
 @pytest.mark.parametrize("playlist", [
     "ffconcat version 1.0\nfile ramp.mp4\n",
     "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\nramp.mp4\n#EXT-X-ENDLIST\n"])
