@@ -228,7 +228,7 @@ def test_the_api_page_has_every_public_name() -> None:
 
 def test_the_page_on_architecture_shows_the_layers() -> None:
     text = (DOCS / "develop/architecture.md").read_text()
-    cells = [row.split("|") for row in re.findall(r"(?m)^\| \d \|(.*)\|$", text)]
+    cells = [row.split("|") for row in re.findall(r"(?m)^\| \d+ \|(.*)\|$", text)]
     for column, room in enumerate(LAYERS):
         shown = [set(re.findall(r"\w+", row[column])) for row in cells if row[column].strip()]
         shims = {"observation", "torch_dataset"}
