@@ -51,9 +51,12 @@ def read_frames(
     Larger images are reduced until their smaller side is `side` px.
 
     Raises:
-        ConfigError: If the file is not a video, is too large, or has fewer than two such frames.
+        ConfigError: If the file is not a video, is damaged or too large, or has fewer than two such
+            frames.
     """
     name = printable(str(path))
+    if not 0 <= start < end:
+        raise ConfigError(f"--start {start:g} --end {end:g}: give 0 or more, the smaller one first")
     if not path.is_file():
         raise ConfigError(f"{name}: no such file; give a video, such as door.mp4")
     fps, total = _count_frames(path, name)
@@ -66,10 +69,10 @@ def read_frames(
     images, reduction = list[NDArray[np.uint8]](), 1.0
     video, wanted = _open(path, name), set(number.tolist())
     for k in range(last + 1):
-        if not video.grab():
-            raise ConfigError(f"{name}: frame {k} is damaged; lower --end")
-        if k in wanted:
-            _, image = video.retrieve()
+        found, image = video.read() if k in wanted else (video.grab(), None)
+        if not found:
+            raise ConfigError(f"{name}: frame {k} is damaged; change --start or --end")
+        if image is not None:
             reduction = max(1.0, min(image.shape[:2]) / side)
             size = tuple(round(s / reduction) for s in image.shape[1::-1])
             images.append(np.asarray(cv2.resize(image[..., ::-1], size,

@@ -83,6 +83,9 @@ def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path)
                           (tmp_path, "no such file")):
         with pytest.raises(ConfigError, match=problem):
             read_frames(path, 4)
+    for start, end in ((np.nan, 1.0), (0.0, np.nan), (-1.0, 1.0), (2.0, 1.0), (np.inf, np.inf)):
+        with pytest.raises(ConfigError, match="give 0 or more, the smaller one first"):
+            read_frames(ramp, 4, start, end)
     with pytest.raises(ConfigError, match=r"has 1 frames between 2\.9 and 3 s; .* --start"):
         read_frames(ramp, 4, start=2.9)
 

@@ -1,4 +1,4 @@
-"""A camera that adapts to the light: tones become those of the median, and what moves stays."""
+"""A camera that adapts to the light: all frames get one exposure, and what moves stays."""
 
 from __future__ import annotations
 
