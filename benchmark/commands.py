@@ -141,11 +141,12 @@ def publish(
 ) -> tuple[object, int]:
     """Store estimates on a suite and their scores in compact form, for the published leaderboard.
 
-    Sequences are added to a published row of the same version of the method. Without --to, the
-    files of this installation are changed: use a checkout, and commit them. With --check, nothing
-    is written: the scores of all published rows are computed again from their estimates, and the
-    truth of a few sequences of each dataset is drawn again. The exit code is 1 if one differs.
-    With --rescore, the scores of all published rows are computed again and stored.
+    Sequences are added to a published row of the same version of the method; a row of another
+    version is replaced. Without --to, the files of this installation are changed: use a checkout,
+    and commit them. With --check, nothing is written: the scores of all published rows are computed
+    again from their estimates, and the truth of a few sequences of each dataset is drawn again. The
+    exit code is 1 if one differs. With --rescore, the scores of all published rows are computed
+    again and stored.
 
     Examples:
       gcbench publish results

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import Dataset
-from ...renderer.runtime import is_remote
+from ...renderer.runtime import is_remote, say
 from ...renderer.scene import (
     MotionSampler,
     Streams,
@@ -55,7 +55,8 @@ def publish(results: Sequence[Path], folder: Path = PUBLISHED_ROWS) -> list[Path
     """Add the estimates of results on built-in suites to published rows; return the files.
 
     Sequences are added to a row of the same version of the method, so that several people can
-    measure parts of it; a row of another version is replaced.
+    measure parts of it; a row of another version is replaced, and a message tells how many of its
+    sequences the new one lacks.
 
     Raises:
         DatasetError: If there are no such results, a run is not finished, its data are missing,
@@ -99,7 +100,11 @@ def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
     path = row_path(folder, run.row, run.dataset)
     new = _pack(run, stored, truth)
     if path.exists():
-        new = _join(read_row(path, folder, {}), new)
+        old = read_row(path, folder, {})
+        new = _join(old, new)
+        if lost := len({*old.run.sequences} - {*new.run.sequences}):
+            say(f"{path}: version {new.run.row.version} replaces version {old.run.row.version}, "
+                f"which had {lost} more sequences; run them as well, and publish again")
     write_record(path, score_published(new, truth))
     return path
 

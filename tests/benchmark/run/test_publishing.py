@@ -100,7 +100,7 @@ def test_a_published_row_has_the_scores_of_the_evaluation(
 
 
 def test_sequences_are_added_to_a_row_of_the_same_version(
-    evaluated: Callable[..., Results], tmp_path: Path
+    evaluated: Callable[..., Results], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for results, sequences in (("a", "0-2"), ("b", "4,5"), ("all", "")):
         evaluated("hold-still", results, sequences)
@@ -118,7 +118,10 @@ def test_sequences_are_added_to_a_row_of_the_same_version(
     assert a.error == b.error and a.summary == b.summary
     older = dataclasses.replace(row.run, row=dataclasses.replace(row.run.row, version="0"))
     write_record(path, dataclasses.replace(row, run=older))
+    assert "replaces" not in capsys.readouterr().err
     publish([tmp_path / "a"], parts)
+    said = f"version {row.run.row.version} replaces version 0, which had 2 more sequences"
+    assert said in " ".join(capsys.readouterr().err.split())
     assert len(read_row(path, parts, {}).run.sequences) == 3, "another version is replaced"
 
 
