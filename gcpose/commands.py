@@ -14,8 +14,9 @@ def estimate(
 ) -> tuple[object, int]:
     """Estimate how the joints in your own video turn, by GC-Pose.
 
-    The camera must stand still, and the directions of the axes must be known. An axis is given in
-    the camera's frame: x points to the right, y down, z forward. The joint turns about it by the
+    The camera must stand still or nearly so: if it is held by hand, the frames are aligned with the
+    first. The directions of the axes must be known, at the first frame. An axis is given in the
+    camera's frame: x points to the right, y down, z forward. The joint turns about it by the
     right-hand rule. Writes a table (CSV): the angle of each joint since the first frame, deg, and
     its standard deviation. Joints that slide are not supported: a plain video has no scale.
 
@@ -38,6 +39,7 @@ def estimate(
         json: Print the result as one JSON document.
     """
     from ..renderer.runtime import say
+    from .images import ImageSettings, find_camera_motion
     from .method import GCPose
     from .video_file import draw_parts, observe_video, read_frames, summarize_estimate, write_table
 
@@ -52,6 +54,10 @@ def estimate(
     seen = read_frames(video, frames, start, end)
     observation = observe_video(seen, fov, axes, base)
     if not quiet:
+        if motion := find_camera_motion(seen.rgb, ImageSettings()):
+            say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. The images are "
+                f"aligned, and the background is up to {motion.error:.1f} px off; a camera on a "
+                "stand gives smaller errors")
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
             "minute for an arm")
     found = GCPose().estimate(observation)

@@ -14,11 +14,11 @@ from .images import (
     FlowPair,
     FrontEnd,
     dis_flow,
-    equalize_exposure,
     find_depth,
     find_flow,
     find_foreground,
     row_suffix,
+    to_still_video,
     training_of,
 )
 from .rgb import estimate_rgb, has_square_pixels
@@ -44,7 +44,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "32"
+    version = "33"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -93,9 +93,8 @@ class GCPose:
             return self._estimate(observation)
 
     def _estimate(self, observation: Observation) -> Estimate:
-        if observation.rgb is not None:
-            rgb = equalize_exposure(observation.rgb, self.settings.images)
-            observation = replace(observation, rgb=rgb)
+        still = to_still_video(observation, self.settings.images)
+        observation = still.observation
         priors = joint_priors(observation)
         if observation.depth is None:
             found = self._estimate_by_images(observation, priors)
@@ -105,7 +104,8 @@ class GCPose:
                 or not np.isfinite([found.displacement, found.sigma]).all()):
             found = self._static(observation, priors)
         limit = np.where(priors.prismatic, _RELIABLE_SLIDE, _RELIABLE_TURN)
-        return replace(found, reliable=None if found.sigma is None else found.sigma[-1] <= limit)
+        reliable = None if found.sigma is None else found.sigma[-1] <= limit
+        return still.restore(replace(found, reliable=reliable))
 
     def _estimate_by_images(
         self, observation: Observation, priors: JointPriors

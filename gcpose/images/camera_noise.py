@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -20,24 +22,73 @@ def remove_camera_noise(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
     (1986): a region moves if its pixels change by more than noise does, and some of them by much
     more. All other pixels get their median over time. A video without noise stays as it is.
     """
+    some, median = median_image(rgb, settings)
+    smooth = blur_image(median, settings)
+    coarse = (slice(None, None, _STRIDE),) * 2
+    noise = still_change(np.stack([blur_image(i, settings)[coarse] for i in some]),
+                         smooth[coarse], settings)
+    if noise == 0:
+        return rgb
+
+    def change(image: NDArray[np.uint8]) -> Image:
+        return np.asarray(np.abs(blur_image(image, settings) - smooth).max(axis=2))
+
+    return _keep_what_moves(rgb, median, change, noise, settings.min_strong, settings)
+
+
+def remove_misalignment(
+    rgb: NDArray[np.uint8], shown: NDArray[np.bool_], error: float, settings: ImageSettings
+) -> NDArray[np.uint8]:
+    """Return aligned images [T H W 3] in which what does not move does not change.
+
+    As `remove_camera_noise`, but a color is still if the median has it within `error` px, because
+    edges are not in the same place in all frames. Pixels that not all frames show (`shown` [H W])
+    are still.
+    """
     s = settings
     some, median = median_image(rgb, s)
     smooth = blur_image(median, s)
-    coarse = (slice(None, None, _STRIDE),) * 2
-    noise = still_change(np.stack([blur_image(i, s)[coarse] for i in some]), smooth[coarse], s)
-    if noise == 0:
-        return rgb
-    weak, strong = (least + growth * noise for least, growth in (s.weak_change, s.strong_change))
+    window = np.ones((2 * max(1, round(error)) + 1,) * 2, np.uint8)
+    low, high = cv2.erode(smooth, window), cv2.dilate(smooth, window)
+
+    def change(image: NDArray[np.uint8]) -> Image:
+        blurred = blur_image(image, s)
+        return np.asarray(shown * np.maximum(blurred - high, low - blurred).max(axis=2))
+
+    largest = np.max([change(image)[::_STRIDE, ::_STRIDE] for image in some], axis=0)
+    noise = float(np.clip(np.median(largest), s.min_noise_aligned, s.max_noise))
+    return _keep_what_moves(rgb, median, change, noise, s.min_strong_aligned, s)
+
+
+def _keep_what_moves(
+    rgb: NDArray[np.uint8], median: NDArray[np.uint8],
+    change: Callable[[NDArray[np.uint8]], Image], noise: float, least: int,
+    settings: ImageSettings,
+) -> NDArray[np.uint8]:
+    """Return images [T H W 3] with the median [H W 3] where no region moves: one in which at least
+    so many pixels change strongly."""
+    s = settings
+    weak, strong = (fixed + growth * noise for fixed, growth in (s.weak_change, s.strong_change))
     out = rgb.copy()
     for image in out:
-        change = np.abs(blur_image(image, s) - smooth).max(axis=2)
-        count, found = cv2.connectedComponents((change > weak).astype(np.uint8))
+        changed = change(image)
+        count, found = cv2.connectedComponents((changed > weak).astype(np.uint8))
         region = np.asarray(found, np.int64)
-        moves = np.bincount(region[change > strong], minlength=count) >= s.min_strong
+        moves = np.bincount(region[changed > strong], minlength=count) >= least
         moves[0] = False
         still = ~moves[region]
         image[still] = median[still]
     return out
+
+
+def many_pixels_change(rgb: NDArray[np.uint8], settings: ImageSettings) -> bool:
+    """Return whether so few exposed pixels of images [T H W 3] stay the same that not only an
+    object moves: the camera, its exposure, or noise changes the others."""
+    images = rgb[:, ::_STRIDE, ::_STRIDE]
+    _, median = median_image(images, settings)
+    exposed = ((median > _EXPOSED[0]) & (median < _EXPOSED[1])).all(axis=2)
+    still = (images == median).all(axis=(0, 3))[exposed]
+    return bool(len(still) and still.mean() <= settings.noise_shares[-1])
 
 
 def still_change(images: Image, median: Image, settings: ImageSettings) -> float:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..numerics import Image, thread_map
-from .camera_noise import blur_image, median_image
+from .camera_noise import blur_image, many_pixels_change, median_image
 from .settings import ImageSettings
 
 _STRIDE = 3  # px from one pixel to the next of those that are compared
@@ -29,7 +29,7 @@ def equalize_exposure(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArra
     are brightened until what is cut off in any frame is white in each. A video of constant exposure
     stays as it is.
     """
-    if not _varies(rgb, settings):
+    if not many_pixels_change(rgb, settings):
         return rgb
     _, median = median_image(rgb, settings)
     usual, exposed = _levels(median, settings)
@@ -88,15 +88,6 @@ def _levels(
     near = cv2.dilate(cut, np.ones((reach, reach), np.uint8)) > 0
     coarse = (slice(None, None, _STRIDE),) * 2
     return blur_image(image, settings)[coarse], ~near[coarse]
-
-
-def _varies(rgb: NDArray[np.uint8], settings: ImageSettings) -> bool:
-    """Whether so few exposed pixels stay the same that the exposure may vary."""
-    images = rgb[:, ::_STRIDE, ::_STRIDE]
-    _, median = median_image(images, settings)
-    exposed = ((median > _EXPOSED[0]) & (median < _EXPOSED[1])).all(axis=2)
-    still = (images == median).all(axis=(0, 3))[exposed]
-    return bool(len(still) and still.mean() <= settings.noise_shares[-1])
 
 
 def _mode(ratio: Array) -> float:

@@ -62,6 +62,22 @@ class ImageSettings:
     """The same above which it moves: these pixels take connected ones that may move with them."""
     min_strong: Count = 20  # Such pixels in a region that moves.
 
+    # motion of the camera
+    still_distance: Positive = 0.5  # Distance from its place at which a feature is still, px.
+    still_share: Share = 0.2
+    """Share of the features that are still, in the median of the frames, below which the camera
+    moves."""
+    max_background_error: Positive = 4.0
+    """Distance from where one plane would be up to which a feature is on the background, px."""
+    background_share: Share = 0.5  # Share of such features below which the camera moves too much.
+    sure_background_error: Positive = 1.2
+    """Such a distance of nine tenths of the background above which no joint is reliable, px."""
+    max_camera_shift: Share = 0.15
+    """Motion of the background above which the camera moves too much, in sides of the image."""
+    aligned_margin: Count = 6  # Distance from what a frame does not show where nothing moves, px.
+    min_noise_aligned: NonNegative = 2.0  # Least noise of aligned frames, grey levels.
+    min_strong_aligned: Count = 100  # `min_strong` after frames are aligned: edges stay.
+
     # exposure of the camera
     exposure_knots: Count = 9  # Knots of a tone curve.
     exposure_smoothness: Positive = 5e-4  # Weight of its bends, by the squared scale.

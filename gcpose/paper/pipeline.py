@@ -25,12 +25,12 @@ from ..images import (
     Depth,
     Flow,
     FrontEnd,
-    equalize_exposure,
     find_depth,
     find_flow,
     for_cuts_of,
     row_suffix,
     subtract_background,
+    to_still_video,
     training_of,
     video_evidence,
 )
@@ -66,7 +66,7 @@ class FlowOnly:
     name = "gcpose-flow"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    version = "4"
+    version = "5"
     authors, link, date = PAPER
 
     def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
@@ -99,7 +99,7 @@ class Epipolar:
     name = "gcpose-epipolar"
     inputs: tuple[Inputs, ...] = ("rgb",)
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    version = "6"
+    version = "7"
     authors, link, date = PAPER
 
     def __init__(self, flow: str = "", settings: PublishedSettings = _DEFAULT) -> None:
@@ -128,7 +128,7 @@ class WithDepth:
     name = "gcpose-depth"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("axes",)
-    version = "7"
+    version = "8"
     authors, link, date = PAPER
 
     def __init__(
@@ -212,9 +212,7 @@ def _observe(
     if known.prismatic.any():
         j = int(np.flatnonzero(known.prismatic)[0]) + 1
         raise MethodError(f"{name} measures turns, and joint {j} slides; use gcpose")
-    assert observation.rgb is not None
-    rgb = equalize_exposure(observation.rgb, settings.images)
-    observation = replace(observation, rgb=rgb)
+    observation = to_still_video(observation, settings.images).observation
     by_color = partial(subtract_background, settings=settings.images)
     measured = video_evidence(observation, FrontEnd(flow, by_color, depth), settings.images)
     if measured is None or known.direction is None:

@@ -15,6 +15,7 @@ from gcbench.gcpose.video_file import VideoFrames, draw_parts, observe_video, re
 from gcbench.renderer.types.observation import Estimate
 from numpy.typing import NDArray
 
+from ..support.moving_panel import with_shake
 from ..support.ray_scenes import door
 
 
@@ -41,18 +42,24 @@ def ramp(tmp_path: Path) -> Path:
     return write_video(tmp_path / "ramp.mp4", rgb)
 
 
+def opening_door() -> tuple[NDArray[np.uint8], list[str]]:
+    """Images of a door that opens by 0.5 rad, and the options that tell its camera and axis."""
+    seen = door(0.5)
+    assert seen.rgb is not None and seen.axis_direction is not None
+    large = [cv2.resize(i, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC) for i in seen.rgb]
+    fov = 2 * np.degrees(np.arctan(seen.rgb.shape[1] / 2 / seen.intrinsics[1, 1]))
+    axes = [f"{x:.5f}" for x in seen.axis_direction.ravel()]
+    return np.stack(large).astype(np.uint8), ["--fov", f"{fov:.4f}", "--axes", *axes]
+
+
 def test_a_door_in_a_video_opens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    seen = door(0.5)
-    assert seen.rgb is not None and seen.axis_direction is not None
-    large = [cv2.resize(i, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC) for i in seen.rgb]
-    write_video(tmp_path / "door.mp4", np.stack(large).astype(np.uint8))
-    fov = 2 * np.degrees(np.arctan(seen.rgb.shape[1] / 2 / seen.intrinsics[1, 1]))
-    axes = [f"{x:.5f}" for x in seen.axis_direction.ravel()]
-    assert main(["estimate", "door.mp4", "--fov", f"{fov:.4f}", "--axes", *axes,
-                 "--picture", "door.png", "--quiet", "--json"]) == 0
+    rgb, options = opening_door()
+    write_video(tmp_path / "door.mp4", rgb)
+    assert main(["estimate", "door.mp4", *options, "--picture", "door.png", "--quiet",
+                 "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["table"] == "door.csv"
     true = np.degrees(0.5)
@@ -64,6 +71,24 @@ def test_a_door_in_a_video_opens(
     angle = [float(row["displacement"]) for row in rows]
     assert angle == pytest.approx(list(np.linspace(0, true, 8)), abs=2.5)
     assert read_picture(Path("door.png")).shape == (360, 720, 3)
+
+
+def test_a_camera_that_is_held_by_hand_is_told_and_its_motion_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rgb, options = opening_door()
+    for name, largest in (("hand", 8.0), ("walk", 200.0)):
+        write_video(tmp_path / f"{name}.mp4", with_shake(rgb, largest)[0])
+    assert main(["estimate", "hand.mp4", *options, "--json"]) == 0
+    said = capsys.readouterr()
+    assert "hand.mp4: the camera moves, by up to " in said.err
+    turn = json.loads(said.out)["joints"][0]["displacement"]
+    assert turn == pytest.approx(np.degrees(0.5), abs=2.5)
+    for quiet in ([], ["--quiet"]):
+        assert main(["estimate", "walk.mp4", *options, *quiet]) == 2
+        assert "the camera moves too much; put it on a stand" in capsys.readouterr().err
+        assert not Path("walk.csv").exists()
 
 
 def test_frames_are_evenly_spaced_and_reduced(ramp: Path) -> None:

@@ -37,5 +37,19 @@ def with_codec(rgb: Video) -> Video:
     return np.stack(out)
 
 
+def with_shake(rgb: Video, largest: float = 8.0) -> tuple[Video, NDArray[np.float64]]:
+    """Return what a camera sees that is held by hand, and the homographies [T 3 3] from pixels of
+    frame 0 to those of each frame; a pixel moves by about `largest` at most."""
+    height, width = rgb.shape[1:3]
+    k = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.float64)
+    time = np.linspace(0, 5, len(rgb))[:, None]
+    turn = np.sin(time * [1.0, 1.3, 0.7]) * [0.7, 0.7, 0.4] * largest / width
+    moved = [k @ cv2.Rodrigues(r)[0] @ np.linalg.inv(k) for r in turn]
+    images = [cv2.warpPerspective(image, h, (width, height), flags=cv2.INTER_CUBIC,
+                                  borderMode=cv2.BORDER_REFLECT)
+              for image, h in zip(rgb, moved, strict=True)]
+    return np.stack(images).astype(np.uint8), np.stack(moved)
+
+
 def overlap(found: Masks, true: Masks) -> float:
     return float((found & true).sum() / (found | true).sum())

@@ -1,0 +1,109 @@
+"""The motion of a camera that is held by hand goes, and that of the object stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from gcbench.errors import MethodError
+from gcbench.gcpose.images import to_still_video
+from gcbench.gcpose.images.camera_motion import align_frames, find_camera_motion, restore_frames
+from gcbench.gcpose.images.foreground import find_foreground
+from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.renderer.types import Estimate, Observation
+
+from ...support.moving_panel import Video, moving_panel, overlap, with_codec, with_noise, with_shake
+
+SETTINGS = ImageSettings()
+
+
+def observation(rgb: Video) -> Observation:
+    k = np.array([[320.0, 0, 160], [0, 320, 120], [0, 0, 1]])
+    return Observation(rgb, None, k, np.arange(len(rgb)) / 10, 1, ("revolute",))
+
+
+def test_a_camera_on_a_stand_is_still_whatever_moves_before_it() -> None:
+    rgb, true = moving_panel()
+    large, _ = moving_panel(height=200, width=150)
+    for video in (rgb, with_noise(rgb, 2), with_codec(rgb), with_noise(large, 2)):
+        assert find_camera_motion(video, SETTINGS) is None
+    seen = observation(rgb)
+    still = to_still_video(seen, SETTINGS)
+    assert still.observation.rgb is rgb
+    estimate = Estimate(np.zeros((12, 1)), part=true.astype(np.uint8))
+    assert still.restore(estimate) is estimate
+
+
+@pytest.mark.parametrize("noise", [0, 2])
+def test_the_homographies_are_those_of_the_camera(noise: float) -> None:
+    rgb, true = moving_panel()
+    shaken, homography = with_shake(rgb)
+    motion = find_camera_motion(with_noise(shaken, noise) if noise else shaken, SETTINGS)
+    assert motion is not None
+    corner = np.array([[[0, 0]], [[320, 0]], [[0, 240]], [[320, 240]]], np.float64)
+    apart = np.stack([cv2.perspectiveTransform(corner, a) - cv2.perspectiveTransform(corner, b)
+                      for a, b in zip(motion.homography, homography, strict=True)])
+    assert np.abs(apart).mean() < 0.3
+    assert np.abs(apart).max() < 2  # where the panel hides the wall
+    assert 5 < motion.shift < 16
+    assert motion.error < 0.5
+    aligned, shown = align_frames(shaken, motion, SETTINGS)
+    inside = ~true.any(axis=0) & shown
+    change = np.abs(aligned.astype(int) - rgb)[:, inside]
+    assert change.mean() < 3 < np.abs(shaken.astype(int) - rgb)[:, inside].mean()
+
+
+def test_parts_return_to_the_images_as_they_were() -> None:
+    rgb, true = moving_panel()
+    shaken, homography = with_shake(rgb)
+    there = np.stack([cv2.warpPerspective(m.astype(np.uint8), h, (320, 240))
+                      for m, h in zip(true, homography, strict=True)])
+    still = to_still_video(observation(shaken), SETTINGS)
+    assert still.motion is not None
+    part = still.restore(Estimate(np.zeros((12, 1)), part=true.astype(np.uint8))).part
+    assert part is not None
+    assert overlap(part > 0, there > 0) > 0.95 > overlap(true, there > 0)
+    assert (restore_frames(part, still.motion)[0] == part[0]).all()
+
+
+@pytest.mark.parametrize(("error", "reliable"), [(1.0, True), (1.5, False)])
+def test_no_joint_is_reliable_before_a_background_that_is_not_aligned(
+    error: float, reliable: bool
+) -> None:
+    shaken, _ = with_shake(moving_panel()[0])
+    still = to_still_video(observation(shaken), SETTINGS)
+    assert still.motion is not None
+    still = replace(still, motion=replace(still.motion, error=error))
+    estimate = Estimate(np.zeros((12, 1)), reliable=np.array([True]))
+    assert still.restore(estimate).reliable == reliable
+
+
+def test_the_foreground_is_found_in_spite_of_a_hand() -> None:
+    rgb, true = moving_panel()
+    shaken = with_noise(with_shake(rgb)[0], 1)
+    find = find_foreground("network", SETTINGS)
+    assert overlap(find(shaken), true) < 0.5
+    still = to_still_video(observation(shaken), SETTINGS).observation.rgb
+    assert still is not None
+    assert overlap(find(still), true) > 0.8
+
+
+def test_a_camera_that_moves_too_much_is_an_error_that_names_the_fix() -> None:
+    rgb, _ = moving_panel()
+    far = with_shake(rgb, 100)[0]
+    with pytest.raises(MethodError, match="the camera moves too much; put it on a stand"):
+        find_camera_motion(far, SETTINGS)
+    left, right = with_shake(rgb, 20)[0], with_shake(rgb[::-1], -20)[0]
+    planes = np.concatenate([left[:, :, :160], right[:, :, :160]], axis=2)
+    with pytest.raises(MethodError, match="the camera moves too much"):
+        find_camera_motion(planes, SETTINGS)
+
+
+def test_images_that_come_with_truth_are_not_aligned() -> None:
+    seen = observation(with_shake(moving_panel()[0])[0])
+    flow, depth = np.zeros((11, 240, 320, 2), np.float32), np.ones((12, 240, 320), np.float32)
+    for with_truth in (replace(seen, flow=flow), replace(seen, mask=depth > 0),
+                       replace(seen, depth=depth)):
+        assert to_still_video(with_truth, SETTINGS).motion is None
