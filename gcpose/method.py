@@ -105,7 +105,7 @@ class GCPose:
             found = self._static(observation, priors)
         limit = np.where(priors.prismatic, _RELIABLE_SLIDE, _RELIABLE_TURN)
         reliable = None if found.sigma is None else found.sigma[-1] <= limit
-        return still.restore(replace(found, reliable=reliable))
+        return still.move_back(replace(found, reliable=reliable))
 
     def _estimate_by_images(
         self, observation: Observation, priors: JointPriors

@@ -103,8 +103,8 @@ def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
         old = read_row(path, folder, {})
         new = _join(old, new)
         if lost := len({*old.run.sequences} - {*new.run.sequences}):
-            say(f"{path}: version {new.run.row.version} replaces version {old.run.row.version}, "
-                f"which had {lost} more sequences; run them as well, and publish again")
+            say(f"{path}: replaces a row of version {old.run.row.version} that had {lost} more "
+                "sequences; run them as well, and publish again")
     write_record(path, score_published(new, truth))
     return path
 

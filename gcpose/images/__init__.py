@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from .camera_motion import CameraMotion, find_camera_motion
+from .camera_motion import find_camera_motion
 from .convolution import WeightReader
 from .depth import Depth, find_depth
 from .flow import (
@@ -31,17 +31,16 @@ from .patches import PredictedPatches, find_patches
 from .regions import Candidates, geodesic_rank, smooth_costs
 from .settings import ImageSettings
 from .still_camera import FrontEnd, VideoEvidence, video_evidence
-from .still_video import StillVideo, to_still_video
+from .still_video import to_still_video
 from .straight_edges import moving_edges
 from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 
 __all__ = [
-    "FOREGROUND_CHANNELS", "CameraMotion", "Candidates", "Depth", "Flow", "FlowPair",
-    "Foreground", "ForegroundInference", "FrontEnd", "ImageSettings", "LearnedForeground",
-    "PredictedPatches", "Square", "StillVideo", "Surfaces", "VideoEvidence", "WeightReader",
-    "changing_square", "color_and_change", "cut_square", "dis_flow", "find_camera_motion",
-    "find_depth", "find_flow", "find_foreground", "find_patches", "fine_dis_flow", "for_cuts_of",
-    "geodesic_rank", "moving_edges", "row_suffix", "smooth_costs", "subtract_background",
-    "surfaces_from_depth", "surfaces_from_noisy_depth", "to_still_video", "training_of",
-    "video_evidence",
+    "FOREGROUND_CHANNELS", "Candidates", "Depth", "Flow", "FlowPair", "Foreground",
+    "ForegroundInference", "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches",
+    "Square", "Surfaces", "VideoEvidence", "WeightReader", "changing_square", "color_and_change",
+    "cut_square", "dis_flow", "find_camera_motion", "find_depth", "find_flow", "find_foreground",
+    "find_patches", "fine_dis_flow", "for_cuts_of", "geodesic_rank", "moving_edges", "row_suffix",
+    "smooth_costs", "subtract_background", "surfaces_from_depth", "surfaces_from_noisy_depth",
+    "to_still_video", "training_of", "video_evidence",
 ]

@@ -110,10 +110,8 @@ def align_frames(
     return out, np.asarray(inner > 0)
 
 
-def restore_frames(
-    labels: NDArray[np.uint8], motion: CameraMotion
-) -> NDArray[np.uint8]:
-    """Return labels [T H W] of aligned frames in the frames as they were."""
+def move_labels_back(labels: NDArray[np.uint8], motion: CameraMotion) -> NDArray[np.uint8]:
+    """Return labels [T H W] of aligned frames at the pixels of the frames before alignment."""
     size = labels.shape[2], labels.shape[1]
     return np.stack([
         np.asarray(cv2.warpPerspective(part, h, size, flags=cv2.INTER_NEAREST), np.uint8)

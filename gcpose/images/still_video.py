@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...renderer.types import Estimate, Observation
-from .camera_motion import CameraMotion, align_frames, find_camera_motion, restore_frames
+from .camera_motion import CameraMotion, align_frames, find_camera_motion, move_labels_back
 from .camera_noise import remove_misalignment
 from .exposure import equalize_exposure
 from .settings import ImageSettings
@@ -22,14 +22,14 @@ class StillVideo:
     """Of the camera, which is taken out of the images"""
     settings: ImageSettings
 
-    def restore(self, estimate: Estimate) -> Estimate:
-        """Return an estimate in which parts are those of the images as they were, and no joint is
+    def move_back(self, estimate: Estimate) -> Estimate:
+        """Return an estimate whose parts are at the pixels before alignment. No joint of it is
         reliable if the background is not aligned well."""
         if self.motion is None:
             return estimate
         part, reliable = estimate.part, estimate.reliable
         if part is not None:
-            part = restore_frames(part, self.motion)
+            part = move_labels_back(part, self.motion)
         if reliable is not None and self.motion.error > self.settings.sure_background_error:
             reliable = np.zeros_like(reliable)
         return replace(estimate, part=part, reliable=reliable)

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from gcbench.errors import MethodError
 from gcbench.gcpose.images import to_still_video
-from gcbench.gcpose.images.camera_motion import align_frames, find_camera_motion, restore_frames
+from gcbench.gcpose.images.camera_motion import align_frames, find_camera_motion
 from gcbench.gcpose.images.foreground import find_foreground
 from gcbench.gcpose.images.settings import ImageSettings
+from gcbench.gcpose.method import GCPose
 from gcbench.renderer.types import Estimate, Observation
 
 from ...support.moving_panel import Video, moving_panel, overlap, with_codec, with_noise, with_shake
+from ...support.ray_scenes import door
 
 SETTINGS = ImageSettings()
 
@@ -27,13 +29,15 @@ def observation(rgb: Video) -> Observation:
 def test_a_camera_on_a_stand_is_still_whatever_moves_before_it() -> None:
     rgb, true = moving_panel()
     large, _ = moving_panel(height=200, width=150)
-    for video in (rgb, with_noise(rgb, 2), with_codec(rgb), with_noise(large, 2)):
+    brighter = (rgb * np.linspace(0.4, 1, 12)[:, None, None, None]).astype(np.uint8)
+    for video in (rgb, with_noise(rgb, 2), with_codec(rgb), with_noise(large, 2),
+                  with_noise(brighter, 2)):
         assert find_camera_motion(video, SETTINGS) is None
     seen = observation(rgb)
     still = to_still_video(seen, SETTINGS)
     assert still.observation.rgb is rgb
     estimate = Estimate(np.zeros((12, 1)), part=true.astype(np.uint8))
-    assert still.restore(estimate) is estimate
+    assert still.move_back(estimate) is estimate
 
 
 @pytest.mark.parametrize("noise", [0, 2])
@@ -62,10 +66,20 @@ def test_parts_return_to_the_images_as_they_were() -> None:
                       for m, h in zip(true, homography, strict=True)])
     still = to_still_video(observation(shaken), SETTINGS)
     assert still.motion is not None
-    part = still.restore(Estimate(np.zeros((12, 1)), part=true.astype(np.uint8))).part
+    part = still.move_back(Estimate(np.zeros((12, 1)), part=true.astype(np.uint8))).part
     assert part is not None
     assert overlap(part > 0, there > 0) > 0.95 > overlap(true, there > 0)
-    assert (restore_frames(part, still.motion)[0] == part[0]).all()
+
+
+def test_an_estimate_has_parts_at_the_pixels_of_the_video() -> None:
+    seen = door(0.5)
+    assert seen.rgb is not None
+    shaken, homography = with_shake(seen.rgb, 20.0)
+    usual, moved = (GCPose().estimate(replace(seen, rgb=rgb)).part for rgb in (seen.rgb, shaken))
+    assert usual is not None and moved is not None
+    there = np.stack([cv2.warpPerspective(part, h, (240, 180))
+                      for part, h in zip(usual, homography, strict=True)])
+    assert overlap(moved > 0, there > 0) > overlap(moved > 0, usual > 0) + 0.1
 
 
 @pytest.mark.parametrize(("error", "reliable"), [(1.0, True), (1.5, False)])
@@ -77,7 +91,7 @@ def test_no_joint_is_reliable_before_a_background_that_is_not_aligned(
     assert still.motion is not None
     still = replace(still, motion=replace(still.motion, error=error))
     estimate = Estimate(np.zeros((12, 1)), reliable=np.array([True]))
-    assert still.restore(estimate).reliable == reliable
+    assert still.move_back(estimate).reliable == reliable
 
 
 def test_the_foreground_is_found_in_spite_of_a_hand() -> None:
