@@ -54,7 +54,7 @@ def _follow_parts(sequence: Sequence) -> tuple[Array, NDArray[np.bool_]]:
     meta, s, frames = sequence.meta, sequence.state, range(len(sequence))
     # In the camera's frame the camera stands still, whether or not it moves in the world.
     camera = Camera(meta.width, meta.height, s.intrinsics, np.eye(4))
-    images = TruthImages(camera, [sequence.depth[t] for t in frames],
+    images = TruthImages((camera,) * len(frames), [sequence.depth[t] for t in frames],
                          [sequence.part[t] for t in frames], meta.depth_unit)
     cam_from_part = s.cam_from_world[:, None] @ s.world_from_part
     rng = np.random.default_rng(meta.index)

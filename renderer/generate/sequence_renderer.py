@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from ...robots.model import ArticulatedModel, joint_screws
 from ..dataset import DEPTH_UNIT, UNITS
 from ..gl import Rasterizer
-from ..scene import RenderConfig, Scene, Streams, dataset_asset, draw_scene, model_source, resolve
+from ..scene import (
+    PosedModel,
+    RenderConfig,
+    Scene,
+    Streams,
+    dataset_asset,
+    draw_scene,
+    model_source,
+    resolve,
+)
 from ..truth import Draw, DrawSampler, SequenceTruth, needs_faces, room_normal
 from ..types import Frame, Meta, State
 from .rendered_sequence import RenderedSequence
@@ -55,15 +64,12 @@ class SequenceRenderer:
         motion = draw.motion
         outline = self._sampler.motions.outline(motion.posed)
         scene, record = draw_scene(
-            streams, self.model, motion.trajectory, draw.camera, outline, motion.floor
+            streams, self.model, motion.trajectory, draw.cameras, outline, motion.floor
         )
         record |= motion.record
-        behind = None
-        room = self._rasterizer.draw_room(scene, motion.posed)
-        if room is not None:
-            draw = self._in_room(draw, room.depth)
-            if "normal" in self.config.layers and room.face is not None:
-                behind = room_normal(scene.room, room.face, draw.camera)
+        rooms, behind = self._draw_rooms(scene, motion.posed)
+        if rooms:
+            draw = self._in_room(draw, rooms)
         unit = depth_unit(max(float(d.max()) for d in draw.depth))
         truth = SequenceTruth(self.config, index, self.model, draw, unit, behind)
         frames = self._frames(truth, scene)
@@ -81,14 +87,38 @@ class SequenceRenderer:
         return DrawSampler(
             source.model, source.scored, self.config, self._rasterizer, source.fixed_motion)
 
-    def _in_room(self, draw: Draw, room: NDArray[np.float32]) -> Draw:
-        """The draw before (or, where it sinks into the floor, behind) a room [H W] m."""
-        hidden = [(p > 0) & (room < d) for p, d in zip(draw.part, draw.depth, strict=True)]
-        part = [np.where(h, np.uint16(0), p) if h.any() else p
-                for h, p in zip(hidden, draw.part, strict=True)]
-        depth = [np.where(p == 0, room, d) for p, d in zip(part, draw.depth, strict=True)]
+    def _draw_rooms(
+        self, scene: Scene, posed: PosedModel
+    ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
+        """Depth T x [H W] m of the room alone, and its normals T x [H W 3] if they are a layer;
+        empty without a room."""
+        depth: list[NDArray[np.float32]] = []
+        normal: list[NDArray[np.float32]] = []
+        for t, camera in enumerate(scene.cameras):
+            if t and camera is scene.cameras[t - 1]:
+                depth.append(depth[-1])
+                normal += normal[-1:]
+                continue
+            room = self._rasterizer.draw_room(scene, posed, t)
+            if room is None:
+                break
+            depth.append(room.depth)
+            if "normal" in self.config.layers and room.face is not None:
+                normal.append(room_normal(scene.room, room.face, camera))
+        return depth, normal
+
+    def _in_room(self, draw: Draw, rooms: list[NDArray[np.float32]]) -> Draw:
+        """The draw before (or, where it sinks into the floor, behind) a room, T x [H W] m."""
+        part: list[NDArray[np.uint16]] = []
+        depth: list[NDArray[np.float32]] = []
+        hides = False
+        for p, d, room in zip(draw.part, draw.depth, rooms, strict=True):
+            hidden = (p > 0) & (room < d)
+            hides |= bool(hidden.any())
+            part.append(np.where(hidden, np.uint16(0), p) if hidden.any() else p)
+            depth.append(np.where(part[-1] == 0, room, d))
         draw = replace(draw, depth=depth, part=part)
-        return self._sampler.update_evidence(draw, part) if any(h.any() for h in hidden) else draw
+        return self._sampler.update_evidence(draw, part) if hides else draw
 
     def _frames(self, truth: SequenceTruth, scene: Scene) -> Iterator[Frame]:
         """Draw the images of a scene with their truth."""
@@ -99,14 +129,15 @@ class SequenceRenderer:
                 t, lambda t=t, drawn=drawn: _through_lens(drawn.rgb, scene, t))
 
     def _state(self, truth: SequenceTruth) -> State:
-        model, motion, camera = self.model, truth.draw.motion, truth.draw.camera
+        model, motion = self.model, truth.draw.motion
         return State(
             times=motion.trajectory.times,
             joint_positions=motion.trajectory.positions,
-            intrinsics=camera.intrinsics,
+            intrinsics=truth.draw.cameras[0].intrinsics,
             cam_from_world=truth.cam_from_world,
             world_from_part=motion.world_from_part,
-            joint_screw=joint_screws(model, camera.cam_from_world @ motion.world_from_part),
+            joint_screw=joint_screws(
+                model, truth.cam_from_world[:, None] @ motion.world_from_part),
             joint_parent_part=model.parent[model.joint_child] + 1,
             joint_child_part=model.joint_child + 1,
             part_pixels=truth.part_pixels,

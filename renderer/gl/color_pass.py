@@ -153,8 +153,9 @@ class ColorPass:
         self._still.bind()
         gl.glClearColor(0.0, 0.0, 0.0, 1.0)
         gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
-        if scene.backdrop is not None:
-            self._draw_backdrop(scene.backdrop)
+        backdrop = scene.backdrop_seen_by(shot.camera)
+        if backdrop is not None:
+            self._draw_backdrop(backdrop)
         if not scene.shadows:
             self._shade_room(uploaded, shot)
             self._shade(uploaded, shot, t, shot.static_ranges)
@@ -163,7 +164,7 @@ class ColorPass:
         if uploaded.room is not None:
             self._gl.glBindVertexArray(uploaded.room.id)
             for r in uploaded.room.ranges:
-                program = self._program(uploaded, uploaded.room_features[r.material])
+                program = self._program(uploaded, shot, uploaded.room_features[r.material])
                 self._set_pose(program, shot, np.eye(4), 1.0)
                 self._shade_range(uploaded, program, r, uploaded.room_materials[r.material])
 
@@ -175,7 +176,7 @@ class ColorPass:
             return
         scene, poses = uploaded.scene, shot.posed.world_from_part[t]
         self._gl.glBindVertexArray(shot.uploaded.array.id)
-        eye = scene.camera.world_from_cam[:3, 3]
+        eye = shot.camera.world_from_cam[:3, 3]
 
         def far_first(r: DrawRange) -> float:
             if not scene.materials[r.material].transparent:
@@ -184,18 +185,21 @@ class ColorPass:
 
         for r in sorted(ranges, key=far_first):
             size = scene.texture_size[r.material]
-            program = self._program(uploaded, uploaded.features[r.material])
+            program = self._program(uploaded, shot, uploaded.features[r.material])
             self._set_pose(program, shot, shot.pose(r, t), 1.0 / size if size > 0 else 1.0)
             self._shade_range(uploaded, program, r, scene.materials[r.material])
 
-    def _program(self, uploaded: _UploadedScene, features: Features) -> Program:
-        """The program for a surface, in use, with the scene's lights set."""
+    def _program(self, uploaded: _UploadedScene, shot: Shot, features: Features) -> Program:
+        """The program for a surface, in use, with the scene's lights and the camera set."""
         scene = uploaded.scene
         program = self._programs.surface(features, len(scene.lights), scene.shadows)
         self._gl.glUseProgram(program.id)
         if program.scene is not scene:
             program.scene = scene
             self._set_lights(program, scene)
+        if program.camera is not shot.camera:
+            program.camera = shot.camera
+            self._gl.glUniform3f(program["cam_pos"], *shot.camera.world_from_cam[:3, 3])
         return program
 
     def _set_pose(self, program: Program, shot: Shot, pose: Array, uv_scale: float) -> None:
@@ -227,7 +231,6 @@ class ColorPass:
 
     def _set_lights(self, program: Program, scene: Scene) -> None:
         gl = self._gl
-        gl.glUniform3f(program["cam_pos"], *scene.camera.world_from_cam[:3, 3])
         gl.glUniform3f(program["ambient_light"], *[scene.ambient] * 3)
         for name, unit in TEXTURE_UNITS.items():
             gl.glUniform1i(program[f"material.{name}_texture"], unit)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...robots.geometry import Array
 from ..scene import Scene
+from ..types import Camera
 from .devices import (
     DEVICE_VARIABLE,
     EglDevice,
@@ -119,6 +120,7 @@ class Program:
 
         self._gl = gl
         self.scene: Scene | None = None
+        self.camera: Camera | None = None
         self.id = int(shaders.compileProgram(
             shaders.compileShader(vertex, gl.GL_VERTEX_SHADER),
             shaders.compileShader(fragment, gl.GL_FRAGMENT_SHADER),

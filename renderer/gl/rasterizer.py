@@ -1,9 +1,9 @@
 """Draws frames: the truth of their geometry, and their colours.
 
 Each call returns a value. What stands still in a sequence is drawn once, into a layer that each
-frame starts from; the rasterizer recognizes a sequence by the identity of its arguments. Colours
-are drawn finer than the image and averaged: on a CPU this costs half as much as multisampling, and
-it smooths shading as well as edges.
+frame starts from; the rasterizer recognizes a sequence by the identity of its arguments. A camera
+that moves is another one in each frame. Colours are drawn finer than the image and averaged: on a
+CPU this costs half as much as multisampling, and it smooths shading as well as edges.
 """
 
 from __future__ import annotations
@@ -65,15 +65,15 @@ class Rasterizer:
         self._place(shot, t)
         return self._truth.draw(shot, t)
 
-    def draw_room(self, scene: Scene, posed: PosedModel) -> DrawnTruth | None:
-        """Draw depth (and triangles) of a scene's room alone; None if it has no room."""
-        shot = self._take_color_shot(scene, posed)
+    def draw_room(self, scene: Scene, posed: PosedModel, t: int = 0) -> DrawnTruth | None:
+        """Draw depth (and triangles) of a scene's room alone in frame t; None if it has no room."""
+        shot = self._take_color_shot(scene, posed, t)
         room = self._color.room
         return None if room is None else self._truth.draw_room(room, shot.clip_from_world)
 
     def draw_color(self, scene: Scene, posed: PosedModel, t: int = 0) -> DrawnColor:
         """Draw the colours of frame t of a scene, before noise and blur."""
-        shot = self._take_color_shot(scene, posed)
+        shot = self._take_color_shot(scene, posed, t)
         self._place(shot, t)
         return self._color.draw(shot, t)
 
@@ -121,16 +121,17 @@ class Rasterizer:
             shot = self._truth_shot = Shot(uploaded, posed, camera, np.zeros((0, 3)))
         return shot
 
-    def _take_color_shot(self, scene: Scene, posed: PosedModel) -> Shot:
-        """The shot of a scene's colours, likewise."""
-        shot = self._color_shot
+    def _take_color_shot(self, scene: Scene, posed: PosedModel, t: int) -> Shot:
+        """The shot of a scene's colours in frame t, likewise."""
+        shot, camera = self._color_shot, scene.cameras[t]
         if self._color.scene is not scene:
             self._color.upload(scene)
             shot = None
         uploaded = self._upload(posed, scene.texture_size > 0)
-        if shot is None or shot.uploaded is not uploaded or shot.posed is not posed:
+        if shot is None or shot.uploaded is not uploaded or (
+                shot.posed is not posed or shot.camera is not camera):
             room = np.concatenate([np.zeros((0, 3)), *(s.vertices for s in scene.room)])
-            shot = self._color_shot = Shot(uploaded, posed, scene.camera, room)
+            shot = self._color_shot = Shot(uploaded, posed, camera, room)
         return shot
 
     def _upload(self, posed: PosedModel, projected: NDArray[np.bool_] | None) -> UploadedModel:

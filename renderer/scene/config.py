@@ -92,6 +92,11 @@ class CameraConfig:
     """The look-at point moves by up to this share of the robot's size."""
     roll: Annotated[Range, Bounds(-360, 360)] = (-5.0, 5.0)
     """deg about the optical axis."""
+    shake_turn: Annotated[Range, Bounds(0, 10)] = (0.0, 0.0)
+    """A camera held by hand turns at random by so much about each of its axes (root mean square
+    over the video), deg."""
+    shake_shift: Annotated[Range, Bounds(0, 1)] = (0.0, 0.0)
+    """The same for its place: m along each of its axes."""
 
     def azimuth_or_default(self, of_object: bool = False) -> Range:
         """Return the azimuth, or its default for a robot or an object, deg."""

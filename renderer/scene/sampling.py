@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array
+from ...robots.geometry import Array, rotation_about, transform
 from ...robots.model import ArticulatedModel, Material
 from ...robots.motion import JointTrajectory
 from ..runtime import named_rng
@@ -112,6 +112,31 @@ def draw_camera(
     return found
 
 
+def shake_camera(
+    rng: np.random.Generator, config: CameraConfig, camera: Camera, frames: int
+) -> tuple[Camera, ...]:
+    """Return the cameras of all frames: one and the same, or moved as if held by hand.
+
+    Turns about the axes of the camera and shifts along them are random walks that begin at
+    frame 0.
+    """
+    ranges = (config.shake_turn, config.shake_shift)
+    if not any(map(any, ranges)):
+        return (camera,) * frames
+    walk = np.cumsum(rng.standard_normal((frames, 2, 3)), axis=0)
+    walk -= walk[0]
+    size = [rng.uniform(*limits) for limits in ranges]
+    rms = np.sqrt((walk**2).mean(axis=(0, 2), keepdims=True))
+    walk *= np.array(size)[:, None] / np.maximum(rms, 1e-12)
+    moved: list[Camera] = [camera]
+    for turn, shift in walk[1:]:
+        angle = float(np.linalg.norm(turn))
+        rotation = rotation_about(turn / angle, np.radians(angle)) if angle else np.eye(3)
+        pose = camera.world_from_cam @ transform(rotation, shift)
+        moved.append(replace(camera, world_from_cam=pose))
+    return tuple(moved)
+
+
 def draw_lights(rng: np.random.Generator, config: LightsConfig) -> tuple[tuple[Light, ...], float]:
     """Draw directional lights, and the radiance of the ambient light."""
     number = int(rng.integers(max(config.number[0], 1), max(config.number[1], 1) + 1))
@@ -207,14 +232,15 @@ def draw_imperfections(
 
 
 def draw_scene(
-    streams: Streams, model: ArticulatedModel, trajectory: JointTrajectory, camera: Camera,
-    points: Array, floor: float,
+    streams: Streams, model: ArticulatedModel, trajectory: JointTrajectory,
+    cameras: tuple[Camera, ...], points: Array, floor: float,
 ) -> tuple[Scene, dict[str, Any]]:
-    """Draw the scene for a motion and a camera; also return a record of the drawn values.
+    """Draw the scene for a motion and the cameras of its frames; also return a record of the drawn
+    values.
 
     `points` [N 3] m (world) bound the robot over all frames.
     """
-    config = streams.config.randomization
+    config, camera = streams.config.randomization, cameras[0]
     low, high = points.min(0), points.max(0)
     center, size = (low + high) / 2.0, float(np.linalg.norm(high - low))
     reach = float(np.linalg.norm((points - center)[:, :2], axis=1).max())
@@ -229,7 +255,7 @@ def draw_scene(
     image, noise_seed = draw_imperfections(streams.rng("image"), config.image)
     exposure = image["exposure"] + np.linspace(0, image["exposure_drift"], len(trajectory.times))
     scene = Scene(
-        model, trajectory, camera, lights, ambient, config.lights.shadows, materials, tile,
+        model, trajectory, cameras, lights, ambient, config.lights.shadows, materials, tile,
         backdrop, room, image["noise"], noise_seed, image["blur"], exposure,
     )
     record = {

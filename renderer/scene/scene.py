@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +33,8 @@ class Scene:
 
     model: ArticulatedModel
     trajectory: JointTrajectory
-    camera: Camera
+    cameras: tuple[Camera, ...]
+    """of each frame; one and the same object if the camera stands still"""
     lights: tuple[Light, ...]
     ambient: float
     shadows: bool
@@ -51,3 +53,14 @@ class Scene:
     """px"""
     exposure: Array
     """[T] stops"""
+
+    def backdrop_seen_by(self, camera: Camera) -> NDArray[np.uint8] | None:
+        """Return the backdrop [H W 3] as a camera of the scene shows it: it is infinitely far."""
+        first = self.cameras[0]
+        if self.backdrop is None or camera is first:
+            return self.backdrop
+        turn = camera.cam_from_world[:3, :3] @ first.world_from_cam[:3, :3]
+        to = camera.intrinsics @ turn @ np.linalg.inv(first.intrinsics)
+        return np.asarray(cv2.warpPerspective(
+            self.backdrop, to, (camera.width, camera.height), borderMode=cv2.BORDER_REFLECT),
+            np.uint8)

@@ -40,13 +40,14 @@ class PointMotion:
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """What N pixels of a frame show: points of parts, in the order of the parts.
+    """What N pixels of a frame show: points of parts (and of the world, if the camera moves), in
+    the order of the parts.
 
     `points` lie in memory column by column, which makes `moved` faster.
     """
 
     still: NDArray[np.float32]
-    """[H W 2] px, flow of what does not move: 0, and NaN where there is no surface"""
+    """[H W 2] px, flow of what is not among the points: 0, and NaN where there is no surface"""
     index: NDArray[np.int32]
     """[N] of the pixel in the flattened image"""
     first: NDArray[np.int64]
@@ -99,12 +100,13 @@ def project_in_front(intrinsics: Array, points_in_cam: Array) -> tuple[Array, Ar
 
 
 def surface_points(
-    depth: NDArray[np.float32], part: NDArray[np.uint16], k: Array, parts: int
+    depth: NDArray[np.float32], part: NDArray[np.uint16], k: Array, parts: int,
+    world_moves: bool = False,
 ) -> SurfacePoints:
     """Points of a frame from depth [H W] m (0: no surface), part numbers [H W] in 0..parts and
-    intrinsics [3 3]. Those of the world, which stands still, are left out.
+    intrinsics [3 3]. Those of the world are left out unless it moves in the camera's frame.
     """
-    seen = np.flatnonzero(part > 0)  # of bool: five times faster
+    seen = np.flatnonzero(depth > 0 if world_moves else part > 0)  # of bool: five times faster
     number = part.ravel()[seen]
     order = np.argsort(number, kind="stable")  # a radix sort; parts become slices
     index = seen[order].astype(np.int32)
@@ -134,6 +136,7 @@ def visibility(
     seen = is_seen(target, moved.depth, number, (next_depth, next_part), depth_unit)
     answer = np.where(seen, np.uint8(VISIBLE), np.uint8(OCCLUDED))
     answer[~pinhole.inside_image(target, *next_part.shape)] = OUT_OF_IMAGE
+    answer[points.of_part(0)] = BACKGROUND
     out = np.full(next_part.shape, BACKGROUND, np.uint8)
     out.ravel()[points.index] = answer
     return out

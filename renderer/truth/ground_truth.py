@@ -39,14 +39,15 @@ class SequenceTruth:
 
     def __init__(
         self, config: RenderConfig, index: int, model: ArticulatedModel, draw: Draw,
-        depth_unit: float, room_normal: NDArray[np.float32] | None,
+        depth_unit: float, room_normals: Sequence[NDArray[np.float32]],
     ) -> None:
-        """`room_normal` [H W 3] is what the layer `normal` shows where the model is not."""
+        """`room_normals`, T x [H W 3], are what the layer `normal` shows where the model is not;
+        empty without a room."""
         self.config, self.model, self.draw = config, model, draw
         self._index, self.depth_unit = index, depth_unit
-        self._room_normal = room_normal
+        self._room_normals = room_normals
         frames = config.frames
-        self.cam_from_world = np.tile(draw.camera.cam_from_world, (frames, 1, 1))
+        self.cam_from_world = np.stack([camera.cam_from_world for camera in draw.cameras])
         self._table = pose_table(self.cam_from_world, draw.motion.world_from_part)
         self.part_pixels = np.zeros((frames, len(model.parent)), np.int64)
         wanted = "coordinates" in config.layers
@@ -61,7 +62,8 @@ class SequenceTruth:
         """Frame t; `rgb` is called last, because the device may draw its image meanwhile."""
         draw, table = self.draw, self._table
         depth, part = draw.depth[t], draw.part[t]
-        points = surface_points(depth, part, draw.camera.intrinsics, len(self.model.parent))
+        points = surface_points(depth, part, draw.cameras[t].intrinsics, len(self.model.parent),
+                                draw.camera_moves)
         self.part_pixels[t] = points.part_pixels
         deforming = self._deforming_points(points, t)
         forward = backward = seen = None
@@ -85,7 +87,7 @@ class SequenceTruth:
         """Arrays of the state that belong to the layers."""
         out: dict[str, Any] = {}
         draw, posed, config = self.draw, self.draw.motion.posed, self.config
-        images = TruthImages(draw.camera, draw.depth, draw.part, self.depth_unit)
+        images = TruthImages(draw.cameras, draw.depth, draw.part, self.depth_unit)
         if self.coordinate_box is not None:
             out["coordinate_box"] = self.coordinate_box
         if "keypoints" in config.layers:
@@ -121,6 +123,6 @@ class SequenceTruth:
         draw = self.draw
         face = np.where(draw.part[t] > 0, draw.face[t], np.int32(-1))
         normal = normal_image(face, draw.motion.posed.faces, self._vertices(t))
-        if self._room_normal is None:
+        if not self._room_normals:
             return normal
-        return np.where((draw.part[t] > 0)[..., None], normal, self._room_normal)
+        return np.where((draw.part[t] > 0)[..., None], normal, self._room_normals[t])

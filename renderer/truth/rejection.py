@@ -19,7 +19,7 @@ from ...robots.geometry import Array
 from ...robots.model import Animation, ArticulatedModel, joint_screws
 from ...robots.motion import JointTrajectory
 from ..gl import Rasterizer
-from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera
+from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera, shake_camera
 from ..types import Camera
 from .observability import MIN_ANGLE, JointVisibility, own_motion, subtrees
 
@@ -30,10 +30,11 @@ _LEAST_BAD = ("", "displacement", "still", "occluded", "hidden", "collision")
 
 @dataclass(frozen=True)
 class Draw:
-    """A motion and camera, with truth and evidence of every frame. S scored joints."""
+    """A motion and cameras, with truth and evidence of every frame. S scored joints."""
 
     motion: Motion
-    camera: Camera
+    cameras: tuple[Camera, ...]
+    """of each frame; one and the same object if the camera stands still"""
     depth: list[NDArray[np.float32]]
     """T x [H W] m, 0 where the model is not"""
     part: list[NDArray[np.uint16]]
@@ -47,6 +48,11 @@ class Draw:
     joints: dict[str, JointVisibility]
     reason: str
     """why it is not observable; "" if it is"""
+
+    @property
+    def camera_moves(self) -> bool:
+        """Whether the camera does not stand still."""
+        return any(camera is not self.cameras[0] for camera in self.cameras)
 
 
 class DrawSampler:
@@ -101,22 +107,24 @@ class DrawSampler:
         # A fixed motion may lead anywhere, and no rule refuses what an animation leads out of the
         # image.
         framed = slice(1) if self.motions.fixed_motion is None else slice(None)
+        rng, config = streams.rng("camera", attempt), self.config.randomization.camera
         camera = draw_camera(
-            streams.rng("camera", attempt), self.config.randomization.camera,
-            self.config.width, self.config.height,
+            rng, config, self.config.width, self.config.height,
             self.motions.outline(motion.posed, framed), motion.floor,
         )
-        draw = self._render(motion, camera, keep)
+        cameras = shake_camera(rng, config, camera, self.config.frames)
+        draw = self._render(motion, cameras, keep)
         if isinstance(draw, str) or keep:
             return draw
         # What cannot be avoided is kept, and marked, without more draws.
         return draw if draw.reason in {"", *self._unavoidable} else draw.reason
 
-    def _render(self, motion: Motion, camera: Camera, keep: bool) -> Draw | str:
+    def _render(self, motion: Motion, cameras: tuple[Camera, ...], keep: bool) -> Draw | str:
         """Render depth and parts of all frames; unless kept, stop at one that breaks the rule."""
         poses, frames, joints = motion.world_from_part, self.config.frames, len(self.scored)
         steps = np.diff(motion.trajectory.positions[:, self._joints], axis=0)
-        screws = joint_screws(self.model, camera.cam_from_world @ poses)[:, self._joints]
+        cam_from_world = np.stack([camera.cam_from_world for camera in cameras])
+        screws = joint_screws(self.model, cam_from_world[:, None] @ poses)[:, self._joints]
         depth: list[Any] = [None] * frames
         part: list[Any] = [None] * frames
         face: list[Any] = [None] * frames
@@ -124,11 +132,12 @@ class DrawSampler:
         flow = np.zeros((frames - 1, joints))
         # The ends of a motion are where it is most likely to hide: examine them first.
         order = sorted(range(frames), key=lambda t: (t not in (0, frames - 1), t))
-        drawn = self._rasterizer.draw_truth(motion.posed, camera, order[0])
+        drawn = self._rasterizer.draw_truth(motion.posed, cameras[order[0]], order[0])
         for t, then in zip(order, [*order[1:], None], strict=True):
+            camera = cameras[t]
             depth[t], part[t], face[t] = drawn.depth, drawn.part, drawn.face
             if then is not None:  # the device draws it while this one is examined
-                drawn = self._rasterizer.draw_truth(motion.posed, camera, then)
+                drawn = self._rasterizer.draw_truth(motion.posed, cameras[then], then)
             index = np.flatnonzero(part[t] > 0)
             number = part[t].ravel()[index]
             pixels[t] = self._count(number)
@@ -142,7 +151,7 @@ class DrawSampler:
                 return reason
         seen, reason = self._verdict(motion, pixels, covered, flow)
         faces = [] if face[0] is None else face
-        return Draw(motion, camera, depth, part, faces, covered, flow, seen, reason)
+        return Draw(motion, cameras, depth, part, faces, covered, flow, seen, reason)
 
     def _verdict(
         self, motion: Motion, pixels: NDArray[np.int64], covered: NDArray[np.int64], flow: Array

@@ -20,9 +20,10 @@ KEYPOINT_SHARE = 0.02
 
 @dataclass(frozen=True)
 class TruthImages:
-    """Depth [H W] m and part numbers [H W] of T frames, seen by one camera that stands still."""
+    """Depth [H W] m and part numbers [H W] of T frames."""
 
-    camera: Camera
+    cameras: tuple[Camera, ...]
+    """of each frame"""
     depth: list[NDArray[np.float32]]
     part: list[NDArray[np.uint16]]
     depth_unit: float
@@ -53,7 +54,7 @@ def keypoint_paths(
     """
     poses = world_from_part[:, model.keypoint_part]
     world = np.einsum("tkij,kj->tki", poses[..., :3, :3], model.keypoint) + poses[..., :3, 3]
-    image, z = _project(images.camera, world)
+    image, z = _project(images.cameras, world)
     visible = np.zeros(z.shape, bool)
     for t, depth in enumerate(images.depth):
         there = depth.ravel()[pinhole.four_pixels(image[t], *depth.shape)]
@@ -83,22 +84,25 @@ def track_paths(
         flat = images.part[t].ravel()
         part[i] = rng.choice(np.unique(flat[flat > 0]))
         pixel[i] = rng.choice(np.flatnonzero(flat == part[i]))
-    v, u = np.divmod(pixel, images.camera.width)
+    first = images.cameras[0]
+    v, u = np.divmod(pixel, first.width)
     z = np.array([images.depth[t].ravel()[p] for t, p in zip(query, pixel, strict=True)])
     # By the inverse matrix, not by `pinhole.unproject`: points of parts that stand still lie at
     # pixel centres, where the last bit decides which four pixels are around them, and so what is
     # visible. This keeps sequences equal to those of earlier versions.
-    k_inverse = np.linalg.inv(images.camera.intrinsics)
+    k_inverse = np.linalg.inv(first.intrinsics)
     cam = np.stack([u, v, np.ones(count)], axis=1) @ k_inverse.T * z[:, None]
-    start = apply(images.camera.world_from_cam, cam)
+    start = np.zeros_like(cam)
+    for t in np.unique(query):
+        start[query == t] = apply(images.cameras[t].world_from_cam, cam[query == t])
     world = _rigid_paths(start, part, query, world_from_part)
     if deforming is not None:
         posed, face = deforming
         number = np.array([face[t].ravel()[p] for t, p in zip(query, pixel, strict=True)], np.int64)
         loose = np.flatnonzero(posed.face_deforms[number])
         world[:, loose] = _deforming_paths(
-            start[loose], posed.faces[number[loose]], query[loose], posed, images.camera)
-    image, z = _project(images.camera, world)
+            start[loose], posed.faces[number[loose]], query[loose], posed, images.cameras)
+    image, z = _project(images.cameras, world)
     visible = np.array([
         is_seen(image[t], z[t], part, (depth, number), images.depth_unit)
         for t, (depth, number) in enumerate(zip(images.depth, images.part, strict=True))], bool)
@@ -116,15 +120,16 @@ def _rigid_paths(start: Array, part: NDArray[np.int64], query: NDArray[np.int64]
 
 
 def _deforming_paths(start: Array, corners: NDArray[np.int64], query: NDArray[np.int64],
-                     posed: PosedModel, camera: Camera) -> Array:
+                     posed: PosedModel, cameras: tuple[Camera, ...]) -> Array:
     """[T N 3] of points that keep their place in triangles whose corners deform, [N 3]."""
     share = np.zeros((len(start), 3))
     offset = np.zeros((len(start), 3))
     for t in np.unique(query):
         now = query == t
         here = posed.vertices(int(t))[corners[now]]
-        rays = apply(camera.cam_from_world, start[now])
-        share[now] = weights(rays, apply(camera.cam_from_world, here))
+        cam_from_world = cameras[t].cam_from_world
+        rays = apply(cam_from_world, start[now])
+        share[now] = weights(rays, apply(cam_from_world, here))
         # What a rasterizer's rounding moves a point off its triangle stays with it.
         offset[now] = start[now] - np.einsum("nk,nki->ni", share[now], here)
     frames = range(len(posed.world_from_part))
@@ -132,7 +137,7 @@ def _deforming_paths(start: Array, corners: NDArray[np.int64], query: NDArray[np
         np.einsum("nk,nki->ni", share, posed.vertices(t)[corners]) + offset for t in frames])
 
 
-def _project(camera: Camera, world: Array) -> tuple[Array, Array]:
+def _project(cameras: tuple[Camera, ...], world: Array) -> tuple[Array, Array]:
     """Pixels [T N 2] (NaN behind the camera) and depth [T N] m of points [T N 3] m."""
-    cam = apply(camera.cam_from_world, world)
-    return project_in_front(camera.intrinsics, cam)[0], cam[..., 2]
+    cam = apply(np.stack([camera.cam_from_world for camera in cameras]), world)
+    return project_in_front(cameras[0].intrinsics, cam)[0], cam[..., 2]

@@ -52,7 +52,7 @@ def draw_shots(config: RenderConfig, n: int) -> list[Shot]:
         motion = draw.motion
         outline = sampler.motions.outline(motion.posed)
         scene, _ = draw_scene(
-            streams, source.model, motion.trajectory, draw.camera, outline, motion.floor)
+            streams, source.model, motion.trajectory, draw.cameras, outline, motion.floor)
         shots.append(Shot(scene, replace(draw, depth=[], part=[], face=[])))
     rasterizer.close()
     return shots
@@ -120,7 +120,7 @@ class Pure:
     def frames(self, index: int) -> Iterator[Frame]:
         shot, draw = self.shots[index], self.draw(index)
         truth = SequenceTruth(
-            self.config, index, shot.scene.model, draw, shot.depth_unit, None)
+            self.config, index, shot.scene.model, draw, shot.depth_unit, ())
         for t in range(len(draw.depth)):
             color = self.rasterizer.draw_color(shot.scene, draw.motion.posed, t)
             yield truth.frame(t, lambda color=color: color.rgb)
@@ -128,7 +128,7 @@ class Pure:
     def draw(self, index: int) -> Draw:
         """Depth and parts of all frames, in the room if the scene has one."""
         shot, posed = self.shots[index], self.shots[index].draw.motion.posed
-        drawn = [self.rasterizer.draw_truth(posed, shot.scene.camera, t)
+        drawn = [self.rasterizer.draw_truth(posed, shot.scene.cameras[t], t)
                  for t in range(len(shot.world_from_part))]
         depth, part = [d.depth for d in drawn], [d.part for d in drawn]
         room = self.rasterizer.draw_room(shot.scene, posed)
@@ -188,7 +188,7 @@ class Bullet:
 
     def frames(self, index: int):
         p, shot = self.p, self.shots[index]
-        camera, motion, (w, h) = shot.scene.camera, shot.draw.motion, self.size
+        camera, motion, (w, h) = shot.scene.cameras[0], shot.draw.motion, self.size
         k, near, far = camera.intrinsics, 0.05, 50.0
         flip = np.diag([1.0, -1.0, -1.0, 1.0])
         view = np.linalg.inv(camera.world_from_cam @ flip).T.ravel().tolist()
@@ -257,7 +257,7 @@ class Mujoco:
 
     def frames(self, index: int):
         shot, mujoco = self.shots[index], self.mujoco
-        camera = shot.scene.camera
+        camera = shot.scene.cameras[0]
         flip = np.diag([1.0, -1.0, -1.0])
         self.model.cam_pos[0] = camera.world_from_cam[:3, 3]
         turned = camera.world_from_cam[:3, :3] @ flip

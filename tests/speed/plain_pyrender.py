@@ -50,8 +50,8 @@ class PyrenderScript:
         scene, extra = self.scene, self._dress(shot.scene)
         colors = dict(self.colors)
         colors |= {node: (0, 0, 0) for node in extra if node.mesh is not None}
-        cam_from_world = np.linalg.inv(shot.scene.camera.world_from_cam)
-        k, unit = shot.scene.camera.intrinsics, shot.depth_unit
+        cam_from_world = np.linalg.inv(shot.scene.cameras[0].world_from_cam)
+        k, unit = shot.scene.cameras[0].intrinsics, shot.depth_unit
         images, last = [], len(shot.world_from_part) - 1
         for poses in shot.world_from_part:
             for node, part, link_from_mesh in self.nodes:

@@ -84,7 +84,8 @@ def truth(r: Rasterizer, things: ArticulatedModel, view: Camera | None = None):
 def scene(things: ArticulatedModel, **changes: object) -> Scene:
     n = len(things.visuals)
     plain = Scene(
-        model=things, trajectory=JointTrajectory(np.zeros(1), np.zeros((1, 0))), camera=camera(),
+        model=things, trajectory=JointTrajectory(np.zeros(1), np.zeros((1, 0))),
+        cameras=(camera(),) * 3,
         lights=(Light(np.array([0, 0, -1.0]), (1.0, 1.0, 1.0), 2.0),), ambient=0.2,
         shadows=False, materials=tuple(v.material for v in things.visuals),
         texture_size=np.zeros(n), backdrop=np.zeros((HEIGHT, WIDTH, 3), np.uint8), room=(),

@@ -169,7 +169,7 @@ def shot(rasterizer: Rasterizer, model: ArticulatedModel
                     look_at(np.array([0.0, -4.0, 0.0]), np.zeros(3), 0.0))
     light = Light(np.array([0.0, 1.0, 0.0]), (0.0, 0.0, 0.0), 0.0)
     scene = Scene(
-        model, JointTrajectory(np.zeros(1), np.zeros((1, len(model.joint_names)))), camera,
+        model, JointTrajectory(np.zeros(1), np.zeros((1, len(model.joint_names)))), (camera,),
         (light,), 1.0, False, tuple(v.material for v in model.visuals),
         np.zeros(len(model.visuals)), np.full((48, 64, 3), 10, np.uint8), (), 0.0, 0, 0.0, 0.0)
     posed = rest(model)
