@@ -16,7 +16,10 @@ from ..runtime import MAX_JSON, dump_json, parse_json, parse_toml, to_record
 from .config import RenderConfig, find_invalid_values
 
 Config = TypeVar("Config")
-_ADDED = "flow", "visibility", "randomization.image.exposure_drift"
+_ADDED = (
+    "flow", "visibility", "randomization.image.exposure_drift", "randomization.camera.shake_turn",
+    "randomization.camera.shake_shift",
+)
 
 
 def config_tree(config: RenderConfig) -> dict[str, Any]:

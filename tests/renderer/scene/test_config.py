@@ -150,11 +150,15 @@ def test_a_config_survives_json_and_toml(tmp_path_factory: Any, config: RenderCo
 def test_fields_that_earlier_versions_lacked_are_stored_where_they_are_set() -> None:
     usual = RenderConfig()
     assert "exposure_drift" not in config_tree(usual)["randomization"]["image"]
+    assert not any("shake" in name for name in config_tree(usual)["randomization"]["camera"])
     assert "flow" not in config_tree(usual)
-    image = replace(usual.randomization.image, exposure_drift=(0.0, 1.0))
-    changed = replace(usual, flow="none", randomization=replace(usual.randomization, image=image))
+    ranges = usual.randomization
+    changed = replace(usual, flow="none", randomization=replace(
+        ranges, image=replace(ranges.image, exposure_drift=(0.0, 1.0)),
+        camera=replace(ranges.camera, shake_turn=(0.1, 0.2))))
     tree = config_tree(changed)
     assert tree["randomization"]["image"]["exposure_drift"] == [0.0, 1.0]
+    assert tree["randomization"]["camera"]["shake_turn"] == [0.1, 0.2]
     assert tree["flow"] == "none"
     assert parse_config(tree, "") == replace(changed, twin_of=tree["twin_of"])
 
