@@ -93,8 +93,9 @@ def track_paths(
     k_inverse = np.linalg.inv(first.intrinsics)
     cam = np.stack([u, v, np.ones(count)], axis=1) @ k_inverse.T * z[:, None]
     start = np.zeros_like(cam)
-    for t in np.unique(query):
-        start[query == t] = apply(images.cameras[t].world_from_cam, cam[query == t])
+    for camera in {id(camera): camera for camera in images.cameras}.values():
+        own = np.array([images.cameras[t] is camera for t in query], bool)
+        start[own] = apply(camera.world_from_cam, cam[own])
     world = _rigid_paths(start, part, query, world_from_part)
     if deforming is not None:
         posed, face = deforming

@@ -33,6 +33,9 @@ CONFIG = RenderConfig(
     robot="bar.urdf", frames=4, width=200, height=150, seed=2,
     randomization=replace(RandomizationConfig(), motion=MotionConfig(total=(20, 40), max_step=14)))
 
+HELD = replace(CONFIG.randomization, camera=replace(
+    CONFIG.randomization.camera, shake_turn=(0.5, 0.5), shake_shift=(0.01, 0.01)))
+
 
 @contextmanager
 def renderer(model: ArticulatedModel, monkeypatch: pytest.MonkeyPatch, **changes: object
@@ -103,14 +106,16 @@ def test_weights_give_the_point_back_on_the_triangle_and_stay_inside_it() -> Non
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("animated", [False, True])
+@pytest.mark.parametrize(("animated", "shaken"), [(False, False), (True, False), (False, True)])
 def test_flow_is_that_of_the_projected_vertices(
-    animated: bool, monkeypatch: pytest.MonkeyPatch
+    animated: bool, shaken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Corners from the closed form, cut with pixel centres in the image: an independent truth."""
     bar = bent_bar.bar((bent_bar.Swing(),) if animated else ())
-    with renderer(bar, monkeypatch) as opened:
+    with renderer(bar, monkeypatch, randomization=HELD if shaken else CONFIG.randomization
+                  ) as opened:
         s = whole(opened)
+    assert (np.ptp(s.state.cam_from_world, axis=0).max() > 1e-3) == shaken
     straight, faces, _ = bent_bar.grid()
     angle = angles(s)
     worst = []
