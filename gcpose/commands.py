@@ -54,7 +54,8 @@ def estimate(
     seen = read_frames(video, frames, start, end)
     observation = observe_video(seen, fov, axes, base)
     if not quiet:
-        if motion := find_camera_motion(seen.rgb, ImageSettings()):
+        if motion := find_camera_motion(seen.rgb, observation.intrinsics,
+                                           ImageSettings()):
             say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. The images are "
                 f"aligned, and the background is up to {motion.error:.1f} px off; a camera on a "
                 "stand gives smaller errors")

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from ...errors import MethodError
 from ...robots.geometry import Array
-from ..numerics import Image, thread_map
+from ..numerics import thread_map
 from .camera_noise import many_pixels_change
+from .features import FeatureTracks, even_tone, follow_features, lucas_kanade
+from .parallax import find_parallax
 from .settings import ImageSettings
 
 _FEATURES, _QUALITY, _SPACING = 1500, 0.002, 6  # of Shi and Tomasi; px
@@ -20,21 +22,40 @@ _BLUR = 1.0  # px
 _MIN_FEATURES = 50  # in frame 0
 _MIN_FOLLOWED = 20  # in another frame
 _TOO_MUCH = "the camera moves too much; put it on a stand, or take fewer seconds"
-_CONTRAST = 45.0  # standard deviation, grey levels
 _CONSENSUS = 1.5  # px from the homography
+_WINDOW, _LEVELS = 15, 4  # px; levels of the image pyramid
 
 
 @dataclass(frozen=True)
 class CameraMotion:
-    """How the background of T frames moves."""
+    """How what stands still moves in the images of T frames."""
 
-    homography: Array
-    """[T 3 3] from pixels of frame 0 to those of each frame"""
+    far: Array
+    """[T 3 3] homographies from pixels of frame 0 to those of each frame, of what is infinitely far
+    away; of most of the background, if no parallax is seen"""
+    parallax: Array
+    """[T 3] what one unit of inverse depth adds to the last columns of `far`"""
+    place: Array
+    """[N 2] features of frame 0 that stand still, px"""
+    inverse_depth: Array
+    """[N] of these, in a unit of its own"""
     shift: float
     """Largest motion of a corner of the image, px"""
     error: float
-    """Distance from where the homography takes it within which 90 % of the background is found in
-    each frame, px"""
+    """Distance from its place within which 90 % of what stands still is found in each frame, px"""
+    explained: int | None = None
+    """Number of features whose parallax one feature explains; None if there is no parallax"""
+
+    def is_sure(self, settings: ImageSettings) -> bool:
+        """Return whether the motion is known well."""
+        few = self.explained is not None and self.explained < settings.sure_parallax
+        return self.error <= settings.sure_background_error and not few
+
+    def homography(self, inverse_depth: float) -> Array:
+        """Return the homographies [T 3 3] of a plane that is parallel to the image of frame 0."""
+        out = self.far.copy()
+        out[..., 2] += inverse_depth * self.parallax
+        return out / out[:, 2:, 2:]
 
 
 @dataclass(frozen=True)
@@ -55,73 +76,73 @@ class _Tracks:
 
 
 def find_camera_motion(
-    rgb: NDArray[np.uint8], settings: ImageSettings
+    rgb: NDArray[np.uint8], intrinsics: Array, settings: ImageSettings
 ) -> CameraMotion | None:
     """Return how the camera of images [T H W 3] moves; None where it stands still in most frames,
     or where too few features show it.
 
     Features of frame 0 (Shi and Tomasi, 1994) are followed to each frame by Lucas and Kanade's
-    method. The homography is that of most of them (MAGSAC++: Barath et al., 2020): the motion of a
-    background that is far away, or of one plane.
+    method. A homography takes most of them along (MAGSAC++: Barath et al., 2020). The parallax of
+    the others tells how the camera turns and moves.
 
     Raises:
-        MethodError: If the camera moves too much, or its background not as one plane.
+        MethodError: If the camera moves too much.
     """
     s = settings
     if not many_pixels_change(rgb, s):
         return None
-    tracks = _follow_features(rgb)
+    tracks = _follow_strong_features(rgb)
     if not tracks:
         return None
-    still = [np.sum(t.distances(np.eye(3)) < s.still_distance) / max(1, len(t.start))
+    stays = [np.sum(t.distances(np.eye(3)) < s.still_distance) / max(1, len(t.start))
              for t in tracks]
-    if np.median(still) >= s.still_share:
+    if np.median(stays) >= s.still_share:
         return None
     if min(len(t.start) for t in tracks) < _MIN_FOLLOWED:
         raise MethodError(_TOO_MUCH)
     homography = np.stack([np.eye(3), *map(_homography, tracks)])
     shift = _largest_shift(homography, *rgb.shape[1:3])
-    apart = [t.distances(h) for t, h in zip(tracks, homography[1:], strict=True)]
-    near = [d[d < s.max_background_error] for d in apart]
-    share = min(len(n) / len(d) for n, d in zip(near, apart, strict=True))
-    if share < s.background_share or shift > s.max_camera_shift * max(rgb.shape[1:3]):
+    if shift > s.max_camera_shift * max(rgb.shape[1:3]):
         raise MethodError(_TOO_MUCH)
-    return CameraMotion(homography, shift, max(float(np.quantile(n, 0.9)) for n in near))
+    features = follow_features(rgb, homography)
+    parallax = find_parallax(features, homography[1:], intrinsics)
+    distance = _distances(features, homography) if parallax is None else parallax.distance
+    near = distance < s.max_background_error
+    count = features.found.sum(axis=1)
+    still = (near.sum(axis=0) > features.found.sum(axis=0) / 2 if parallax is None
+             else parallax.still)
+    if not still.any() or np.any(near.sum(axis=1) < np.maximum(1, s.background_share * count)):
+        raise MethodError(_TOO_MUCH)
+    if parallax is None:
+        return CameraMotion(homography, np.zeros((len(rgb), 3)), features.start[still],
+                            np.zeros(int(still.sum())), shift, _error(distance[:, still]))
+    far = intrinsics @ parallax.rotation @ np.linalg.inv(intrinsics)
+    step = parallax.translation @ intrinsics.T
+    return CameraMotion(np.concatenate([np.eye(3)[None], far]),
+                        np.concatenate([np.zeros((1, 3)), step]), features.start[still],
+                        parallax.inverse_depth[still], shift, _error(distance[:, still]),
+                        parallax.explained)
 
 
-def align_frames(
-    rgb: NDArray[np.uint8], motion: CameraMotion, settings: ImageSettings
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return images [T H W 3] as the camera of frame 0 would show them, and the pixels [H W] that
-    all of them show. The others have the colors of frame 0."""
-    height, width = rgb.shape[1:3]
-    seen = np.full((height, width), 255, np.uint8)
-    out, shown = rgb.copy(), seen.copy()
-    for image, h in zip(out[1:], motion.homography[1:], strict=True):
-        moved = cv2.warpPerspective(image, h, (width, height),
-                                    flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
-        inside = cv2.warpPerspective(seen, h, (width, height),
-                                     flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-        image[...] = np.where(inside[..., None] > 0, moved, rgb[0])
-        shown &= inside
-    margin = 2 * settings.aligned_margin + 1
-    inner = cv2.erode(shown, np.ones((margin, margin), np.uint8),
-                      borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    return out, np.asarray(inner > 0)
+def _distances(features: FeatureTracks, homography: Array) -> Array:
+    """Distances [T-1 N] of features from where homographies [T 3 3] take them, px; NaN where one is
+    not found."""
+    moved = np.stack([cv2.perspectiveTransform(features.start[:, None], h)[:, 0]
+                      for h in homography[1:]])
+    distance = np.linalg.norm(features.end - moved, axis=2)
+    return np.where(features.found, distance, np.nan)
 
 
-def move_labels_back(labels: NDArray[np.uint8], motion: CameraMotion) -> NDArray[np.uint8]:
-    """Return labels [T H W] of aligned frames at the pixels of the frames before alignment."""
-    size = labels.shape[2], labels.shape[1]
-    return np.stack([
-        np.asarray(cv2.warpPerspective(part, h, size, flags=cv2.INTER_NEAREST), np.uint8)
-        for part, h in zip(labels, motion.homography, strict=True)])
+def _error(distance: Array) -> float:
+    """Return the largest of the 90 % quantiles of distances [T-1 N], px; NaN are not found."""
+    return max((float(np.quantile(d[np.isfinite(d)], 0.9)) for d in distance
+                if np.isfinite(d).any()), default=np.inf)
 
 
-def _follow_features(rgb: NDArray[np.uint8]) -> list[_Tracks]:
-    """Features of frame 0 that are found in each other frame, and found back from there; none if
-    frame 0 has too few."""
-    gray = [_even_tone(image) for image in rgb]
+def _follow_strong_features(rgb: NDArray[np.uint8]) -> list[_Tracks]:
+    """The strongest features of frame 0 that are found in each other frame, and found back from
+    there; none if frame 0 has too few."""
+    gray = [even_tone(image) for image in rgb]
     smooth = cv2.GaussianBlur(gray[0], (0, 0), _BLUR)
     found: Any = cv2.goodFeaturesToTrack(smooth, _FEATURES, _QUALITY, _SPACING)
     if found is None or len(found) < _MIN_FEATURES:
@@ -129,29 +150,13 @@ def _follow_features(rgb: NDArray[np.uint8]) -> list[_Tracks]:
     start = np.asarray(found, np.float32)
 
     def follow(image: NDArray[np.uint8]) -> _Tracks:
-        end, there = _lucas_kanade(gray[0], image, start)
-        again, back = _lucas_kanade(image, gray[0], end)
+        end, there = lucas_kanade(gray[0], image, start, _WINDOW, _LEVELS)
+        again, back = lucas_kanade(image, gray[0], end, _WINDOW, _LEVELS)
         close = np.linalg.norm(again - start, axis=2) < 0.5
         good = (there > 0) & (back > 0) & close
         return _Tracks(*(points[good].astype(np.float64) for points in (start, end)))
 
     return thread_map(follow, gray[1:])
-
-
-def _lucas_kanade(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], points: Image
-) -> tuple[Image, NDArray[np.uint8]]:
-    """Places [N 1 2] of points of an image in another one, and 1 for each that is found [N 1]."""
-    at, found, _ = cv2.calcOpticalFlowPyrLK(first, second, points, points.copy(), winSize=(15, 15),
-                                            maxLevel=4, criteria=(3, 30, 0.005))
-    return np.asarray(at, np.float32), np.asarray(found, np.uint8)
-
-
-def _even_tone(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Brightness of an image [H W 3], of the usual mean and contrast: the exposure may change."""
-    gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.float32)
-    even = 128 + _CONTRAST / max(1.0, float(gray.std())) * (gray - gray.mean())
-    return even.clip(0, 255).astype(np.uint8)
 
 
 def _largest_shift(homography: Array, height: int, width: int) -> float:

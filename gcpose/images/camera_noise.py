@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -30,55 +28,26 @@ def remove_camera_noise(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDAr
     if noise == 0:
         return rgb
 
-    def change(image: NDArray[np.uint8]) -> Image:
-        return np.asarray(np.abs(blur_image(image, settings) - smooth).max(axis=2))
-
-    return _keep_what_moves(rgb, median, change, noise, settings.min_strong, settings)
-
-
-def remove_misalignment(
-    rgb: NDArray[np.uint8], shown: NDArray[np.bool_], error: float, settings: ImageSettings
-) -> NDArray[np.uint8]:
-    """Return aligned images [T H W 3] in which what does not move does not change.
-
-    As `remove_camera_noise`, but a color is still if the median has it within `error` px, because
-    edges are not in the same place in all frames. Pixels that not all frames show (`shown` [H W])
-    are still.
-    """
-    s = settings
-    some, median = median_image(rgb, s)
-    smooth = blur_image(median, s)
-    window = np.ones((2 * max(1, round(error)) + 1,) * 2, np.uint8)
-    low, high = cv2.erode(smooth, window), cv2.dilate(smooth, window)
-
-    def change(image: NDArray[np.uint8]) -> Image:
-        blurred = blur_image(image, s)
-        return np.asarray(shown * np.maximum(blurred - high, low - blurred).max(axis=2))
-
-    largest = np.max([change(image)[::_STRIDE, ::_STRIDE] for image in some], axis=0)
-    noise = float(np.clip(np.median(largest), s.min_noise_aligned, s.max_noise))
-    return _keep_what_moves(rgb, median, change, noise, s.min_strong_aligned, s)
-
-
-def _keep_what_moves(
-    rgb: NDArray[np.uint8], median: NDArray[np.uint8],
-    change: Callable[[NDArray[np.uint8]], Image], noise: float, least: int,
-    settings: ImageSettings,
-) -> NDArray[np.uint8]:
-    """Return images [T H W 3] with the median [H W 3] where no region moves: one in which at least
-    so many pixels change strongly."""
-    s = settings
-    weak, strong = (fixed + growth * noise for fixed, growth in (s.weak_change, s.strong_change))
     out = rgb.copy()
     for image in out:
-        changed = change(image)
-        count, found = cv2.connectedComponents((changed > weak).astype(np.uint8))
-        region = np.asarray(found, np.int64)
-        moves = np.bincount(region[changed > strong], minlength=count) >= least
-        moves[0] = False
-        still = ~moves[region]
+        change = np.asarray(np.abs(blur_image(image, settings) - smooth).max(axis=2))
+        still = ~moving_regions(change, noise, settings.min_strong, settings)
         image[still] = median[still]
     return out
+
+
+def moving_regions(
+    change: Image, noise: float, least: int, settings: ImageSettings
+) -> NDArray[np.bool_]:
+    """Return the pixels [H W] of regions that change by more than noise does, grey levels, and of
+    which at least so many pixels change strongly."""
+    s = settings
+    weak, strong = (fixed + growth * noise for fixed, growth in (s.weak_change, s.strong_change))
+    count, found = cv2.connectedComponents((change > weak).astype(np.uint8))
+    region = np.asarray(found, np.int64)
+    moves = np.bincount(region[change > strong], minlength=count) >= least
+    moves[0] = False
+    return np.asarray(moves[region])
 
 
 def many_pixels_change(rgb: NDArray[np.uint8], settings: ImageSettings) -> bool:

@@ -22,15 +22,28 @@ _OFFSETS = np.arange(-_MAX_OFFSET, _MAX_OFFSET + _OFFSET_STEP / 2, _OFFSET_STEP)
 
 
 def equalize_exposure(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.uint8]:
-    """Return images [T H W 3] of a still camera with one exposure.
+    """Return images [T H W 3] of a still camera with one exposure; a video of constant exposure
+    stays as it is."""
+    table = find_tones(rgb, settings)
+    return rgb if table is None else apply_tones(rgb, table)
+
+
+def apply_tones(rgb: NDArray[np.uint8], table: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return images [T H W 3] with other grey levels: `table` [T 256 3] tells them."""
+    return np.stack([np.asarray(cv2.LUT(np.ascontiguousarray(image), t[None]), np.uint8)
+                     for image, t in zip(rgb, table, strict=True)])
+
+
+def find_tones(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArray[np.uint8] | None:
+    """Return the levels [T 256 3] that give images [T H W 3] of a still camera one exposure; None
+    if it is constant.
 
     Each channel of each frame gets the tone curve (Mann and Picard, "Being undigital with digital
     cameras", 1995) with which most of its pixels become those of the median over time. Then all
-    are brightened until what is cut off in any frame is white in each. A video of constant exposure
-    stays as it is.
+    are brightened until what is cut off in any frame is white in each.
     """
     if not many_pixels_change(rgb, settings):
-        return rgb
+        return None
     _, median = median_image(rgb, settings)
     usual, exposed = _levels(median, settings)
 
@@ -45,11 +58,9 @@ def equalize_exposure(rgb: NDArray[np.uint8], settings: ImageSettings) -> NDArra
     present = np.stack([np.bincount(median[..., c].ravel(), minlength=256) for c in range(3)], 1)
     change = (np.abs(tone - _LEVELS[:, None]) * present).sum(axis=1) / present.sum(axis=0)
     if change.max() < settings.min_exposure_change:
-        return rgb
+        return None
     white = tone[:, _EXPOSED[1]].min(axis=0).clip(_LEAST_WHITE, 255)
-    table = np.rint(255 * (tone / white).clip(0, 1)).astype(np.uint8)
-    return np.stack([np.asarray(cv2.LUT(np.ascontiguousarray(image), t[None]), np.uint8)
-                     for image, t in zip(rgb, table, strict=True)])
+    return np.rint(255 * (tone / white).clip(0, 1)).astype(np.uint8)
 
 
 def tone_curve(levels: Image, usual: Image, settings: ImageSettings) -> Array:

@@ -68,15 +68,26 @@ class ImageSettings:
     """Share of the features that are still, in the median of the frames, below which the camera
     moves."""
     max_background_error: Positive = 4.0
-    """Distance from where one plane would be up to which a feature is on the background, px."""
+    """Distance from its place up to which a feature stands still, px."""
     background_share: Share = 0.5  # Share of such features below which the camera moves too much.
     sure_background_error: Positive = 1.2
-    """Such a distance of nine tenths of the background above which no joint is reliable, px."""
+    """Distance from its place of nine tenths of what stands still above which no joint is reliable,
+    px."""
+    sure_parallax: Count = 20
+    """Features whose parallax must agree, if there is any, or no joint is reliable."""
     max_camera_shift: Share = 0.15
     """Motion of the background above which the camera moves too much, in sides of the image."""
     aligned_margin: Count = 6  # Distance from what a frame does not show where nothing moves, px.
+    level_step: Positive = 1.0  # Largest shift from one inverse depth to the next, px.
+    max_levels: Count = 10  # Inverse depths at which a pixel may stand still.
+    level_window: Positive = 15.0  # Side of the square in which one fits best, px.
+    level_rest: NonNegative = 3.0
+    """Grey levels by which a pixel changes more than at the best of them where others fit too."""
     min_noise_aligned: NonNegative = 2.0  # Least noise of aligned frames, grey levels.
     min_strong_aligned: Count = 100  # `min_strong` after frames are aligned: edges stay.
+    moving_gap: Count = 5  # Half of the gap that is closed between pixels that move, px.
+    slight_change: NonNegative = 1.0
+    """Change above which a pixel moves where something moves in any frame, grey levels."""
 
     # exposure of the camera
     exposure_knots: Count = 9  # Knots of a tone curve.

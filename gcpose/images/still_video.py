@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ...renderer.types import Estimate, Observation
-from .camera_motion import CameraMotion, align_frames, find_camera_motion, move_labels_back
-from .camera_noise import remove_misalignment
-from .exposure import equalize_exposure
+from ...robots.geometry import Array
+from .camera_motion import find_camera_motion
+from .exposure import apply_tones, equalize_exposure, find_tones
 from .settings import ImageSettings
+from .static_scene import show_still_scene
 
 
 @dataclass(frozen=True)
@@ -18,19 +21,23 @@ class StillVideo:
     """What a still camera of constant exposure would see."""
 
     observation: Observation
-    motion: CameraMotion | None
-    """Of the camera, which is taken out of the images"""
-    settings: ImageSettings
+    homography: Array | None = None
+    """[T 3 3] from its pixels to those of the images as they are, if the camera moves"""
+    sure: bool = True
+    """Whether the motion of the camera is known well"""
 
     def move_back(self, estimate: Estimate) -> Estimate:
-        """Return an estimate whose parts are at the pixels before alignment. No joint of it is
-        reliable if the background is not aligned well."""
-        if self.motion is None:
+        """Return an estimate whose parts are at the pixels of the images as they are. No joint of
+        it is reliable if the motion of the camera is not known well."""
+        if self.homography is None:
             return estimate
         part, reliable = estimate.part, estimate.reliable
         if part is not None:
-            part = move_labels_back(part, self.motion)
-        if reliable is not None and self.motion.error > self.settings.sure_background_error:
+            size = part.shape[2], part.shape[1]
+            part = np.stack([
+                np.asarray(cv2.warpPerspective(p, h, size, flags=cv2.INTER_NEAREST), np.uint8)
+                for p, h in zip(part, self.homography, strict=True)])
+        if reliable is not None and not self.sure:
             reliable = np.zeros_like(reliable)
         return replace(estimate, part=part, reliable=reliable)
 
@@ -47,12 +54,24 @@ def to_still_video(observation: Observation, settings: ImageSettings) -> StillVi
     rgb, truth = observation.rgb, (observation.depth, observation.flow, observation.mask,
                                    observation.part)
     if rgb is None:
-        return StillVideo(observation, None, settings)
-    motion = find_camera_motion(rgb, settings) if all(t is None for t in truth) else None
+        return StillVideo(observation)
+    motion = None
+    if all(t is None for t in truth):
+        motion = find_camera_motion(rgb, observation.intrinsics, settings)
     if motion is None:
-        return StillVideo(replace(observation, rgb=equalize_exposure(rgb, settings)), None,
-                          settings)
-    aligned, shown = align_frames(rgb, motion, settings)
-    even = equalize_exposure(aligned, settings)
-    still = remove_misalignment(even, np.asarray(shown), motion.error, settings)
-    return StillVideo(replace(observation, rgb=still), motion, settings)
+        return StillVideo(replace(observation, rgb=equalize_exposure(rgb, settings)))
+    inverse_depth = float(np.median(motion.inverse_depth))
+    tones = find_tones(_align_frames(rgb, motion.homography(inverse_depth)), settings)
+    even = rgb if tones is None else apply_tones(rgb, tones)
+    still, homography = show_still_scene(even, motion, settings)
+    return StillVideo(replace(observation, rgb=still), homography, motion.is_sure(settings))
+
+
+def _align_frames(rgb: NDArray[np.uint8], homography: Array) -> NDArray[np.uint8]:
+    """Return images [T H W 3] seen through homographies; what they do not show is as in frame 0."""
+    out = rgb.copy()
+    size = rgb.shape[2], rgb.shape[1]
+    for image, h in zip(out[1:], homography[1:], strict=True):
+        cv2.warpPerspective(image.copy(), h, size, dst=image, borderMode=cv2.BORDER_TRANSPARENT,
+                            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    return out

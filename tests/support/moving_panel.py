@@ -51,5 +51,35 @@ def with_shake(rgb: Video, largest: float = 8.0) -> tuple[Video, NDArray[np.floa
     return np.stack(images).astype(np.uint8), np.stack(moved)
 
 
+def before_a_near_board(steps: int = 12) -> tuple[Video, Masks, NDArray[np.float64]]:
+    """A panel that moves on a plain board before a wall far away, as a hand-held camera sees them;
+    where the panel is on the board of frame 0, and how the board [T 2] moves in the image, px."""
+    rng = np.random.default_rng(7)
+    wall, panel = texture(rng, 240, 320, 3.0), texture(rng, 40, 50, 2.0)
+    board = np.full((240, 320, 3), 150, np.uint8)
+    for u, v in rng.integers([70, 60], [240, 170], (30, 2)):  # what is written on it
+        cv2.putText(board, "aR4"[(u + v) % 3], (int(u), int(v)), cv2.FONT_HERSHEY_SIMPLEX, 0.5,
+                    (40,) * 3)
+    time = np.linspace(0, 6, steps)[:, None]
+    turn, off = 4 * np.sin(time * [1.0, 1.7]), 5 * np.sin(time * [2.1, 1.3])
+    rgb, true = np.empty((steps, 240, 320, 3), np.uint8), np.zeros((steps, 240, 320), bool)
+    for t in range(steps):
+        near, shape = board.copy(), np.zeros((240, 320), np.uint8)
+        place = np.s_[130 : 170, 80 + 8 * t : 130 + 8 * t]
+        near[place], true[t][place], shape[50:190, 60:260] = panel, True, 255
+        far, (near, shape) = _shift(wall, turn[t]), (_shift(i, turn[t] + off[t])
+                                                     for i in (near, shape))
+        rgb[t] = np.where(shape[..., None] > 127, near, far)
+    return rgb, true, turn + off
+
+
+def _shift(image: NDArray[np.uint8], by: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return an image that moves by (u, v), px."""
+    size = image.shape[1], image.shape[0]
+    return np.asarray(cv2.warpAffine(image, np.array([[1, 0, by[0]], [0, 1, by[1]]]), size,
+                                     flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT),
+                      np.uint8)
+
+
 def overlap(found: Masks, true: Masks) -> float:
     return float((found & true).sum() / (found | true).sum())
