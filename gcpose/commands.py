@@ -56,9 +56,9 @@ def estimate(
     if not quiet:
         if motion := find_camera_motion(seen.rgb, observation.intrinsics,
                                            ImageSettings()):
-            say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. The images are "
-                f"aligned, and the background is up to {motion.error:.1f} px off; a camera on a "
-                "stand gives smaller errors")
+            say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. Its motion is "
+                f"taken out, to within {motion.error:.1f} px; a camera on a stand gives smaller "
+                "errors")
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
             "minute for an arm")
     found = GCPose().estimate(observation)
