@@ -17,6 +17,8 @@ from .features import FeatureTracks
 _MOVES = 4.0  # Distance from the homography in a frame at which a feature may start the search.
 _SEEDS = 100
 _SEED_FRAMES, _SHARED_FRAMES = 0.4, 0.25  # Shares of the frames.
+_STEADY = 0.95  # Above it, a path never turns back.
+_MOVING_GROUPS = 4
 _LIMIT = 9.0  # Squared distance beyond which all cost the same.
 _UNEXPLAINED, _EXPLAINED = 4.0, 2.0  # Mean squared distances before and after a seed explains it.
 _ALONG = 0.2  # Share of a distance that may differ: the camera also moves along its axis.
@@ -77,7 +79,7 @@ def find_parallax(
     off = tracks.end - np.stack([cv2.perspectiveTransform(tracks.start[:, None], h)[:, 0]
                                  for h in homography])
     scaled = np.where(tracks.found[..., None], off / tracks.deviation[:, None], 0.0)
-    seed = _best_seed(scaled, tracks.found)
+    seed = _find_seed(scaled, tracks.found)
     if seed is None:
         return None
     first, factor, explained = seed
@@ -107,14 +109,46 @@ def _rays(intrinsics: Array, at: Array) -> Array:
     return np.asarray(np.concatenate([at, ones], axis=-1) @ np.linalg.inv(intrinsics).T)
 
 
-def _best_seed(off: Array, found: NDArray[np.bool_]) -> tuple[int, Array, int] | None:
+def _find_seed(off: Array, found: NDArray[np.bool_]) -> tuple[int, Array, int] | None:
     """Return the feature that explains the distances `off` [T N 2] of most others from the
-    homographies, their factors [N], and how many it explains; None if none explains several."""
+    homographies, their factors [N], and how many it explains; None if none explains several.
+
+    Features that an object takes along are in proportion as well. But a joint moves in one
+    direction, and a hand turns back: so groups that move steadily are left out.
+    """
+    found = found.copy()
+    for _ in range(_MOVING_GROUPS):
+        seed = _best_seed(off * found[..., None], found)
+        if seed is None:
+            return None
+        first, factor, explained = seed
+        weight = factor * (explained | (np.arange(len(factor)) == first))
+        if _steadiness((weight[:, None] * off * found[..., None]).sum(axis=1),
+                       (weight**2 * found).sum(axis=1)) < _STEADY:
+            return first, factor, int(explained.sum())
+        found[:, weight != 0] = False
+    return None
+
+
+def _steadiness(moved: Array, weight: Array) -> float:
+    """Return how far the end of a path is from its start, along its principal direction and by its
+    length: 1 if it never turns back. `moved` [T 2] are its places times `weight` [T]."""
+    path = np.concatenate([np.zeros((1, 2)), moved[weight > 0] / weight[weight > 0, None]])
+    along = path @ np.linalg.svd(path, full_matrices=False)[2][0]
+    return float(np.abs(along[-1]) / np.abs(np.diff(along)).sum())
+
+
+def _best_seed(
+    off: Array, found: NDArray[np.bool_]
+) -> tuple[int, Array, NDArray[np.bool_]] | None:
+    """Return the feature that explains most, the factors [N] of the others, and which it
+    explains."""
     frames = len(off)
     before = truncated_cost((off**2).sum(axis=2), _LIMIT)
     moves = np.sqrt((off**2).sum(axis=2)).max(axis=0, initial=0.0) > _MOVES
-    seeds = np.nonzero(moves & (found.sum(axis=0) >= _SEED_FRAMES * frames))[0]
-    best: tuple[int, Array, int] | None = None
+    often = found.sum(axis=0) >= _SEED_FRAMES * frames
+    seeds = np.nonzero(moves & often)[0]
+    best: tuple[int, Array, NDArray[np.bool_]] | None = None
     most = 0.0
     for i in seeds[np.linspace(0, len(seeds) - 1, min(_SEEDS, len(seeds))).astype(int)]:
         shared = found & found[:, i, None]
@@ -131,7 +165,7 @@ def _best_seed(off: Array, found: NDArray[np.bool_]) -> tuple[int, Array, int] |
         explained[i] = False
         gain = float(((old - new) * explained).sum())
         if explained.sum() >= _MIN_FEATURES and gain > most:
-            most, best = gain, (int(i), factor, int(explained.sum()))
+            most, best = gain, (int(i), factor, explained)
     return best
 
 

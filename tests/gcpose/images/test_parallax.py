@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from gcbench.gcpose.images.features import FeatureTracks, follow_features
@@ -52,6 +54,15 @@ def test_there_is_no_parallax_where_all_is_far_away() -> None:
     features, turn, _ = tracks(moving=0, far=200, near=0)
     far = INTRINSICS @ turn @ np.linalg.inv(INTRINSICS)
     assert find_parallax(features, far, INTRINSICS) is None
+
+
+def test_what_moves_steadily_is_no_parallax() -> None:
+    features, turn, _ = tracks(moving=0, far=200, near=0)
+    end = features.end.copy()
+    radius = np.linspace(5, 20, 40)[:, None]
+    end[:, :40] += np.linspace(0, 1, 12)[:, None, None] * radius * [0.8, 0.6]
+    far = INTRINSICS @ turn @ np.linalg.inv(INTRINSICS)
+    assert find_parallax(replace(features, end=end), far, INTRINSICS) is None
 
 
 def test_a_feature_is_followed_only_where_its_motion_is_seen() -> None:
