@@ -54,8 +54,7 @@ def estimate(
     seen = read_frames(video, frames, start, end)
     observation = observe_video(seen, fov, axes, base)
     if not quiet:
-        if motion := find_camera_motion(seen.rgb, observation.intrinsics,
-                                           ImageSettings()):
+        if motion := find_camera_motion(seen.rgb, observation.intrinsics, ImageSettings()):
             say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. Its motion is "
                 f"taken out, to within {motion.error:.1f} px; a camera on a stand gives smaller "
                 "errors")

@@ -13,7 +13,7 @@ from ...errors import MethodError
 from ...robots.geometry import Array
 from ..numerics import thread_map
 from .camera_noise import many_pixels_change
-from .features import FeatureTracks, even_tone, follow_features, lucas_kanade
+from .features import even_tone, follow_features, lucas_kanade
 from .parallax import find_parallax
 from .settings import ImageSettings
 
@@ -106,7 +106,8 @@ def find_camera_motion(
         raise MethodError(_TOO_MUCH)
     features = follow_features(rgb, homography)
     parallax = find_parallax(features, homography[1:], intrinsics)
-    distance = _distances(features, homography) if parallax is None else parallax.distance
+    distance = parallax.distance if parallax else np.where(
+        features.found, np.linalg.norm(features.offsets(homography[1:]), axis=2), np.nan)
     near = distance < s.max_background_error
     count = features.found.sum(axis=1)
     still = (near.sum(axis=0) > features.found.sum(axis=0) / 2 if parallax is None
@@ -122,15 +123,6 @@ def find_camera_motion(
                         np.concatenate([np.zeros((1, 3)), step]), features.start[still],
                         parallax.inverse_depth[still], shift, _error(distance[:, still]),
                         parallax.explained)
-
-
-def _distances(features: FeatureTracks, homography: Array) -> Array:
-    """Distances [T-1 N] of features from where homographies [T 3 3] take them, px; NaN where one is
-    not found."""
-    moved = np.stack([cv2.perspectiveTransform(features.start[:, None], h)[:, 0]
-                      for h in homography[1:]])
-    distance = np.linalg.norm(features.end - moved, axis=2)
-    return np.where(features.found, distance, np.nan)
 
 
 def _error(distance: Array) -> float:

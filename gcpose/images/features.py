@@ -22,8 +22,8 @@ _PATCH = 13  # px
 _LIKENESS = 0.85  # least correlation of patches
 _RETURN = 0.3  # px
 _CLEAR, _CLEARER, _UNLIKE = 0.7, 2.0, 0.02
-"""A motion of more px than the first is clear if the patch is so many times as unlike where it
-would be without it, and by so much more."""
+"""A motion of more than the first, px, is seen if the difference of the patches, one minus their
+correlation, is larger without it: by the factor and by the sum."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,11 @@ class FeatureTracks:
     """[T-1 N] whether a feature is found in a frame"""
     deviation: Array
     """[N] of a place, px: the weaker the texture, the larger"""
+
+    def offsets(self, homography: Array) -> Array:
+        """Return how far [T-1 N 2] features are from where homographies [T-1 3 3] take them, px."""
+        return self.end - np.stack([cv2.perspectiveTransform(self.start[:, None], h)[:, 0]
+                                    for h in homography])
 
 
 def even_tone(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -62,8 +67,8 @@ def follow_features(rgb: NDArray[np.uint8], homography: Array) -> FeatureTracks:
 
     Homographies [T 3 3] say about where they go: so a small window suffices. A feature is not found
     in a frame if it does not return to its place from there, if its patch differs, or if its patch
-    is nearly as like where the homography takes it, a pixel or more away: along an edge, and on
-    weak texture, a motion is not seen.
+    fits nearly as well where the homography takes it: along an edge, and on weak texture, a motion
+    is not seen.
     """
     gray = [even_tone(image) for image in rgb]
     start, quality = _find_features(gray[0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -76,8 +75,7 @@ def find_parallax(
     rotations, translations and inverse depths.
     """
     focal = intrinsics[0, 0]
-    off = tracks.end - np.stack([cv2.perspectiveTransform(tracks.start[:, None], h)[:, 0]
-                                 for h in homography])
+    off = tracks.offsets(homography)
     scaled = np.where(tracks.found[..., None], off / tracks.deviation[:, None], 0.0)
     seed = _find_seed(scaled, tracks.found)
     if seed is None:

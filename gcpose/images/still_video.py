@@ -13,7 +13,7 @@ from ...robots.geometry import Array
 from .camera_motion import find_camera_motion
 from .exposure import apply_tones, equalize_exposure, find_tones
 from .settings import ImageSettings
-from .static_scene import show_still_scene
+from .still_scene import show_still_scene
 
 
 @dataclass(frozen=True)

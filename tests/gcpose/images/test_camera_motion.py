@@ -12,7 +12,7 @@ from gcbench.gcpose.images import to_still_video
 from gcbench.gcpose.images.camera_motion import CameraMotion, find_camera_motion
 from gcbench.gcpose.images.foreground import find_foreground
 from gcbench.gcpose.images.settings import ImageSettings
-from gcbench.gcpose.images.static_scene import show_still_scene
+from gcbench.gcpose.images.still_scene import show_still_scene
 from gcbench.gcpose.method import GCPose
 from gcbench.renderer.types import Estimate, Observation
 
