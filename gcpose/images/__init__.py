@@ -32,7 +32,7 @@ from .regions import Candidates, geodesic_rank, smooth_costs
 from .settings import ImageSettings
 from .still_camera import FrontEnd, VideoEvidence, video_evidence
 from .still_video import to_still_video
-from .straight_edges import moving_edges
+from .straight_edges import moving_edges, still_edges
 from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 
 __all__ = [
@@ -41,6 +41,6 @@ __all__ = [
     "Square", "Surfaces", "VideoEvidence", "WeightReader", "changing_square", "color_and_change",
     "cut_square", "dis_flow", "find_camera_motion", "find_depth", "find_flow", "find_foreground",
     "find_patches", "fine_dis_flow", "for_cuts_of", "geodesic_rank", "moving_edges", "row_suffix",
-    "smooth_costs", "subtract_background", "surfaces_from_depth", "surfaces_from_noisy_depth",
-    "to_still_video", "training_of", "video_evidence",
+    "smooth_costs", "still_edges", "subtract_background", "surfaces_from_depth",
+    "surfaces_from_noisy_depth", "to_still_video", "training_of", "video_evidence",
 ]

@@ -1,4 +1,4 @@
-"""Straight edges in the images of what moves."""
+"""Straight edges in the images of a still camera: of what moves, and of what does not."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..numerics import Image, thread_map
 from .settings import ImageSettings
 
 _SAMPLES = 9  # places along an edge that are looked up
+_STILL_FRAMES = 4  # in which still edges are searched
 
 
 def moving_edges(
@@ -26,7 +27,7 @@ def moving_edges(
     """
     s = settings
     found = thread_map(_find_edges, gray)
-    least = s.min_edge_length * float(np.sqrt(np.median(moving.sum(axis=(1, 2)))))
+    least = _least_length(moving, s)
     found = [ends[_lengths(ends) > s.still_edge_overlap * least] for ends in found]
     out: list[Array] = []
     for t, ends in enumerate(found):
@@ -41,11 +42,32 @@ def moving_edges(
     return out
 
 
+def still_edges(gray: Image, moving: NDArray[np.bool_], settings: ImageSettings) -> Array:
+    """Return the straight edges that do not move, by the brightness [T h w] of T frames: the ends
+    [N 2 2] of those of a few frames that are seen at the same place in most of these, px. Edges
+    that are short by what moves [T h w] are left out."""
+    s = settings
+    looked_at = np.unique(np.linspace(0, len(gray) - 1, _STILL_FRAMES).astype(np.int64))
+    found, least = thread_map(_find_edges, gray[looked_at]), _least_length(moving, s)
+    out: list[Array] = []
+    for k, ends in enumerate(found):
+        mine = ends[_lengths(ends) > least]
+        others = [other for i, other in enumerate(found) if i != k]
+        seen = np.sum([_is_among(mine, other, s) for other in others], axis=0)
+        out.append(mine[seen > len(others) / 2])
+    return np.concatenate(out)
+
+
 def _find_edges(gray: Image) -> Array:
     """Ends [N 2 2] of all straight edges in an image [h w], px."""
     image = gray.astype(np.uint8)
     found: Any = cv2.createLineSegmentDetector(cv2.LSD_REFINE_ADV).detect(image)[0]
     return np.asarray([] if found is None else found, np.float64).reshape(-1, 2, 2)
+
+
+def _least_length(moving: NDArray[np.bool_], settings: ImageSettings) -> float:
+    """Length below which edges are left out, by what moves [T h w], px."""
+    return settings.min_edge_length * float(np.sqrt(np.median(moving.sum(axis=(1, 2)))))
 
 
 def _lengths(ends: Array) -> Array:

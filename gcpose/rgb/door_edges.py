@@ -15,12 +15,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array, pinhole
-from ..images import VideoEvidence, moving_edges
+from ..images import VideoEvidence, moving_edges, still_edges
 from ..numerics import geman_mcclure_cost
 from .settings import RgbSettings
 
 _ITERATIONS = 10
 _TRIED_TILTS = np.arange(180) * np.pi / 180
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePlanes:
+    """The planes that the camera spans with N straight edges in T frames, in their order."""
+
+    frames: int
+    """T"""
+    frame: NDArray[np.int64]
+    """[N]"""
+    normal: Array
+    """[N 3] unit vectors"""
+    change: Array
+    """[N 2 3] of the normal, where one of the ends is moved by a standard deviation"""
+    length: Array
+    """[N] px"""
+
+    @classmethod
+    def of_ends(
+        cls, ends: list[Array], intrinsics: Array, settings: RgbSettings
+    ) -> EdgePlanes:
+        """Return the planes of edges by their ends [N 2 2] in each of T frames, px."""
+        end = np.concatenate(ends)
+        ray = pinhole.pixel_rays(intrinsics, end.reshape(-1, 2)).reshape(-1, 2, 3)
+        along = end[:, 1] - end[:, 0]
+        length = np.linalg.norm(along, axis=1)
+        across = along[:, ::-1] * [-1, 1] / float(intrinsics[0, 0]) / length[:, None]
+        moved = np.pad(across, ((0, 0), (0, 1)))  # an end that is 1 px away
+        normal = np.cross(ray[:, 0], ray[:, 1])
+        change = np.stack([np.cross(moved, ray[:, 1]), np.cross(ray[:, 0], moved)], axis=1)
+        size = np.linalg.norm(normal, axis=1)
+        frame = np.repeat(np.arange(len(ends)), [len(each) for each in ends])
+        return cls(len(ends), frame, normal / size[:, None],
+                   settings.edge_end_sigma * change / size[:, None, None], length)
+
+    def some(self, which: NDArray[np.bool_]) -> EdgePlanes:
+        """Return those of the planes [N] that are asked for."""
+        return EdgePlanes(self.frames, self.frame[which], self.normal[which], self.change[which],
+                          self.length[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,59 +142,72 @@ class DoorEdges:
         count = int(np.searchsorted(self.frame, len(turn)))
         at, sigma = self.frame[:count], self.sigma[:count]
         tilt = self.tilt[:count] - turn[at]
+        return _wrap(tilt - self.first_tilt(turn, scale)), at, sigma
+
+    def first_tilt(self, turn: Array, scale: float) -> float:
+        """Return the tilt in frame 0, modulo pi, that fits most of the edges in the first T frames
+        of a door with turns [T]; 0 where there are none. The robust scale is in standard
+        deviations."""
+        count = int(np.searchsorted(self.frame, len(turn)))
         if not count:
-            return tilt, at, sigma
+            return 0.0
+        sigma, tilt = self.sigma[:count], self.tilt[:count] - turn[self.frame[:count]]
         wide = scale * sigma
         missed = geman_mcclure_cost((_wrap(tilt - _TRIED_TILTS[:, None]) / wide) ** 2)
         first = _TRIED_TILTS[(missed / sigma).sum(axis=1).argmin()]
         for _ in range(_ITERATIONS):
             above = _wrap(tilt - first)
             first += np.average(above, weights=(sigma * (1 + (above / wide) ** 2)) ** -2)
-        return _wrap(tilt - first), at, sigma
+        return float(first)
 
 
-def see_edges(video: VideoEvidence, axis: Array, settings: RgbSettings) -> DoorEdges | None:
-    """Return the straight edges in the images of a door that may be across its axis [3].
+def planes_of_moving_edges(video: VideoEvidence, settings: RgbSettings) -> EdgePlanes:
+    """Return the planes of the straight edges in the images of what moves."""
+    ends = moving_edges(video.gray, video.moving, video.settings)
+    return EdgePlanes.of_ends(ends, video.intrinsics, settings)
+
+
+def planes_of_still_edges(video: VideoEvidence, settings: RgbSettings) -> EdgePlanes:
+    """Return the planes of the straight edges that do not move, as if they were of one frame."""
+    ends = still_edges(video.gray, video.moving, video.settings)
+    return EdgePlanes.of_ends([ends], video.intrinsics, settings)
+
+
+def see_edges(planes: EdgePlanes, axis: Array, settings: RgbSettings) -> DoorEdges | None:
+    """Return the straight edges of a door that may be across its axis [3].
 
     None where few frames show any, or where no turns explain most of them, so that they are not
     across the axis.
     """
-    found = [measure_tilts(ends, video.intrinsics, axis, settings)
-             for ends in moving_edges(video.gray, video.moving, video.settings)]
-    if np.mean([len(tilt) > 0 for tilt, _ in found]) < settings.min_edge_frames:
+    edges = measure_tilts(planes, axis, settings)
+    if len(np.unique(edges.frame)) < settings.min_edge_frames * planes.frames:
         return None
-    tilt, sigma = (np.concatenate(some) for some in zip(*found, strict=True))
-    frame = np.repeat(np.arange(video.frames), [len(each) for each, _ in found])
-    edges = DoorEdges(frame, tilt, sigma)
-    lost = edges.misfit(edges.turns(video.frames, settings), settings)
+    lost = edges.misfit(edges.turns(planes.frames, settings), settings)
     return edges if lost <= settings.max_edge_misfit else None
 
 
-def measure_tilts(
-    ends: Array, intrinsics: Array, axis: Array, settings: RgbSettings
-) -> tuple[Array, Array]:
-    """Return the tilts [N] of edges whose images have the ends [N 2 2], px, if they are across an
-    axis [3], and the standard deviations of the tilts [N].
+def measure_tilts(planes: EdgePlanes, axis: Array, settings: RgbSettings) -> DoorEdges:
+    """Return the edges in N planes, with the tilts that they have if they are across an axis [3].
 
     Edges along the axis, and others that show no tilt, are left out.
     """
-    s = settings
-    one = np.linalg.svd(axis[None])[2][1]  # its tilt is 0
-    other = np.cross(axis, one)
-    ray = pinhole.pixel_rays(intrinsics, ends.reshape(-1, 2)).reshape(-1, 2, 3)
-    across = (ends[:, 1] - ends[:, 0])[:, ::-1] * [-1, 1] / float(intrinsics[0, 0])
-    across /= np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1, keepdims=True)
-    moved = np.pad(across, ((0, 0), (0, 1)))  # an end that is 1 px away
-    normal = np.cross(ray[:, 0], ray[:, 1])
+    s, normal = settings, planes.normal
+    one, other = across_axis(axis)
     tilt = np.arctan2(-normal @ one, normal @ other)
     square = np.full(len(tilt), s.edge_tilt_sigma**2)
-    for change in (np.cross(moved, ray[:, 1]), np.cross(ray[:, 0], moved)):
-        turned = normal + s.edge_end_sigma * change
+    for change in planes.change.swapaxes(0, 1):
+        turned = normal + change
         square += _wrap(np.arctan2(-turned @ one, turned @ other) - tilt) ** 2
     sigma = np.sqrt(square)
-    sine = np.abs(normal @ axis) / np.linalg.norm(normal, axis=1)
-    shown = (sine > s.min_edge_sine) & (sigma < s.max_tilt_sigma)
-    return tilt[shown], sigma[shown]
+    shown = (np.abs(normal @ axis) > s.min_edge_sine) & (sigma < s.max_tilt_sigma)
+    return DoorEdges(planes.frame[shown], tilt[shown], sigma[shown])
+
+
+def across_axis(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors [3] across an axis [3] and each other; the tilt of the first is 0,
+    and that of the second 90 degrees."""
+    one = np.asarray(np.linalg.svd(axis[None])[2][1], np.float64)
+    return one, np.asarray(np.cross(axis, one), np.float64)
 
 
 def _wrap(tilt: Array) -> Array:

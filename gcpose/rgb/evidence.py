@@ -13,7 +13,14 @@ from ..estimator import Adjustment, Hypothesis, Round, run_em, track
 from ..images import VideoEvidence, geodesic_rank
 from ..numerics import Image, Solver
 from .costs import MovedRays, flow_costs, flow_records, patch_costs
-from .door_edges import DoorEdges, see_edges
+from .door_axis import DoorAxis, find_axis
+from .door_edges import (
+    DoorEdges,
+    EdgePlanes,
+    planes_of_moving_edges,
+    planes_of_still_edges,
+    see_edges,
+)
 from .labels import (
     SampledPixels,
     assign_labels,
@@ -79,9 +86,12 @@ def center_depths(hypothesis: VideoHypothesis) -> VideoHypothesis:
 class RgbEvidence:
     """A plain video (see `estimator.Evidence`)."""
 
-    def __init__(self, video: VideoEvidence, priors: JointPriors, settings: RgbSettings) -> None:
+    def __init__(
+        self, video: VideoEvidence, priors: JointPriors, settings: RgbSettings,
+        axis_by_edges: DoorAxis | None = None,
+    ) -> None:
         self.video, self.priors = video, priors
-        self.settings, self.chain = settings, settings.chain
+        self.settings, self.chain, self.axis_by_edges = settings, settings.chain, axis_by_edges
         self.solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
         self.joints = len(priors.prismatic)
         self._samples: dict[tuple[tuple[int, ...], int, OutlineKind], SampledPixels] = {}
@@ -102,14 +112,35 @@ class RgbEvidence:
         return flow_records(self.video)
 
     @cached_property
+    def edge_planes(self) -> EdgePlanes:
+        """The planes of the straight edges of what moves."""
+        return planes_of_moving_edges(self.video, self.settings)
+
+    @property
+    def may_be_door(self) -> bool:
+        """Whether one part turns, and depth is not measured."""
+        return (self.joints == 1 and not self.priors.prismatic[0] and self.video.distance is None)
+
+    def with_axis_by_edges(self) -> RgbEvidence:
+        """Return the evidence of a door whose axis has an unknown direction with that which its
+        straight edges show; itself elsewhere, and where they do not show it."""
+        if self.priors.axis_dof != 4 or not self.may_be_door:
+            return self
+        still = planes_of_still_edges(self.video, self.settings)
+        axis = find_axis(self.edge_planes, still, self.settings)
+        if axis is None:
+            return self
+        known = replace(self.priors, direction=axis.direction[None])
+        return RgbEvidence(self.video, known, self.settings, axis)
+
+    @cached_property
     def edges(self) -> DoorEdges | None:
         """The straight edges of a door whose depth is not measured and whose axis has a known
         direction; None elsewhere, and where they are not across the axis."""
-        known = self.priors
-        if (not self.settings.edge_weight or known.direction is None or self.joints > 1
-                or known.prismatic[0] or self.video.distance is not None):
+        axis = self.priors.direction
+        if axis is None or not (self.may_be_door and self.settings.edge_weight):
             return None
-        return see_edges(self.video, known.direction[0], self.settings)
+        return see_edges(self.edge_planes, axis[0], self.settings)
 
     def by_each_flow(self) -> list[RgbEvidence]:
         """Return this evidence, and that by the second flow of the video."""

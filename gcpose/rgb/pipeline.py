@@ -48,7 +48,7 @@ def estimate_rgb(
         settings = with_two_flows(settings)
     distance = evidence.distance or object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
-    seen = RgbEvidence(evidence, scale_axes(known, 1 / distance), settings)
+    seen = RgbEvidence(evidence, scale_axes(known, 1 / distance), settings).with_axis_by_edges()
     found = search_video(seen)
     if found is None:
         return None
@@ -60,6 +60,9 @@ def estimate_rgb(
         line = scale_twists(best.state.twist, known.prismatic, metres)
     unit = np.where(known.prismatic, metres or 1.0, 1.0)
     angle, sigma = unit * best.state.angle, unit * reported_deviation(found, settings)
+    if seen.axis_by_edges is not None:
+        by_axis = settings.axis_deviation * seen.axis_by_edges.turn_deviation()
+        sigma = np.hypot(sigma, by_axis[:, None])
     if metres is None:
         sigma[1:, known.prismatic] = settings.sigma_unknown
     screw = None if line is None else screws_of(line, known.prismatic)

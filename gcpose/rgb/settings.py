@@ -195,6 +195,23 @@ class RgbSettings:
     not count: they are not across the axis."""
     min_edge_turn: Positive = 2 * DEGREE  # Largest turn below which these turns are not tried, rad.
 
+    # axis of a door whose direction is not known, by these edges
+    axes_tried: Count = 10  # Directions of each kind from which the best is searched.
+    distinct_axis: Positive = 4 * DEGREE  # Angle between any two of them, rad.
+    axis_rounds: Count = 8  # Iterations for each of them.
+    max_axis_step: Positive = 0.1  # Largest turn of it in an iteration, rad.
+    min_axis_share: Share = 0.75  # Share of the edges that it must explain.
+    min_axis_lead: Share = 0.08  # By how much more it must explain than any other direction.
+    max_axis_sigma: Positive = 2 * DEGREE  # Standard deviation above which it is not known, rad.
+    axis_deviation: NonNegative = 2.0
+    """Reported deviation of a turn by that which the axis adds: edges err together."""
+
+    # focal length, where it is not known, by the same edges
+    axes_tried_by_focal: Count = 4  # `axes_tried` for each focal length.
+    focals_kept: Count = 3  # Focal lengths that are refined.
+    focal_apart: Positive = 0.15  # Logarithm of another one, which must explain fewer edges.
+    min_focal_lead: Share = 0.01  # By how much.
+
     # parallel axes
     exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.
     parallel_cosine: Share = 0.98  # Cosine above which axes count as parallel.

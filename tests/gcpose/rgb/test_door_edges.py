@@ -8,7 +8,13 @@ import pytest
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence
 from gcbench.gcpose.images.straight_edges import moving_edges
-from gcbench.gcpose.rgb.door_edges import DoorEdges, measure_tilts, see_edges
+from gcbench.gcpose.rgb.door_edges import (
+    DoorEdges,
+    EdgePlanes,
+    measure_tilts,
+    planes_of_moving_edges,
+    see_edges,
+)
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import se3
 
@@ -57,9 +63,19 @@ def adjusted(edges: DoorEdges, turn: np.ndarray) -> np.ndarray:
     return turn
 
 
+def edges_across(door: VideoEvidence, axis: np.ndarray) -> DoorEdges | None:
+    return see_edges(planes_of_moving_edges(door, SETTINGS), axis, SETTINGS)
+
+
+def tilts(ends: np.ndarray) -> DoorEdges:
+    """Those of one edge [1 2 2] in each frame."""
+    planes = EdgePlanes.of_ends(list(ends[:, None]), K, SETTINGS)
+    return measure_tilts(planes, AXIS, SETTINGS)
+
+
 @pytest.fixture(scope="module")
 def seen() -> DoorEdges:
-    edges = see_edges(video(TURN), AXIS, SETTINGS)
+    edges = edges_across(video(TURN), AXIS)
     assert edges is not None
     return edges
 
@@ -67,16 +83,17 @@ def seen() -> DoorEdges:
 def test_the_edge_across_the_axis_has_the_tilt_of_the_door() -> None:
     lower = np.array([[0.0, 1], [1, 1]])
     ends = np.stack([pixels(lower, angle) for angle in TURN])
-    tilt, sigma = measure_tilts(ends, K, AXIS, SETTINGS)
+    found = tilts(ends)
+    tilt, sigma = found.tilt, found.sigma
     assert np.mod(tilt - tilt[0] - TURN + 1, np.pi) == pytest.approx(np.full(12, 1.0), abs=1e-9)
     moved = ends + np.array([[[0, 0.35], [0, -0.35]]])
-    error = np.abs(measure_tilts(moved, K, AXIS, SETTINGS)[0] - tilt)
+    error = np.abs(tilts(moved).tilt - tilt)
     assert np.all(error < 3 * sigma)
 
 
 def test_an_edge_along_the_axis_shows_no_tilt() -> None:
     side = pixels(np.array([[1.0, 0], [1, 1]]), -0.3)[None]
-    assert len(measure_tilts(side, K, AXIS, SETTINGS)[0]) == 0
+    assert len(tilts(side).tilt) == 0
 
 
 def test_edges_correct_a_turn_that_is_wrong_by_a_share(seen: DoorEdges) -> None:
@@ -96,7 +113,7 @@ def test_edges_alone_show_the_turns(seen: DoorEdges) -> None:
 
 def test_edges_that_are_not_across_the_axis_do_not_count() -> None:
     slanted = se3.so3_exp(np.array([0.5, 0.2, 0.6])) @ AXIS
-    assert see_edges(video(TURN), slanted, SETTINGS) is None
+    assert edges_across(video(TURN), slanted) is None
 
 
 def test_turns_of_the_first_frames_are_compared_with_their_edges(seen: DoorEdges) -> None:
@@ -121,9 +138,9 @@ def test_edges_that_do_not_move_are_left_out() -> None:
 def test_edges_do_not_count_where_few_frames_show_any() -> None:
     plain = video(TURN)
     plain.gray[:9] = 90
-    assert see_edges(plain, AXIS, SETTINGS) is not None
+    assert edges_across(plain, AXIS) is not None
     plain.gray[9] = 90
-    assert see_edges(plain, AXIS, SETTINGS) is None
+    assert edges_across(plain, AXIS) is None
 
 
 def test_frames_without_edges_say_nothing(seen: DoorEdges) -> None:
