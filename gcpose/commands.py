@@ -8,27 +8,31 @@ from ..errors import ConfigError
 
 
 def estimate(
-    video: Path, /, fov: float, axes: tuple[float, ...], base: tuple[float, float] | None = None,
-    frames: int = 16, start: float = 0.0, end: float = math.inf, out: Path | None = None,
-    picture: Path | None = None, quiet: bool = False, json: bool = False,
+    video: Path, /, fov: float | None = None, axes: tuple[float, ...] = (),
+    base: tuple[float, float] | None = None, frames: int = 16, start: float = 0.0,
+    end: float = math.inf, out: Path | None = None, picture: Path | None = None,
+    quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Estimate how the joints in your own video turn, by GC-Pose.
 
     The camera must stand still or nearly so: if it is held by hand, the frames are aligned with the
-    first. The directions of the axes must be known, at the first frame. An axis is given in the
-    camera's frame: x points to the right, y down, z forward. The joint turns about it by the
-    right-hand rule. Writes a table (CSV): the angle of each joint since the first frame, deg, and
-    its standard deviation. Joints that slide are not supported: a plain video has no scale.
+    first. A door needs nothing else: its straight edges show the field of view, and the direction
+    of its axis. Other joints need both. An axis is given at the first frame, in the camera's frame:
+    x points to the right, y down, z forward. The joint turns about it by the right-hand rule.
+    Writes a table (CSV): the angle of each joint since the first frame, deg, and its standard
+    deviation. Joints that slide are not supported: a plain video has no scale.
 
     Examples:
-      gcbench estimate door.mp4 --fov 42 --axes 0 -1 0
-      gcbench estimate door.mp4 --fov 42 --axes 0 -0.94 -0.34 --picture door.png
+      gcbench estimate door.mp4 --picture door.png
+      gcbench estimate door.mp4 --fov 42
+      gcbench estimate lever.mp4 --fov 42 --axes 0 -0.94 -0.34
       gcbench estimate arm.mp4 --fov 50 --axes 0 -1 0 1 0 0 1 0 0 --base 320 410 --start 2 --end 4
 
     Args:
         video: MP4, MOV, MKV, WebM or AVI.
-        fov: Vertical field of view of the camera, deg.
-        axes: Direction of each joint's axis, three numbers each, from the base outward.
+        fov: Vertical field of view of the camera, deg. Default: by the edges of a door.
+        axes: Direction of each joint's axis, three numbers each, from the base outward. Default:
+            one joint, with the axis that the edges of a door show.
         base: Pixel (u, v) where the base of an arm stands.
         frames: Number of evenly spaced frames to use.
         start: Time of the first frame, s.
@@ -41,7 +45,15 @@ def estimate(
     from ..renderer.runtime import say
     from .images import ImageSettings, find_camera_motion
     from .method import GCPose
-    from .video_file import draw_parts, observe_video, read_frames, summarize_estimate, write_table
+    from .video_file import (
+        draw_parts,
+        find_axes,
+        find_field_of_view,
+        observe_video,
+        read_frames,
+        summarize_estimate,
+        write_table,
+    )
 
     if not 2 <= frames <= 1000:
         raise ConfigError(f"--frames {frames}: give 2 to 1000")
@@ -51,23 +63,32 @@ def estimate(
             raise ConfigError(f"{path}: its folder does not exist; make it")
         if path.resolve() == video.resolve():
             raise ConfigError(f"{path}: is the video; name another file")
-    seen = read_frames(video, frames, start, end)
-    observation = observe_video(seen, fov, axes, base)
+    seen, method, search = read_frames(video, frames, start, end), GCPose(), fov is None
+    observe_video(seen, 1.0 if fov is None else fov, axes, base)  # wrong values end it here
     if not quiet:
-        if motion := find_camera_motion(seen.rgb, observation.intrinsics, ImageSettings()):
-            say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. Its motion is "
-                f"taken out, to within {motion.error:.1f} px; a camera on a stand gives smaller "
-                "errors")
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
             "minute for an arm")
-    found = GCPose().estimate(observation)
+    if fov is None:
+        fov = find_field_of_view(method, seen, axes)
+    observation = observe_video(seen, fov, axes, base)
+    if not quiet and (
+            motion := find_camera_motion(seen.rgb, observation.intrinsics, ImageSettings())):
+        say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. Its motion is taken out, "
+            f"to within {motion.error:.1f} px; a camera on a stand gives smaller errors")
+    axis = find_axes(method, observation)
+    found = method.estimate(observation)
     write_table(out, seen, found)
     if picture:
         draw_parts(picture, seen, found)
-    joints = summarize_estimate(found)
+    joints = summarize_estimate(found, axis)
+    if json:
+        return {"table": out, "fov": fov, "joints": joints}, 0
     lines = [f"{j['joint']}: {j['displacement']:.2f} deg, standard deviation "
              f"{j['deviation']:.2f} deg" + ", not reliable" * (not j["reliable"]) for j in joints]
-    return {"table": out, "joints": joints} if json else "\n".join([str(out), *lines]), 0
+    if search or not axes:
+        shown = " ".join(f"{x:g}" for j in joints for x in j["axis"])
+        lines.insert(0, f"by straight edges: --fov {fov:.1f} --axes {shown}")
+    return "\n".join([str(out), *lines]), 0
 
 
 def train_flow(args: Sequence[str]) -> tuple[object, int]:

@@ -8,11 +8,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..renderer.types import Estimate, Inputs, Knowledge, Observation
+from ..robots.geometry import Array
 from .chain import JointPriors, joint_priors, screws_of
 from .images import (
     Flow,
     FlowPair,
     FrontEnd,
+    VideoEvidence,
     dis_flow,
     find_depth,
     find_flow,
@@ -20,8 +22,9 @@ from .images import (
     row_suffix,
     to_still_video,
     training_of,
+    video_evidence,
 )
-from .rgb import estimate_rgb, has_square_pixels
+from .rgb import RgbEvidence, estimate_rgb, find_focal_length, has_square_pixels
 from .rgbd import depth_video, estimate_rgbd
 from .settings import Settings
 
@@ -91,6 +94,32 @@ class GCPose:
         """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves."""
         with threadpool_limits(1, "blas"):  # on small matrices its threads only wait
             return self._estimate(observation)
+
+    def find_focal_length(self, observation: Observation) -> float | None:
+        """Return the focal length of the camera of a plain video of a door, px, by the straight
+        edges of the door; None where they do not tell it. The focal length of the observation is
+        where the search begins."""
+        video = self._video(observation)
+        return None if video is None else find_focal_length(video, self.settings.rgb)
+
+    def find_axis(self, observation: Observation) -> Array | None:
+        """Return the direction [3] of the axis of a door on plain video, in the camera's frame, by
+        the straight edges of the door; None where they do not tell it. A direction that the
+        observation names is not used."""
+        video = self._video(observation)
+        if video is None:
+            return None
+        unknown = replace(joint_priors(observation), direction=None, line=None)
+        axis = RgbEvidence(video, unknown, self.settings.rgb).with_axis_by_edges().axis_by_edges
+        return None if axis is None else axis.direction
+
+    def _video(self, observation: Observation) -> VideoEvidence | None:
+        """What moves in images alone; None if nothing does."""
+        if observation.rgb is None:
+            return None
+        still = to_still_video(observation, self.settings.images).observation
+        end = replace(self.front_end, second_flow=None)
+        return video_evidence(replace(still, depth=None), end, self.settings.images)
 
     def _estimate(self, observation: Observation) -> Estimate:
         still = to_still_video(observation, self.settings.images)

@@ -16,6 +16,7 @@ from ..errors import ConfigError, printable
 from ..renderer.types import Estimate, Observation
 from ..robots.files import write_atomically
 from ..robots.geometry import Array
+from .method import GCPose
 
 _FFMPEG = {
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "format_whitelist;mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
@@ -24,6 +25,7 @@ _FFMPEG = {
 """Only containers that hold the video itself: a playlist could name other files and addresses. The
 messages of FFmpeg are not shown."""
 _MAX_SIDE, _MAX_FRAMES = 8192, 100_000  # of a video file
+_MIDDLE_FOV = 50.0  # deg; where the search begins if none is given
 _COLORS = np.array([[0, 0, 0], [255, 60, 40], [40, 160, 255], [60, 220, 60], [255, 200, 0],
                     [220, 80, 255]], np.uint8)
 """RGB of parts in a picture; the first is not used."""
@@ -81,12 +83,14 @@ def read_frames(
 
 
 def observe_video(
-    video: VideoFrames, fov: float, axes: Sequence[float], base: tuple[float, float] | None = None
+    video: VideoFrames, fov: float, axes: Sequence[float] = (),
+    base: tuple[float, float] | None = None,
 ) -> Observation:
     """Return what GC-Pose sees of joints that turn, each carried by the one before.
 
     `fov` is the vertical field of view, deg; `axes` are three numbers for each joint (camera frame,
-    x right, y down, z forward); `base` is the pixel (u, v) of the file where the first part stands.
+    x right, y down, z forward), or none for one joint whose axis is not known; `base` is the pixel
+    (u, v) of the file where the first part stands.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -95,7 +99,7 @@ def observe_video(
     if not 1 <= fov <= 170:
         raise ConfigError(f"--fov {fov:g}: give the vertical field of view, 1 to 170 deg")
     direction = np.array(axes, np.float64)
-    if not len(direction) or len(direction) % 3:
+    if len(direction) % 3:
         raise ConfigError(f"--axes has {len(direction)} numbers; give three for each joint")
     direction = direction.reshape(-1, 3)
     length = np.linalg.norm(direction, axis=1)
@@ -110,10 +114,39 @@ def observe_video(
             raise ConfigError(f"--base {base[0]:g} {base[1]:g} is outside of the image")
         world = np.eye(4)
         world[:3, 3] = np.linalg.solve(k, pixel)
-    joints = len(direction)
+    joints = max(1, len(direction))
     return Observation(
         video.rgb, None, k, video.times, joints, ("revolute",) * joints, cam_from_world=world,
-        axis_direction=direction / length[:, None])
+        axis_direction=direction / length[:, None] if len(direction) else None)
+
+
+def find_field_of_view(method: GCPose, video: VideoFrames, axes: Sequence[float]) -> float:
+    """Return the vertical field of view of a video of a door, by its straight edges, deg.
+
+    Raises:
+        ConfigError: If they do not tell it, or if `axes` are of several joints.
+    """
+    focal = None
+    if len(axes) <= 3:
+        focal = method.find_focal_length(observe_video(video, _MIDDLE_FOV))
+    if focal is None:
+        raise ConfigError("no straight edges of a door show the field of view; give --fov")
+    return float(np.degrees(2 * np.arctan(video.rgb.shape[1] / 2 / focal)))
+
+
+def find_axes(method: GCPose, observation: Observation) -> Array:
+    """Return the directions [J 3] of the axes: those that are known, or that which the straight
+    edges of a door show.
+
+    Raises:
+        ConfigError: If they do not tell it.
+    """
+    if observation.axis_direction is not None:
+        return observation.axis_direction
+    axis = method.find_axis(observation)
+    if axis is None:
+        raise ConfigError("no straight edges of a door show where its axis points; give --axes")
+    return axis[None]
 
 
 def write_table(path: Path, video: VideoFrames, estimate: Estimate) -> None:
@@ -126,13 +159,14 @@ def write_table(path: Path, video: VideoFrames, estimate: Estimate) -> None:
     write_atomically(path, "".join(f"{line}\n" for line in lines).encode())
 
 
-def summarize_estimate(estimate: Estimate) -> list[dict[str, Any]]:
-    """Return what is estimated of each joint at the last frame, deg."""
+def summarize_estimate(estimate: Estimate, axes: Array) -> list[dict[str, Any]]:
+    """Return what is estimated of each joint at the last frame, deg, and its axis [J 3]."""
     assert estimate.sigma is not None and estimate.reliable is not None
-    last = zip(estimate.displacement[-1], estimate.sigma[-1], estimate.reliable, strict=True)
+    last = zip(estimate.displacement[-1], estimate.sigma[-1], estimate.reliable, axes, strict=True)
     return [{"joint": f"joint {j}", "displacement": float(np.degrees(angle)),
-             "deviation": float(np.degrees(sigma)), "reliable": bool(reliable)}
-            for j, (angle, sigma, reliable) in enumerate(last, 1)]
+             "deviation": float(np.degrees(sigma)), "reliable": bool(reliable),
+             "axis": [round(float(x), 4) for x in axis]}
+            for j, (angle, sigma, reliable, axis) in enumerate(last, 1)]
 
 
 def draw_parts(path: Path, video: VideoFrames, estimate: Estimate, most: int = 6) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
+from .focal_length import find_focal_length
 from .labels import SampledPixels
 from .pipeline import estimate_rgb, has_square_pixels
 from .points import InverseDepthPoints
@@ -11,5 +12,5 @@ from .settings import RgbSettings
 
 __all__ = [
     "InverseDepthPoints", "RgbEvidence", "RgbSettings", "SampledPixels", "VideoAdjustment",
-    "VideoHypothesis", "base_candidates", "estimate_rgb", "has_square_pixels",
+    "VideoHypothesis", "base_candidates", "estimate_rgb", "find_focal_length", "has_square_pixels",
 ]

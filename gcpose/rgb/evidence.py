@@ -118,8 +118,9 @@ class RgbEvidence:
 
     @property
     def may_be_door(self) -> bool:
-        """Whether one part turns, and depth is not measured."""
-        return (self.joints == 1 and not self.priors.prismatic[0] and self.video.distance is None)
+        """Whether one part turns, depth is not measured, and straight edges may count."""
+        return bool(self.joints == 1 and not self.priors.prismatic[0]
+                    and self.video.distance is None and self.settings.edge_weight)
 
     def with_axis_by_edges(self) -> RgbEvidence:
         """Return the evidence of a door whose axis has an unknown direction with that which its
@@ -138,7 +139,7 @@ class RgbEvidence:
         """The straight edges of a door whose depth is not measured and whose axis has a known
         direction; None elsewhere, and where they are not across the axis."""
         axis = self.priors.direction
-        if axis is None or not (self.may_be_door and self.settings.edge_weight):
+        if axis is None or not self.may_be_door:
             return None
         return see_edges(self.edge_planes, axis[0], self.settings)
 

@@ -91,6 +91,21 @@ def test_a_camera_that_is_held_by_hand_is_told_and_its_motion_removed(
         assert not Path("walk.csv").exists()
 
 
+def test_what_no_straight_edges_show_must_be_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rgb, (_, fov, *axes) = opening_door()
+    write_video(tmp_path / "door.mp4", rgb)
+    for options, missing in ((["--fov", fov], "--axes"), (axes, "--fov"), ([], "--fov"),
+                             ([*axes, "1", "0", "0"], "--fov")):
+        assert main(["estimate", "door.mp4", *options]) == 2
+        *_, last = capsys.readouterr().err.splitlines()
+        assert last.startswith("gcbench: no straight edges of a door show ")
+        assert last.endswith(f"; give {missing}")
+        assert not Path("door.csv").exists()
+
+
 def test_frames_are_evenly_spaced_and_reduced(ramp: Path) -> None:
     video = read_frames(ramp, 4)
     assert video.number.tolist() == [0, 10, 19, 29]
@@ -158,7 +173,7 @@ def test_the_camera_and_the_base_are_those_of_the_reduced_images() -> None:
 
 @pytest.mark.parametrize(("fov", "axes", "base", "problem"), [
     (0.0, [0, 1, 0], None, "--fov 0: "), (40, [0, 1], None, "--axes has 2 numbers"),
-    (40, [], None, "--axes has 0"), (40, [0, 0, 0], None, "not 0 0 0"),
+    (40, [0, 0, 0], None, "not 0 0 0"),
     (40, [0, np.nan, 0], None, "finite"), (40, [0, 1, 0], (1300, 5), "--base 1300 5 is outside"),
     (40, [0, 1, 0], (np.nan, 5), "--base nan 5")])
 def test_values_out_of_range_are_errors(

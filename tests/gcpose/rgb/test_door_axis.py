@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from gcbench.gcpose.chain import JointPriors
 from gcbench.gcpose.rgb.door_axis import DoorAxis, find_axis, refine_axis
 from gcbench.gcpose.rgb.door_edges import EdgePlanes
+from gcbench.gcpose.rgb.evidence import RgbEvidence
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import se3
+
+from . import test_door_edges
 
 SETTINGS = RgbSettings()
 K = np.array([[500.0, 0, 319.5], [0, 500.0, 239.5], [0, 0, 1]])
@@ -76,3 +82,14 @@ def test_edges_along_one_direction_do_not_tell_two_axes_apart() -> None:
 
 def test_a_door_without_edges_has_no_known_axis() -> None:
     assert find_axis(NONE, NONE, SETTINGS) is None
+
+
+def test_a_door_in_a_video_has_the_axis_of_its_edges() -> None:
+    unknown = JointPriors(np.array([False]), np.array([-1]), None, None)
+    seen = RgbEvidence(test_door_edges.video(TURN), unknown, SETTINGS).with_axis_by_edges()
+    assert seen.priors.direction is not None and seen.edges is not None
+    assert abs(seen.priors.direction[0] @ test_door_edges.AXIS) > np.cos(np.radians(1))
+    for settings, priors in ((replace(SETTINGS, edge_weight=0.0), unknown),
+                             (SETTINGS, replace(unknown, prismatic=np.array([True])))):
+        other = RgbEvidence(seen.video, priors, settings)
+        assert other.with_axis_by_edges() is other
