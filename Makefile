@@ -16,7 +16,8 @@ PYTEST := GCBENCH_TEST_INSTALLED=1 $(PY) -m pytest -rfEs -n auto --maxprocesses 
 # A stamp carries the hash of what it stands for, so that edits, deletions and checkouts count.
 hash = $(shell sha256sum $(1) | sha256sum | cut -c -12)
 SOURCES := $(filter-out %.pyc,$(wildcard *.py py.typed README.md LICENSE \
-	$(foreach room,robots renderer gcpose benchmark,$(room)/*.* $(room)/*/*.* $(room)/*/*/*.*)))
+	$(foreach room,robots renderer gcpose benchmark,$(room)/*.* $(room)/*/*.* $(room)/*/*/*.* \
+		$(room)/*/*/*/*.*)))
 NEEDS := $(call hash,pyproject.toml .ci/environment)
 PACKAGE := $(VENV)/.package-$(call hash,pyproject.toml $(SOURCES))
 
