@@ -67,7 +67,7 @@ def estimate(
     observe_video(seen, 1.0 if fov is None else fov, axes, base)  # wrong values end it here
     if not quiet:
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
-            "minute for an arm")
+            "minute for an arm" + ", and the search for the field of view half a minute" * search)
     if fov is None:
         fov = find_field_of_view(method, seen, axes)
     observation = observe_video(seen, fov, axes, base)
