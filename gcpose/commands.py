@@ -16,11 +16,12 @@ def estimate(
     """Estimate how the joints in your own video turn, by GC-Pose.
 
     The camera must stand still or nearly so: if it is held by hand, the frames are aligned with the
-    first. A door needs nothing else: its straight edges show the field of view, and the direction
-    of its axis. Other joints need both. An axis is given at the first frame, in the camera's frame:
-    x points to the right, y down, z forward. The joint turns about it by the right-hand rule.
-    Writes a table (CSV): the angle of each joint since the first frame, deg, and its standard
-    deviation. Joints that slide are not supported: a plain video has no scale.
+    first. The straight edges of a door show the field of view and the direction of its axis. If
+    they do not, the command says which option to give. Other joints need both. An axis is given at
+    the first frame, in the camera's frame: x points to the right, y down, z forward. The joint
+    turns about it by the right-hand rule. Writes a table (CSV): the angle of each joint since the
+    first frame, deg, and its standard deviation. Joints that slide are not supported: a plain video
+    has no scale.
 
     Examples:
       gcbench estimate door.mp4 --picture door.png

@@ -202,7 +202,7 @@ def _explained_shares(
     scale: float, least: float, most: float,
 ) -> Array:
     """Share [M] of the edges that each axis explains; bases [M 3 3] hold it and two directions
-    across it."""
+    across it. In one loop, what `_fit` and `measure_tilts` compute of one axis."""
     out, per_tilt = np.zeros(len(bases)), np.pi / _TRIED_TILTS
     wide = scale * per_tilt / 2
     for m in range(len(bases)):

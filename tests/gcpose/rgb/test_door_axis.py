@@ -71,7 +71,7 @@ def test_slanted_edges_do_not_tell_an_axis() -> None:
     assert find_axis(edges_of(corner.reshape(6, 2, 3), TURN), NONE, SETTINGS) is None
 
 
-def test_edges_along_one_direction_do_not_tell_two_axes_apart() -> None:
+def test_edges_of_one_direction_show_no_wrong_axis() -> None:
     sides = DOOR[[1, 3, 5, 7]]
     found = find_axis(edges_of(sides, TURN), NONE, SETTINGS)
     assert found is not None and degrees_off(found) < 1.0
