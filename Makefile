@@ -32,7 +32,7 @@ demo: package  ## render a small UR5 dataset, verify it, show it, GC-Pose beside
 	@.ci/demo $(PY)
 
 test: $(VENV)/.test-$(NEEDS) package libraries  ## the fast tests (a few minutes)
-	$(PYTEST) -m "not slow" $(ARGS)
+	$(PYTEST) -m "not slow and not ci" $(ARGS)
 
 test-all: $(VENV)/.test-$(NEEDS) package libraries  ## all tests
 	$(PYTEST) $(ARGS)

@@ -218,6 +218,7 @@ def same_truth(a: Sequence, b: Sequence) -> bool:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_twins_differ_in_the_surface_only(tmp_path: Path) -> None:
     plain = rendered(tmp_path / "plain", "--robot", "ur5")
     textured = rendered(tmp_path / "textured", "--robot", "ur5-textured")
@@ -234,6 +235,7 @@ def test_twins_differ_in_the_surface_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_a_dataset_of_an_earlier_version_continues_with_its_draws(
     tmp_path: Path, capsys: Lines
 ) -> None:

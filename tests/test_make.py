@@ -45,6 +45,7 @@ def test_help_lists_every_target(folder: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_the_demo_makes_what_it_names(tmp_path: Path) -> None:
     demo = [str(CHECKOUT / ".ci/demo"), sys.executable, "owi535", "1"]
     environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
@@ -63,6 +64,7 @@ def test_appliances_are_rendered_and_verified(folder: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_fuzz_runs_cases(folder: Path) -> None:
     shutil.copytree(CHECKOUT / "tests", folder / "tests")
     said = make("fuzz", "ARGS=configuration results --count 1", folder=folder)

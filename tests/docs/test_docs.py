@@ -196,6 +196,7 @@ def test_blocks_have_a_language() -> None:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.ci
 def test_an_example_runs(
     example: Path, folder: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -24,6 +24,7 @@ def test_no_outputs_are_stored(notebook: Path) -> None:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.ci
 def test_it_runs(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And the network that it trains is nearer to the truth than no motion."""
     pytest.importorskip("torch", reason="PyTorch is in the extra learn")

@@ -21,6 +21,7 @@ def faults(*args: str) -> None:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("fault", ["kill", "full"])
+@pytest.mark.ci
 def test_one_fault_of_a_render(fault: str) -> None:
     faults("render", "--fault", fault, "--at", "9")
 

@@ -47,6 +47,7 @@ def corpus() -> dict[str, list[str]]:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("name", CORPUS)
+@pytest.mark.ci
 def test_the_corpus(name: str, corpus: dict[str, list[str]]) -> None:
     assert corpus[name] == [], f"python -m tests.fuzz --corpus {name}"
 

@@ -73,6 +73,7 @@ def test_a_door_in_a_video_opens(
     assert read_picture(Path("door.png")).shape == (360, 720, 3)
 
 
+@pytest.mark.ci
 def test_a_camera_that_is_held_by_hand_is_told_and_its_motion_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -91,6 +92,7 @@ def test_a_camera_that_is_held_by_hand_is_told_and_its_motion_removed(
         assert not Path("walk.csv").exists()
 
 
+@pytest.mark.ci
 def test_what_no_straight_edges_show_must_be_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

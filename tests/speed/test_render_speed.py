@@ -15,6 +15,7 @@ OURS = ("Shipped", "Encoded", "Pure", "Images")
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_the_short_form_measures_what_is_installed(tmp_path: Path) -> None:
     numbers = tmp_path / "numbers.json"
     options = ["--robot", "owi535", "--sequences", "1", "--frames", "3", "--worker-sequences", "0"]

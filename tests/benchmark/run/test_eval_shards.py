@@ -53,6 +53,7 @@ def start(data: Path, results: Path, shard: str, *more: str) -> subprocess.Popen
         text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
 
 
+@pytest.mark.ci
 def test_shards_make_the_scores_of_one_run(data: Path, tmp_path: Path, expected: str) -> None:
     for k, (mine, there) in enumerate([(2, 2), (2, 4)]):
         found = evaluate(config(data, tmp_path, f"{k}/3"), progress=False)

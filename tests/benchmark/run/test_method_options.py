@@ -66,6 +66,7 @@ def test_options_go_to_the_methods_that_take_them(data: Path, tmp_path: Path) ->
     assert json.loads(plain.read_text())["source"] == f"{tmp_path}/options.py:Plain"
 
 
+@pytest.mark.ci
 def test_each_of_the_weights_makes_a_row_of_its_method(data: Path, tmp_path: Path) -> None:
     given = ("Learned=a", "Learned=b=c", "Other=x", "all")
     rows = options(data, tmp_path, "Plain", "Learned", "Other", weights=given)

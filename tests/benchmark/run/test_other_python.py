@@ -111,6 +111,7 @@ EXPECTED = [
 ]
 
 
+@pytest.mark.ci
 def test_whatever_happens_costs_one_sequence(
     tmp_path: Path, python: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -184,6 +185,7 @@ def test_no_interpreter_and_no_numpy_are_told(data: Path, tmp_path: Path) -> Non
         run(data, tmp_path / "results", tmp_path / "empty/bin/python", "Here")
 
 
+@pytest.mark.ci
 def test_methods_of_gcbench_run_here_beside_it(
     data: Path, tmp_path: Path, python: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -246,6 +246,7 @@ def test_only_results_on_the_sequences_that_were_estimated_are_published(
     assert [path.read_bytes() for path in (*files, truth_path(folder, "small/arm"))] == before
 
 
+@pytest.mark.ci
 def test_published_rows_are_ranked_only_on_the_same_sequences(
     evaluated: Callable[..., Results], tmp_path: Path
 ) -> None:
@@ -321,6 +322,7 @@ def test_a_damaged_file_is_one_error(evaluated: Callable[..., Results], tmp_path
         published_lines(tmp_path / "none")
 
 
+@pytest.mark.ci
 def test_the_rows_of_this_package_are_what_their_estimates_score() -> None:
     found = check_published(PUBLISHED_ROWS, draw=0)
     assert found.rows >= 8 and found.problems == ()

@@ -80,6 +80,7 @@ def test_parts_return_to_the_images_as_they_were() -> None:
     assert overlap(part > 0, there > 0) > 0.95 > overlap(true, there > 0)
 
 
+@pytest.mark.ci
 def test_an_estimate_has_parts_at_the_pixels_of_the_video() -> None:
     seen = door(0.5)
     assert seen.rgb is not None

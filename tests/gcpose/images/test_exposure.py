@@ -102,6 +102,7 @@ def test_two_frames_are_enough() -> None:
     assert np.quantile(np.ptp(found[:, still].astype(int), axis=0), 0.95) <= 3
 
 
+@pytest.mark.ci
 def test_a_door_opens_under_a_camera_that_adapts() -> None:
     observation = door(0.5)
     assert observation.rgb is not None

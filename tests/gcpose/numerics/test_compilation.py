@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 PROGRAM = """
 import hashlib
@@ -31,6 +32,7 @@ print(hashlib.sha256(b"".join(array.tobytes() for array in found)).hexdigest())
 """
 
 
+@pytest.mark.ci
 def test_the_first_run_gives_what_the_second_gives(tmp_path: Path) -> None:
     """A loop called another copy of a function in the process that had just compiled it."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}

@@ -13,6 +13,7 @@ from .test_door_edges import TURN, K, video
 SETTINGS = RgbSettings()
 
 
+@pytest.mark.ci
 def test_the_focal_length_of_a_door_that_turns_is_found() -> None:
     wrong = K.copy()
     wrong[[0, 1], [0, 1]] = 230.0

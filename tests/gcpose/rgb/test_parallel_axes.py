@@ -73,6 +73,7 @@ def test_the_foot_is_where_the_hinge_keeps_its_distance(most: int) -> None:
 
 
 @pytest.mark.parametrize(("joints", "motions"), [(2, range(1, 2)), (3, range(2, 4))])
+@pytest.mark.ci
 def test_the_best_motions_exchange_turns(
     joints: int, motions: range, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -103,6 +103,7 @@ def test_a_door_opens_without_depth() -> None:
     assert estimate.sigma[0] == 0 and estimate.reliable.all()
 
 
+@pytest.mark.ci
 def test_each_flow_has_its_search() -> None:
     observation = door(0.5)
     video, priors = evidence_of(observation), joint_priors(observation)

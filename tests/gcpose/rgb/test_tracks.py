@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence, video_evidence
@@ -148,6 +149,7 @@ def test_flow_back_is_estimated_where_tracks_count() -> None:
         exact.flow_backward, true.flow_backward[:, top : top + height, left : left + width])
 
 
+@pytest.mark.ci
 def test_true_flow_gives_the_turn_of_a_door() -> None:
     errors = [np.degrees(np.abs(GCPose("dis").estimate(o).displacement[-1, 0] - 0.5))
               for o in (door(0.5, true_flow=True), door(0.5))]

@@ -161,6 +161,7 @@ class DoorTask(AbbatematteoTask):
         return Doors()
 
 
+@pytest.mark.ci
 def test_a_short_training_learns_the_position(tmp_path: Path) -> None:
     config = AbbatematteoTraining(
         out=tmp_path / "out", steps=600, batch=16, width=8, rate=1.5e-3, dropout=0.0,

@@ -134,6 +134,7 @@ class DoorTask(DustNetTask):
         return Doors()
 
 
+@pytest.mark.ci
 def test_a_short_training_learns_motions_and_how_sure_they_are(tmp_path: Path) -> None:
     config = DustNetTraining(out=tmp_path / "out", steps=240, batch=8, width=8, frames=5,
                              rate=0.003, rate_decay=0.5, weight_decay=0.0, device="cpu", threads=1)

@@ -258,6 +258,7 @@ def test_a_run_that_was_killed_goes_on_to_the_bit(
     assert page.count("<svg") == 6 and "hold-still" in page  # the loss, and 5 errors
 
 
+@pytest.mark.ci
 def test_the_command_trains_and_eval_takes_the_weights(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -107,6 +107,7 @@ def test_a_job_that_is_killed_leaves_no_command(tmp_path: Path) -> None:
 
 @needs_submitit
 @pytest.mark.gl
+@pytest.mark.ci
 def test_jobs_of_this_machine_make_what_one_run_makes(tmp_path: Path) -> None:
     """The same submission again finds nothing to do."""
     out, alone = tmp_path / "out", tmp_path / "alone"

@@ -232,6 +232,7 @@ def test_ctrl_c_stops_it_cleanly(tmp_path: Path, expected: dict[str, str]) -> No
     assert content(tmp_path) == expected
 
 
+@pytest.mark.ci
 def test_ctrl_c_while_workers_start_is_quiet(tmp_path: Path) -> None:
     for i, delay in enumerate((0.0, 0.02, 0.1, 0.2)):
         process = start(tmp_path / str(i))

@@ -41,6 +41,7 @@ def members(dataset: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.ci
 def test_only_what_is_omitted_is_missing(folder: Path, case: str) -> None:
     _, omitted = CASES[case]
     whole, own = members(folder / "all"), members(folder / case)

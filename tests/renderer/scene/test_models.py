@@ -131,6 +131,7 @@ def test_racks_are_drawn_in_where_the_door_would_hit_them() -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_workers_and_restarts_make_the_same_bytes(dataset: Path, tmp_path: Path) -> None:
     render_dataset(SMALL, 1, tmp_path / "b", workers=1, progress=False)
     render_dataset(SMALL, 4, tmp_path / "b", workers=2, progress=False)

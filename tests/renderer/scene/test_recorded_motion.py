@@ -129,6 +129,7 @@ def test_every_sequence_replays_the_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_another_file_is_another_dataset(tmp_path: Path) -> None:
     path, out = csv_of(tmp_path), tmp_path / "out"
     config = config_of(path, frames=2)

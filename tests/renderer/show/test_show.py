@@ -411,6 +411,7 @@ def test_a_sheet_has_the_format_of_its_suffix(
     assert film.contact_sheet(sequence, tmp_path / f"a{suffix}").read_bytes().startswith(start)
 
 
+@pytest.mark.ci
 def test_a_full_disk_leaves_no_part_of_a_file(dataset: Path, tmp_path: Path) -> None:
     """The limit of a file's size stands for the disk."""
     code = """

@@ -46,6 +46,7 @@ def drawers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 @pytest.mark.parametrize("knowledge", ["free", "axes", "kinematics"])
+@pytest.mark.ci
 def test_gcpose_finds_how_far_a_drawer_slides(
     knowledge: str, drawers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,6 +58,7 @@ def test_gcpose_finds_how_far_a_drawer_slides(
 
 
 @pytest.mark.parametrize("knowledge", ["free", "axes"])
+@pytest.mark.ci
 def test_gcpose_finds_a_slide_on_a_hinge(knowledge: str, tmp_path: Path) -> None:
     model, data = tmp_path / "scara.urdf", tmp_path / "data"
     model.write_text(f'<robot name="scara">{SCARA}</robot>')
