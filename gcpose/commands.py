@@ -10,8 +10,8 @@ from ..errors import ConfigError
 def estimate(
     video: Path, /, fov: float | None = None, axes: tuple[float, ...] = (),
     base: tuple[float, float] | None = None, frames: int = 16, start: float = 0.0,
-    end: float = math.inf, out: Path | None = None, picture: Path | None = None,
-    quiet: bool = False, json: bool = False,
+    end: float = math.inf, region: tuple[int, int, int, int] | None = None,
+    out: Path | None = None, picture: Path | None = None, quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Estimate how the joints in your own video turn, by GC-Pose.
 
@@ -27,6 +27,7 @@ def estimate(
       gcbench estimate door.mp4 --picture door.png
       gcbench estimate door.mp4 --fov 42
       gcbench estimate lever.mp4 --fov 42 --axes 0 -0.94 -0.34
+      gcbench estimate door.mp4 --region 600 200 900 700
       gcbench estimate arm.mp4 --fov 50 --axes 0 -1 0 1 0 0 1 0 0 --base 320 410 --start 2 --end 4
 
     Args:
@@ -38,6 +39,9 @@ def estimate(
         frames: Number of evenly spaced frames to use.
         start: Time of the first frame, s.
         end: Time of the last frame, s.
+        region: Part of the images to use, px: the pixel (u, v) of its upper left corner, its width
+            and its height. Leave out what else moves. Field of view and base refer to the whole
+            images.
         out: CSV to write. Default: the name of the video, in the current folder.
         picture: PNG to write: some frames with the estimated parts in color.
         quiet: Show no progress: print the result and errors only.
@@ -64,7 +68,7 @@ def estimate(
             raise ConfigError(f"{path}: its folder does not exist; make it")
         if path.resolve() == video.resolve():
             raise ConfigError(f"{path}: is the video; name another file")
-    seen, method, search = read_frames(video, frames, start, end), GCPose(), fov is None
+    seen, method, search = read_frames(video, frames, start, end, region), GCPose(), fov is None
     observe_video(seen, 1.0 if fov is None else fov, axes, base)  # wrong values end it here
     if not quiet:
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "

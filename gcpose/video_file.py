@@ -25,7 +25,10 @@ _FFMPEG = {
 """Only containers that hold the video itself: a playlist could name other files and addresses. The
 messages of FFmpeg are not shown."""
 _MAX_SIDE, _MAX_FRAMES = 8192, 100_000  # of a video file
+_LEAST_SIDE = 16  # of what is used
 _MIDDLE_FOV = 50.0  # deg; where the search begins if none is given
+Region = tuple[int, int, int, int]
+"""Part of an image, px: the first pixel (u, v), width and height."""
 _COLORS = np.array([[0, 0, 0], [255, 60, 40], [40, 160, 255], [60, 220, 60], [255, 200, 0],
                     [220, 80, 255]], np.uint8)
 """RGB of parts in a picture; the first is not used."""
@@ -41,20 +44,29 @@ class VideoFrames:
     """[T] of each frame in the file, from 0"""
     times: Array
     """[T] s since the beginning of the file"""
-    reduction: float
-    """Pixels of the file by pixel of `rgb`"""
+    size: tuple[int, int]
+    """(width, height) of the images of the file, px"""
+    region: Region
+    """The part of them that `rgb` shows"""
+
+    @property
+    def scale(self) -> Array:
+        """Pixels of `rgb` by pixel of the file [2], across and down."""
+        return np.divide(self.rgb.shape[2:0:-1], self.region[2:])
 
 
 def read_frames(
-    path: Path, count: int, start: float = 0.0, end: float = np.inf, side: int = 480
+    path: Path, count: int, start: float = 0.0, end: float = np.inf,
+    region: Region | None = None, side: int = 480,
 ) -> VideoFrames:
     """Return `count` evenly spaced frames between two times, s; all if there are fewer.
 
-    Larger images are reduced until their smaller side is `side` px.
+    Of the images, only a region (u, v, width, height), px, is used. Larger ones are reduced until
+    their smaller side is `side` px.
 
     Raises:
         ConfigError: If the file is not a video, is damaged or too large, or has fewer than two such
-            frames.
+            frames, or if the region is not in the images.
     """
     name = printable(str(path))
     if not 0 <= start < end:
@@ -68,18 +80,18 @@ def read_frames(
         raise ConfigError(f"{name}: has {max(0, last - first + 1)} frames between {start:g} and "
                           f"{min(end, total / fps):g} s; two are needed, change --start or --end")
     number = np.unique(np.linspace(first, last, min(count, last - first + 1)).round().astype(int))
-    images, reduction = list[NDArray[np.uint8]](), 1.0
-    video, wanted = _open(path, name), set(number.tolist())
+    images, video, wanted = list[NDArray[np.uint8]](), _open(path, name), set(number.tolist())
+    size = 0, 0
     for k in range(last + 1):
         found, image = video.read() if k in wanted else (video.grab(), None)
         if not found:
             raise ConfigError(f"{name}: frame {k} is damaged; change --start or --end")
         if image is not None:
-            reduction = max(1.0, min(image.shape[:2]) / side)
-            size = tuple(round(s / reduction) for s in image.shape[1::-1])
-            images.append(np.asarray(cv2.resize(image[..., ::-1], size,
-                                                interpolation=cv2.INTER_AREA), np.uint8))
-    return VideoFrames(np.stack(images), number, number / fps, reduction)
+            size = image.shape[1], image.shape[0]
+            region = _check_region(region or (0, 0, *size), size, name)
+            images.append(_reduce(image, region, side))
+    assert region is not None
+    return VideoFrames(np.stack(images), number, number / fps, size, region)
 
 
 def observe_video(
@@ -105,15 +117,17 @@ def observe_video(
     length = np.linalg.norm(direction, axis=1)
     if not (np.isfinite(length) & (length > 0)).all():
         raise ConfigError("--axes: each joint needs a direction that is finite and not 0 0 0")
-    focal = height / 2 / np.tan(np.radians(fov) / 2)
-    k = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    focal = video.size[1] * video.scale[1] / 2 / np.tan(np.radians(fov) / 2)
+    center = (np.array(video.size) / 2 - video.region[:2]) * video.scale - 0.5
+    k = np.array([[focal, 0, center[0]], [0, focal, center[1]], [0, 0, 1]])
     world = None
     if base is not None:
-        pixel = np.array([*base, video.reduction]) / video.reduction
-        if not (pixel >= 0).all() or pixel[0] >= width or pixel[1] >= height:
-            raise ConfigError(f"--base {base[0]:g} {base[1]:g} is outside of the image")
+        u, v = np.subtract(base, video.region[:2]) * video.scale
+        if not (0 <= u < width and 0 <= v < height):
+            raise ConfigError(f"--base {base[0]:g} {base[1]:g} is outside of the image, or of "
+                              "the --region")
         world = np.eye(4)
-        world[:3, 3] = np.linalg.solve(k, pixel)
+        world[:3, 3] = np.linalg.solve(k, [u, v, 1])
     joints = max(1, len(direction))
     return Observation(
         video.rgb, None, k, video.times, joints, ("revolute",) * joints, cam_from_world=world,
@@ -131,7 +145,7 @@ def find_field_of_view(method: GCPose, video: VideoFrames, axes: Sequence[float]
         focal = method.find_focal_length(observe_video(video, _MIDDLE_FOV))
     if focal is None:
         raise ConfigError("no straight edges of a door show the field of view; give --fov")
-    return float(np.degrees(2 * np.arctan(video.rgb.shape[1] / 2 / focal)))
+    return float(np.degrees(2 * np.arctan(video.size[1] * video.scale[1] / 2 / focal)))
 
 
 def find_axes(method: GCPose, observation: Observation) -> Array:
@@ -194,10 +208,29 @@ def _open(path: Path, name: str) -> cv2.VideoCapture:
     if not video.isOpened():
         raise ConfigError(f"{name}: is not a video that can be read; convert it to MP4")
     sides = [video.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
-    if not 16 <= min(sides) <= max(sides) <= _MAX_SIDE:
-        raise ConfigError(f"{name}: images of {sides[0]:g} x {sides[1]:g} px; give a video of 16 "
-                          f"to {_MAX_SIDE} px")
+    if not _LEAST_SIDE <= min(sides) <= max(sides) <= _MAX_SIDE:
+        raise ConfigError(f"{name}: images of {sides[0]:g} x {sides[1]:g} px; give a video of "
+                          f"{_LEAST_SIDE} to {_MAX_SIDE} px")
     return video
+
+
+def _reduce(image: NDArray[Any], region: Region, side: int) -> NDArray[np.uint8]:
+    """Return RGB of a region of an image, with a smaller side of at most `side` px."""
+    u, v, width, height = region
+    factor = max(1.0, min(width, height) / side)
+    size = round(width / factor), round(height / factor)
+    used = image[v : v + height, u : u + width, ::-1]
+    return np.asarray(cv2.resize(used, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _check_region(region: Region, size: tuple[int, int], name: str) -> Region:
+    """Return a region if it is in images of a size (width, height), px."""
+    u, v, width, height = region
+    if (min(u, v) < 0 or min(width, height) < _LEAST_SIDE or u + width > size[0]
+            or v + height > size[1]):
+        raise ConfigError(f"--region {u} {v} {width} {height}: give U V WIDTH HEIGHT inside of "
+                          f"the images of {name}, {size[0]} x {size[1]} px")
+    return region
 
 
 def _count_frames(path: Path, name: str) -> tuple[float, int]:

@@ -108,12 +108,31 @@ def test_what_no_straight_edges_show_must_be_given(
         assert not Path("door.csv").exists()
 
 
+@pytest.mark.ci
+def test_what_moves_beside_the_region_does_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rgb, options = opening_door()
+    height, width = rgb.shape[1:3]
+    rgb = np.pad(rgb, ((0, 0), (0, 0), (160, 160), (0, 0)), mode="reflect")
+    for t, image in enumerate(rgb):
+        image[20 * t : 20 * t + 150 : 10, 10:150] = 255
+        image[20 * t + 5 : 20 * t + 155 : 10, 10:150] = 0
+    write_video(tmp_path / "door.mp4", rgb)
+    region = ["--region", "160", "0", str(width), str(height)]
+    for used, right in (([], False), (region, True)):
+        assert main(["estimate", "door.mp4", *options, *used, "--json"]) == 0
+        turn = json.loads(capsys.readouterr().out)["joints"][0]["displacement"]
+        assert (abs(turn - np.degrees(0.5)) < 2.5) == right
+
+
 def test_frames_are_evenly_spaced_and_reduced(ramp: Path) -> None:
     video = read_frames(ramp, 4)
     assert video.number.tolist() == [0, 10, 19, 29]
     assert video.times == pytest.approx([0, 1.0, 1.9, 2.9])
     assert video.rgb.shape == (4, 720, 480, 3)
-    assert video.reduction == pytest.approx(4 / 3)
+    assert video.scale == pytest.approx([3 / 4, 3 / 4])
     assert video.rgb.mean(axis=(1, 2, 3)) == pytest.approx([10, 90, 162, 242], abs=4)
     assert read_frames(ramp, 100, 0.5, 1.0).number.tolist() == [5, 6, 7, 8, 9, 10]
 
@@ -157,9 +176,10 @@ def test_a_playlist_that_names_other_files_is_refused(ramp: Path, playlist: str)
         read_frames(path, 4)
 
 
-def frames(height: int = 480, width: int = 640, reduction: float = 2.0) -> VideoFrames:
-    return VideoFrames(np.zeros((3, height, width, 3), np.uint8), np.arange(3), np.arange(3.0),
-                       reduction)
+def frames() -> VideoFrames:
+    """Images of 1280 x 960 px that are reduced by two."""
+    return VideoFrames(np.zeros((3, 480, 640, 3), np.uint8), np.arange(3), np.arange(3.0),
+                       (1280, 960), (0, 0, 1280, 960))
 
 
 def test_the_camera_and_the_base_are_those_of_the_reduced_images() -> None:
@@ -171,6 +191,27 @@ def test_the_camera_and_the_base_are_those_of_the_reduced_images() -> None:
     assert seen.cam_from_world is not None
     pixel = seen.intrinsics @ seen.cam_from_world[:3, 3]
     assert pixel == pytest.approx([400, 450, 1])
+
+
+def test_a_region_is_seen_by_the_camera_of_the_whole_images(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    rgb = np.repeat(rng.integers(0, 255, (3, 60, 80, 3)), 16, axis=1).repeat(16, axis=2)
+    path = write_video(tmp_path / "large.mp4", rgb.astype(np.uint8))
+    whole = read_frames(path, 3)
+    part = read_frames(path, 3, region=(320, 160, 640, 480), side=480)
+    assert whole.rgb.shape == (3, 480, 640, 3) and part.rgb.shape == (3, 480, 640, 3)
+    assert np.abs(part.rgb[:, ::2, ::2].astype(int) - whole.rgb[:, 80:320, 160:480]).mean() < 12
+    one, two = (observe_video(v, 50, [0, -1, 0], (700, 300)) for v in (whole, part))
+    ray = np.array([0.05, -0.04, 1.0])
+    at, there = (o.intrinsics @ ray for o in (one, two))
+    assert (at[:2] + 0.5) / whole.scale == pytest.approx(
+        (there[:2] + 0.5) / part.scale + part.region[:2])
+    assert one.cam_from_world is not None and two.cam_from_world is not None
+    base = [o.intrinsics @ o.cam_from_world[:3, 3] for o in (one, two)]
+    assert base[0][:2] / whole.scale == pytest.approx(base[1][:2] / part.scale + part.region[:2])
+    for region in ((-1, 0, 64, 64), (0, 0, 1300, 64), (0, 0, 64, 8), (1270, 0, 64, 64)):
+        with pytest.raises(ConfigError, match=r"--region .*, 1280 x 960 px"):
+            read_frames(path, 3, region=region)
 
 
 @pytest.mark.parametrize(("fov", "axes", "base", "problem"), [
