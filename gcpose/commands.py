@@ -40,8 +40,8 @@ def estimate(
         start: Time of the first frame, s.
         end: Time of the last frame, s.
         region: Part of the images to use, px: the pixel (u, v) of its upper left corner, its width
-            and its height. Leave out what else moves. Field of view and base refer to the whole
-            images.
+            and its height. Leave out what else moves, but keep still background around the object.
+            Field of view and base refer to the whole images.
         out: CSV to write. Default: the name of the video, in the current folder.
         picture: PNG to write: some frames with the estimated parts in color.
         quiet: Show no progress: print the result and errors only.
