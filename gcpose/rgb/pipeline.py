@@ -42,10 +42,7 @@ def estimate_rgb(
     evidence = video_evidence(observation, front_end, image_settings)
     if evidence is None:
         return None
-    if evidence.distance is not None:
-        settings = with_measured_depth(settings)
-    if evidence.second:
-        settings = with_two_flows(settings)
+    settings = settings_of_video(evidence, known, settings)
     distance = evidence.distance or object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
     seen = RgbEvidence(evidence, scale_axes(known, 1 / distance), settings).with_axis_by_edges()
@@ -73,6 +70,19 @@ def estimate_rgb(
 def has_square_pixels(intrinsics: Array) -> bool:
     """Return whether both focal lengths are alike, as this estimator needs."""
     return bool(np.isclose(intrinsics[0, 0], intrinsics[1, 1], rtol=1e-3))
+
+
+def settings_of_video(
+    evidence: VideoEvidence, known: JointPriors, settings: RgbSettings
+) -> RgbSettings:
+    """Return the settings for what a video has and what is known of the axes."""
+    if evidence.distance is not None:
+        settings = with_measured_depth(settings)
+    if evidence.second:
+        return with_two_flows(settings)
+    if known.axis_dof == 4 and len(known.prismatic) > 1:
+        return replace(settings, deviation=settings.deviation_free)
+    return settings
 
 
 def reported_deviation(found: SearchResult, settings: RgbSettings) -> Array:

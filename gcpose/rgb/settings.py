@@ -258,6 +258,9 @@ class RgbSettings:
     deviation_pair: DeviationSettings = DeviationSettings(
         power=1.5, misfit=0.0, excess=0.05, floor=0.1 * DEGREE, alone=1.5)
     """The same where there are two flows."""
+    deviation_free: DeviationSettings = DeviationSettings(
+        factor=17.0, spread=0.6, floor=0.5 * DEGREE)
+    """The same of several joints of whose axes nothing is known."""
     deviation_edges: DeviationSettings = DeviationSettings(
         factor=7.0, misfit=0.4, floor=0.1 * DEGREE)
     """The same of a door whose edges count."""

@@ -66,17 +66,23 @@ def estimate_rgbd(
     state, unreliable = final.state, is_unreliable(evidence, best)
     return Estimate(state.angle, screws_of(state.twist, state.prismatic),
                     label_frames(evidence, state),
-                    calibrate_sigma(final.deviation(), evidence, unreliable))
+                    calibrate_sigma(final.deviation(), priors.axis_dof, surfaces.noise > 0,
+                                    unreliable, settings))
 
 
-def calibrate_sigma(formal: Array, evidence: RgbdEvidence, unreliable: bool) -> Array:
-    """Return the reported standard deviations [T J] for formal ones [T-1 J]."""
-    s = evidence.settings
+def calibrate_sigma(
+    formal: Array, axis_dof: int, noisy: bool, unreliable: bool, settings: RgbdSettings
+) -> Array:
+    """Return the reported standard deviations [T J] for formal ones [T-1 J]; see
+    `JointPriors.axis_dof`."""
+    s = settings
     factors = {0: s.sigma_factor_known_lines, 2: s.sigma_factor_known_directions,
                4: s.sigma_factor_free}
-    factor, floor = factors[evidence.priors.axis_dof], 0.0
-    if evidence.surfaces.noise:
-        factor, floor = s.sigma_factor_noisy, s.sigma_floor_noisy
+    factor, floor = factors[axis_dof], 0.0
+    if noisy:
+        vague = axis_dof == 4 or (axis_dof > 0 and formal.shape[1] == 1)
+        factor = s.sigma_factor_noisy_vague if vague else s.sigma_factor_noisy
+        floor = s.sigma_floor_noisy
     if unreliable:
         floor = s.sigma_unreliable
     return calibrate_deviation(formal, factor, floor, s.sigma_static)

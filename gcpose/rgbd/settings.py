@@ -210,6 +210,9 @@ class RgbdSettings:
     sigma_factor_known_directions: Positive = 2.9  # The same where directions are known.
     sigma_factor_free: Positive = 2.5  # The same where nothing is known.
     sigma_factor_noisy: Positive = 8.2  # The same where depth has noise.
+    sigma_factor_noisy_vague: Positive = 16.5
+    """The same where depth has noise and little holds the axes: where nothing is known of them, and
+    where there is one, whose place is not known."""
     sigma_floor_noisy: NonNegative = 0.1 * DEGREE  # Least one there, rad or m.
     sigma_unreliable: NonNegative = 10.0 * DEGREE  # Least one of an unreliable estimate.
     sigma_static: Positive = 1.0  # Largest one, also where nothing was seen to move, rad or m.

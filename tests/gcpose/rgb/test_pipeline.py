@@ -23,7 +23,7 @@ from gcbench.gcpose.numerics.threads import thread_map
 from gcbench.gcpose.rgb.costs import flow_records
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
-from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance
+from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, settings_of_video
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.search import (
     count_agreeing,
@@ -114,6 +114,15 @@ def test_each_flow_has_its_search() -> None:
     assert len(two.others) + 1 == 2 * (len(one.others) + 1)
     np.testing.assert_allclose(two.best.state.angle, one.best.state.angle, atol=1e-3)
     assert not (one.alone or two.alone)
+
+
+def test_deviations_are_larger_where_nothing_is_known_of_several_axes() -> None:
+    video = evidence_of(door(0.5))
+    for joints, direction, larger in ((1, None, False), (2, None, True), (2, np.eye(3)[:2], False)):
+        known = JointPriors(np.zeros(joints, bool), np.arange(joints) - 1, direction, None)
+        deviation = settings_of_video(video, known, SETTINGS).deviation
+        assert (deviation.factor > SETTINGS.deviation.factor) == larger
+        assert (deviation.floor > SETTINGS.deviation.floor) == larger
 
 
 def test_a_video_that_is_too_large_is_an_error() -> None:
