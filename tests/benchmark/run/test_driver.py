@@ -75,6 +75,7 @@ def test_limits_are_numbers(
 
 
 @pytest.mark.parametrize("folder", ["my project", "me@host", "m(1)+2 & 3=4, 5%", "né", "a:b"])
+@pytest.mark.ci
 def test_a_method_may_be_in_any_folder(data: Path, tmp_path: Path, folder: str) -> None:
     file = tmp_path / folder / "m.py"
     file.parent.mkdir()

@@ -75,6 +75,7 @@ def test_a_run_without_shards_completes_the_row(data: Path, tmp_path: Path, expe
     assert found.estimated == N - 2 and scores(found) == expected
 
 
+@pytest.mark.ci
 def test_a_killed_shard_continues_beside_another(
     data: Path, tmp_path: Path, expected: str
 ) -> None:

@@ -86,6 +86,7 @@ def test_a_broken_process_costs_one_sequence(data: Path, tmp_path: Path) -> None
     ("ForksAndExits", "crashed: the method's process exited with 0"),
     ("LeavesSession", "timeout: no estimate within 6 s"),
 ])
+@pytest.mark.ci
 def test_no_process_of_a_method_stays(
     data: Path, tmp_path: Path, calls: Path, name: str, failure: str
 ) -> None:

@@ -41,6 +41,7 @@ def test_what_is_still_does_not_change_and_what_moves_stays(source: str) -> None
 
 
 @pytest.mark.parametrize("source", ["camera", "codec"])
+@pytest.mark.ci
 def test_the_foreground_is_found_in_spite_of_noise(source: str) -> None:
     rgb, true = moving_panel()
     noisy = with_noise(rgb, 2) if source == "camera" else with_codec(rgb)

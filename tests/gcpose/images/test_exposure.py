@@ -45,6 +45,7 @@ def test_a_video_of_constant_exposure_stays_as_it_is(source: str) -> None:
 
 @pytest.mark.parametrize("kind", GAINS)
 @pytest.mark.parametrize("bend", [0.0, 0.5])
+@pytest.mark.ci
 def test_what_is_still_gets_the_same_tones(kind: str, bend: float) -> None:
     rgb, true = moving_panel()
     seen = exposed(rgb, kind, bend)

@@ -60,6 +60,7 @@ def overlap(found: NDArray[np.bool_], true: NDArray[np.bool_]) -> float:
     return float((found & true).sum() / (found | true).sum())
 
 
+@pytest.mark.ci
 def test_the_network_finds_the_plain_middle_of_a_door() -> None:
     rgb, true = plain_door()
     by_color = overlap(subtract_background(rgb, SETTINGS), true)

@@ -234,6 +234,7 @@ def test_depths_are_searched_on_planes() -> None:
     assert np.mean(kept.points.inverse_depth == true) > 0.7
 
 
+@pytest.mark.ci
 def test_a_door_that_turns_the_wrong_way_is_mended() -> None:
     evidence, near, true = door_hypothesis()
     state = replace(near.state, angle=-near.state.angle)

@@ -234,6 +234,7 @@ def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> No
     assert select_hypotheses([other, unlike, first], 9, SETTINGS, labels=1.0) == [first, other]
 
 
+@pytest.mark.ci
 def test_known_axes_give_the_unit_of_length() -> None:
     """Axes that are all farther away by a factor: the same turns, and slides by that factor."""
     observation = door(0.5)

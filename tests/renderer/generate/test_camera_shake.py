@@ -52,6 +52,7 @@ def rendered(folder: Path, camera: CameraConfig, room: float) -> Sequence:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("room", [0.0, 1.0])
+@pytest.mark.ci
 def test_the_truth_is_that_of_the_camera_of_each_frame(tmp_path: Path, room: float) -> None:
     still = rendered(tmp_path / "still", CameraConfig(), room)
     held = rendered(tmp_path / "held", HELD, room)
@@ -71,6 +72,7 @@ def test_the_truth_is_that_of_the_camera_of_each_frame(tmp_path: Path, room: flo
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_an_image_behind_a_camera_that_turns_turns_as_well(tmp_path: Path) -> None:
     turning = CameraConfig(shake_turn=(2.0, 2.0))
     still = rendered(tmp_path / "still", CameraConfig(), 0.0)

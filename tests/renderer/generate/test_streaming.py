@@ -52,6 +52,7 @@ def assert_equal(one: dict[str, Any], two: dict[str, Any]) -> None:
     {"pairs": True}, {"pairs": False}, {"masks": True},
     {"images": ("depth",), "state": ()},
 ], ids=str)
+@pytest.mark.ci
 def test_items_are_those_of_the_stored_dataset(
     dataset: gb.Dataset, options: dict[str, Any]
 ) -> None:
@@ -72,6 +73,7 @@ def test_a_stream_begins_anywhere_and_has_no_end() -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_streams_and_renders_of_a_process_do_not_disturb_each_other() -> None:
     """Each has an OpenGL context."""
     alone = [list(gb.stream(replace(PLAIN, seed=seed), count=2)) for seed in (5, 6)]

@@ -29,6 +29,7 @@ VALUES = st.recursive(
 
 @pytest.mark.parametrize("template", TEMPLATES, ids=lambda path: path.name)
 @given(data=st.dictionaries(st.text() | HOSTILE, VALUES | HOSTILE))
+@pytest.mark.ci
 def test_data_come_back_and_end_no_element(template: Path, data: dict[str, Any]) -> None:
     page = render_page(template, data)
     page.encode()

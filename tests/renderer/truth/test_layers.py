@@ -246,6 +246,7 @@ def test_layers_change_nothing_else(crane: Sequence, tmp_path: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.ci
 def test_two_workers_write_what_one_writes(tmp_path: Path) -> None:
     config = replace(SMALL, robot=write(tmp_path, CRANE), frames=2, width=96, height=72, **ALL)
     for workers in (1, 2):

@@ -33,6 +33,7 @@ CASES = {
 
 @pytest.mark.gl
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.ci
 def test_a_rendered_dataset_is_verified(case: str, tmp_path: Path) -> None:
     text = URDF
     for word, value in (PLAIN | CASES[case]).items():
