@@ -211,8 +211,8 @@ class RgbdSettings:
     sigma_factor_free: Positive = 2.5  # The same where nothing is known.
     sigma_factor_noisy: Positive = 8.2  # The same where depth has noise.
     sigma_factor_noisy_vague: Positive = 16.5
-    """The same where depth has noise and little holds the axes: where nothing is known of them, and
-    where there is one, whose place is not known."""
+    """The same where depth has noise and little is known of the axes: nothing, or only the
+    direction of a single one."""
     sigma_floor_noisy: NonNegative = 0.1 * DEGREE  # Least one there, rad or m.
     sigma_unreliable: NonNegative = 10.0 * DEGREE  # Least one of an unreliable estimate.
     sigma_static: Positive = 1.0  # Largest one, also where nothing was seen to move, rad or m.

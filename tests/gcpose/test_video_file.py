@@ -121,7 +121,7 @@ def test_what_moves_beside_the_region_does_not_count(
         image[20 * t + 5 : 20 * t + 155 : 10, 10:150] = 0
     write_video(tmp_path / "door.mp4", rgb)
     region = ["--region", "160", "0", str(width), str(height)]
-    for used, right in (([], False), (region, True)):
+    for used, right in (([], False), (region, True)):  # without it, what moves there misleads
         assert main(["estimate", "door.mp4", *options, *used, "--json"]) == 0
         turn = json.loads(capsys.readouterr().out)["joints"][0]["displacement"]
         assert (abs(turn - np.degrees(0.5)) < 2.5) == right
