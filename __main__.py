@@ -35,9 +35,10 @@ GROUPS: dict[str, dict[str, Command]] = {
     "estimate motion": {"estimate": gcpose.estimate},
     "more": {
         "doctor": renderer.doctor, "train flow": gcpose.train_flow,
-        "train foreground": gcpose.train_foreground, "train screwnet": gcpose.train_screwnet,
-        "train abbatematteo": gcpose.train_abbatematteo, "train dustnet": gcpose.train_dustnet,
-        "train craves": gcpose.train_craves, "craves-images": gcpose.craves_images,
+        "train foreground": gcpose.train_foreground, "train people": gcpose.train_people,
+        "train screwnet": gcpose.train_screwnet, "train abbatematteo": gcpose.train_abbatematteo,
+        "train dustnet": gcpose.train_dustnet, "train craves": gcpose.train_craves,
+        "craves-images": gcpose.craves_images,
     },
 }
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}

@@ -11,7 +11,8 @@ def estimate(
     video: Path, /, fov: float | None = None, axes: tuple[float, ...] = (),
     base: tuple[float, float] | None = None, frames: int = 16, start: float = 0.0,
     end: float = math.inf, region: tuple[int, int, int, int] | None = None,
-    out: Path | None = None, picture: Path | None = None, quiet: bool = False, json: bool = False,
+    foreground: str = "", out: Path | None = None,
+    picture: Path | None = None, quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
     """Estimate how the joints in your own video turn, by GC-Pose.
 
@@ -42,6 +43,9 @@ def estimate(
         region: Part of the images to use, px: the pixel (u, v) of its upper left corner, its width
             and its height. Leave out what else moves, but keep still background around the object.
             Field of view and base refer to the whole images.
+        foreground: What finds the moving pixels: `no-people` leaves people out who move the object;
+            `network` takes all that moves for the object; so does `background`, by the colors.
+            Default: `no-people` for one joint, `network` for several.
         out: CSV to write. Default: the name of the video, in the current folder.
         picture: PNG to write: some frames with the estimated parts in color.
         quiet: Show no progress: print the result and errors only.
@@ -68,7 +72,10 @@ def estimate(
             raise ConfigError(f"{path}: its folder does not exist; make it")
         if path.resolve() == video.resolve():
             raise ConfigError(f"{path}: is the video; name another file")
-    seen, method, search = read_frames(video, frames, start, end, region), GCPose(), fov is None
+    one_joint = len(axes) <= 3
+    method = GCPose(foreground=foreground or ("no-people" if one_joint else "network"))
+    search = fov is None
+    seen = read_frames(video, frames, start, end, region)
     observe_video(seen, 1.0 if fov is None else fov, axes, base)  # wrong values end it here
     if not quiet:
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
@@ -104,6 +111,11 @@ def train_flow(args: Sequence[str]) -> tuple[object, int]:
 def train_foreground(args: Sequence[str]) -> tuple[object, int]:
     """Train the network of GC-Pose that finds what moves in a plain video."""
     return _train("foreground", args)
+
+
+def train_people(args: Sequence[str]) -> tuple[object, int]:
+    """Train the network of GC-Pose that finds people in a plain video."""
+    return _train("people", args)
 
 
 def train_screwnet(args: Sequence[str]) -> tuple[object, int]:

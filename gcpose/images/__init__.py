@@ -18,7 +18,13 @@ from .flow import (
     row_suffix,
     training_of,
 )
-from .foreground import Foreground, LearnedForeground, find_foreground, subtract_background
+from .foreground import (
+    Foreground,
+    LearnedForeground,
+    find_foreground,
+    find_people,
+    subtract_background,
+)
 from .foreground_input import (
     FOREGROUND_CHANNELS,
     Square,
@@ -40,7 +46,8 @@ __all__ = [
     "ForegroundInference", "FrontEnd", "ImageSettings", "LearnedForeground", "PredictedPatches",
     "Square", "Surfaces", "VideoEvidence", "WeightReader", "changing_square", "color_and_change",
     "cut_square", "dis_flow", "find_camera_motion", "find_depth", "find_flow", "find_foreground",
-    "find_patches", "fine_dis_flow", "for_cuts_of", "geodesic_rank", "moving_edges", "row_suffix",
-    "smooth_costs", "still_edges", "subtract_background", "surfaces_from_depth",
-    "surfaces_from_noisy_depth", "to_still_video", "training_of", "video_evidence",
+    "find_patches", "find_people", "fine_dis_flow", "for_cuts_of", "geodesic_rank",
+    "moving_edges", "row_suffix", "smooth_costs", "still_edges", "subtract_background",
+    "surfaces_from_depth", "surfaces_from_noisy_depth", "to_still_video", "training_of",
+    "video_evidence",
 ]

@@ -1,4 +1,7 @@
-"""What moves in a video from a still camera: by a network, or by the usual color of each pixel."""
+"""What moves in a video from a still camera: by a network, or by the usual color of each pixel.
+
+A second network finds people, who are no part of an object.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,14 @@ from typing import Protocol
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logit
 
 from ...errors import ConfigError, suggestion
 from ..numerics import Image
 from .camera_noise import remove_camera_noise
 from .foreground_input import (
     FOREGROUND_SIDE,
+    Square,
     changing_pixels,
     changing_square,
     color_and_change,
@@ -22,10 +27,15 @@ from .foreground_input import (
     most_frequent,
     paste_square,
 )
-from .foreground_network import FOREGROUND_WEIGHTS, ForegroundInference, load_foreground
+from .foreground_network import (
+    FOREGROUND_WEIGHTS,
+    PEOPLE_WEIGHTS,
+    ForegroundInference,
+    load_foreground,
+)
 from .settings import ImageSettings
 
-_NAMES = ("network", "network:WEIGHTS", "background")
+_NAMES = ("network", "network:WEIGHTS", "background", "no-people", "no-people:WEIGHTS")
 
 
 class Foreground(Protocol):
@@ -48,6 +58,9 @@ def find_foreground(name: str, settings: ImageSettings) -> Foreground:
     if kind == "network" and bool(colon) == bool(file):
         return LearnedForeground(load_foreground(Path(file) if file else FOREGROUND_WEIGHTS),
                                  settings)
+    if kind == "no-people" and bool(colon) == bool(file):
+        people = load_foreground(Path(file) if file else PEOPLE_WEIGHTS, "people")
+        return LearnedForeground(load_foreground(FOREGROUND_WEIGHTS), settings, people)
     raise ConfigError(
         f"no foreground {name!r}{suggestion(name, _NAMES)}; there are {', '.join(_NAMES)}")
 
@@ -57,21 +70,69 @@ class LearnedForeground:
 
     training = "supervised: masks of synthetic video, for rgb and rgbd-noise"
 
-    def __init__(self, network: ForegroundInference, settings: ImageSettings) -> None:
-        """Take a network and the settings of its input."""
-        self._network, self._settings = network, settings
+    def __init__(
+        self, network: ForegroundInference, settings: ImageSettings,
+        people: ForegroundInference | None = None,
+    ) -> None:
+        """Take a network, the settings of its input, and a network that finds who is left out."""
+        self._network, self._settings, self._people = network, settings, people
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return where images [T H W 3] show something that moves [T H W]."""
         rgb = remove_camera_noise(rgb, self._settings)
-        height, width = rgb.shape[1:3]
         square = changing_square(rgb, self._settings)
         if square is None:
             return np.zeros(rgb.shape[:3], bool)
-        logits = self._network(color_and_change(cut_square(rgb, square), self._settings))
-        whole = np.stack([paste_square(frame, square, height, width) for frame in logits])
-        margin = round(self._settings.foreground_edge * square.side / FOREGROUND_SIDE)
-        return _compare_with_background(rgb, whole, max(1, margin), self._settings)
+        margin = _edge_margin(square, self._settings)
+        logits = _run_on_square(self._network, rgb, square, self._settings)
+        found = _compare_with_background(rgb, logits, margin, self._settings)
+        if self._people is None:
+            return found
+        object_only = found & ~_enlarge(find_people(rgb, self._people, self._settings), margin)
+        return np.stack([_without_specks(mask, self._settings) for mask in object_only])
+
+
+def find_people(
+    rgb: NDArray[np.uint8], network: ForegroundInference, settings: ImageSettings
+) -> NDArray[np.bool_]:
+    """Return where images [T H W 3] of a still camera show people who move [T H W].
+
+    People come from outside of the image: each piece, and what is near it, reaches the edge.
+    """
+    square = changing_square(rgb, settings)
+    if square is None:
+        return np.zeros(rgb.shape[:3], bool)
+    logits = _run_on_square(network, rgb, square, settings)
+    found = logits > float(logit(settings.person_probability))
+    wide = _enlarge(found, _edge_margin(square, settings))
+    return found & np.stack([_from_the_edge(mask) for mask in wide])
+
+
+def _from_the_edge(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pieces of a mask [H W] that reach the edge of the image."""
+    _, found = cv2.connectedComponents(mask.astype(np.uint8))
+    piece = np.asarray(found, np.int64)
+    sides = np.concatenate([piece[0], piece[-1], piece[:, 0], piece[:, -1]])
+    return mask & np.isin(piece, sides)
+
+
+def _edge_margin(square: Square, settings: ImageSettings) -> int:
+    """Return how far the edges of a network's masks may be wrong, px of the image."""
+    return max(1, round(settings.foreground_edge * square.side / FOREGROUND_SIDE))
+
+
+def _run_on_square(
+    network: ForegroundInference, rgb: NDArray[np.uint8], square: Square, settings: ImageSettings
+) -> Image:
+    """Return the logits [T H W] of images [T H W 3], of which the network sees a square."""
+    logits = network(color_and_change(cut_square(rgb, square), settings))
+    return np.stack([paste_square(frame, square, *rgb.shape[1:3]) for frame in logits])
+
+
+def _enlarge(masks: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
+    """Enlarge masks [T H W] by a margin, px."""
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
+    return np.stack([cv2.dilate(mask.astype(np.uint8), window) for mask in masks]) > 0
 
 
 def _compare_with_background(
@@ -83,9 +144,8 @@ def _compare_with_background(
     `margin` px. The background of a pixel is its color in the frame in which the network is most
     sure that nothing moves there; where there is no such frame, the network decides.
     """
-    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
-    found = (logits > 0).astype(np.uint8)
-    near = np.stack([cv2.dilate(mask, window) for mask in found]) > 0
+    found = logits > 0
+    near = _enlarge(found, margin)
     free = np.where(near, np.float32(np.inf), logits)
     best = free.argmin(axis=0)[None]
     background = np.take_along_axis(rgb, best[..., None], axis=0)[0]

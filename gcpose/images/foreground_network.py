@@ -12,6 +12,8 @@ from .foreground_input import FOREGROUND_CHANNELS
 
 FOREGROUND_WEIGHTS = Path(__file__).parents[1] / "weights" / "foreground.safetensors"
 """The weights that gcbench has."""
+PEOPLE_WEIGHTS = FOREGROUND_WEIGHTS.with_name("people.safetensors")
+"""Those of the same network for people."""
 _LEVELS = 4
 
 
@@ -61,13 +63,15 @@ class ForegroundInference:
         return _shuffle(self._out(x, rectify=False))
 
 
-def load_foreground(path: Path = FOREGROUND_WEIGHTS) -> ForegroundInference:
-    """Load the network from a safetensors file.
+def load_foreground(
+    path: Path = FOREGROUND_WEIGHTS, name: str = "the foreground"
+) -> ForegroundInference:
+    """Load the network from a safetensors file; `name` is what it finds.
 
     Raises:
         ConfigError: If the file is missing, damaged, or holds another network's weights.
     """
-    return ForegroundInference(read_network(path, "the foreground"))
+    return ForegroundInference(read_network(path, name))
 
 
 def _unshuffle(frames: Image) -> Image:

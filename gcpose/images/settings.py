@@ -38,6 +38,7 @@ class ImageSettings:
     """Margin around what changes in the square that the network sees, by its side."""
     foreground_edge: Positive = 1.5
     """Distance from the network's mask up to which pixels may move, pixels of the network."""
+    person_probability: Share = 0.3  # Probability of a person above which a pixel is left out.
     foreground_frames: Count = 30  # Frames at most in which the usual color is searched.
     change_threshold: Count = 3  # Change of a pixel that may move, grey levels.
     background_threshold: Count = 6  # The same of the foreground from the background.

@@ -164,6 +164,24 @@ class ForegroundTraining(TrainConfig):
 
 
 @dataclass(frozen=True)
+class PeopleTraining(ForegroundTraining):
+    """Train the network of GC-Pose that finds people, who are left out of a plain video.
+
+    To continue an interrupted run, run the same command again. Without --data, the command renders
+    appliances and random objects of the stream "train". People are drawn over them: someone moves
+    the object.
+
+    Examples:
+      gcbench train people --out people
+      gcbench train people --data data/train --held-out data/held --out people --steps 4000
+      gcbench eval --method gcpose --inputs rgb --foreground no-people:people/people.safetensors
+    """
+
+    out: Path = Path("people")
+    people_probability: float = 0.7  # Share of the videos with a person.
+
+
+@dataclass(frozen=True)
 class ObjectTraining(TrainConfig):
     """Options of the networks that learn from objects with one joint."""
 
@@ -281,7 +299,7 @@ class DustNetTraining(ScrewNetTraining):
 
 
 CONFIGS: dict[str, type[TrainConfig]] = {
-    "flow": FlowTraining, "foreground": ForegroundTraining,
+    "flow": FlowTraining, "foreground": ForegroundTraining, "people": PeopleTraining,
     "screwnet": ScrewNetTraining, "abbatematteo": AbbatematteoTraining,
     "dustnet": DustNetTraining, "craves": CravesTraining,
 }

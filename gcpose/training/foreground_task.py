@@ -99,7 +99,7 @@ class ForegroundTask(TrainingTask):
             for name, method in methods.items():
                 mask = method(rgb)
                 found[name].append(float((mask & true).sum() / max(1, (mask | true).sum())))
-        return {name: {"iou": 100 * float(np.mean(v)), "worst": 100 * _worst_tenth(v)}
+        return {name: {"iou": 100 * float(np.mean(v)), "worst": 100 * worst_tenth(v)}
                 for name, v in found.items()}
 
 
@@ -108,5 +108,6 @@ def _plan(robot: str, seed: int, sequences: int, held_out: bool = False) -> Plan
     return PlannedDataset(f"{robot.partition(':')[0]}-{seed}", config, sequences, held_out)
 
 
-def _worst_tenth(values: list[float]) -> float:
+def worst_tenth(values: list[float]) -> float:
+    """Return the mean of the smallest tenth."""
     return float(np.mean(sorted(values)[: -(-len(values) // 10)]))

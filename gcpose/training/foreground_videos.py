@@ -29,7 +29,7 @@ class ForegroundSample:
     frames: NDArray[np.float32]
     """[T 10 S S] (see `color_and_change`)"""
     moving: NDArray[np.float32]
-    """[T S S] share of a pixel that moves, 0..1"""
+    """[T S S] share of a pixel that is to be found, 0..1"""
 
 
 def true_foreground(sequence: Sequence, frames: slice) -> NDArray[np.bool_]:
@@ -41,6 +41,9 @@ def true_foreground(sequence: Sequence, frames: slice) -> NDArray[np.bool_]:
 
 class ForegroundVideos:
     """Sequences of datasets; each epoch has every sequence once, in another order."""
+
+    any_way_up = True
+    """Whether samples are also turned by right angles, and their color channels permuted."""
 
     def __init__(self, folders: Row[Path], config: ForegroundTraining) -> None:
         """Open datasets; `config` has the seed and the ranges of the changes.
@@ -66,16 +69,21 @@ class ForegroundVideos:
         dataset, index = self._place[place]
         sequence = dataset[index]
         start = int(rng.integers(dataset.config.frames - c.frames + 1))
-        chosen = slice(start, start + c.frames)
-        rgb = np.asarray(sequence.rgb[chosen])
-        moving = true_foreground(sequence, chosen).astype(np.uint8) * np.uint8(255)
+        rgb, wanted = self.read_frames(sequence, slice(start, start + c.frames), rng)
         square = self._draw_square(rgb, rng)
-        rgb, mask = cut_square(rgb, square), cut_square(moving[..., None], square)
-        turn, mirror = int(rng.integers(4)), bool(rng.integers(2))
+        rgb, mask = cut_square(rgb, square), cut_square(wanted[..., None], square)
+        turn, mirror = int(rng.integers(4)) * self.any_way_up, bool(rng.integers(2))
         rgb, mask = (np.rot90(x, turn, (1, 2))[:, :: -1 if mirror else 1] for x in (rgb, mask))
         rgb = self._recolor(np.ascontiguousarray(rgb), rng)
         return ForegroundSample(color_and_change(rgb, self._settings),
                                 np.multiply(mask, 1 / 255, dtype=np.float32))
+
+    def read_frames(
+        self, sequence: Sequence, frames: slice, rng: np.random.Generator
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return images [T H W 3], and the share of a pixel that is to be found [T H W], 0..255."""
+        moving = true_foreground(sequence, frames).astype(np.uint8) * np.uint8(255)
+        return np.asarray(sequence.rgb[frames]), moving
 
     def _draw_square(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> Square:
         """Return a square about the one in use; about the image where nothing changes."""
@@ -89,11 +97,11 @@ class ForegroundVideos:
         return replace(found, left=left, top=top, side=side)
 
     def _recolor(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-        """Change the tones of all frames alike, permute the channels, and add noise."""
+        """Change the tones of all frames alike, and add noise; the channels may be permuted."""
         c = self.config
         tone = np.linspace(0, 1, 256)[:, None] ** rng.uniform(*c.gamma) * rng.uniform(*c.gain, 3)
         table = np.clip(255 * tone, 0, 255).astype(np.uint8)
-        channels = rng.permutation(3)
+        channels = rng.permutation(3) if self.any_way_up else np.arange(3)
         sigma = rng.uniform(*c.noise) if rng.random() < c.noise_probability else 0.0
         out = np.empty_like(rgb)
         for t, image in enumerate(rgb):

@@ -11,6 +11,7 @@ from .config import (
     DustNetTraining,
     FlowTraining,
     ForegroundTraining,
+    PeopleTraining,
     ScrewNetTraining,
     TrainConfig,
 )
@@ -19,13 +20,14 @@ from .dustnet_task import DustNetTask
 from .flow_task import FlowTask
 from .foreground_task import ForegroundTask
 from .loop import train
+from .people_task import PeopleTask
 from .screwnet_task import ScrewNetTask
 from .task import Scores, TrainingTask
 
 _TASKS: dict[type[TrainConfig], type[TrainingTask]] = {
-    FlowTraining: FlowTask, ForegroundTraining: ForegroundTask, ScrewNetTraining: ScrewNetTask,
-    AbbatematteoTraining: AbbatematteoTask, DustNetTraining: DustNetTask,
-    CravesTraining: CravesTask,
+    FlowTraining: FlowTask, ForegroundTraining: ForegroundTask, PeopleTraining: PeopleTask,
+    ScrewNetTraining: ScrewNetTask, AbbatematteoTraining: AbbatematteoTask,
+    DustNetTraining: DustNetTask, CravesTraining: CravesTask,
 }
 
 

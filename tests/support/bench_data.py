@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
@@ -17,10 +18,13 @@ from . import analytic
 JOINTS = 2
 
 
-def make_dataset(folder: Path, n: int = 3, unobservable: tuple[int, ...] = ()) -> Path:
+def make_dataset(
+    folder: Path, n: int = 3, unobservable: tuple[int, ...] = (),
+    stream: Literal["test", "train"] = "test",
+) -> Path:
     """n sequences of an arm of two revolute joints, each of its own amount of motion."""
     base = analytic.render(width=48, height=36, frames=4, room=False)
-    config = RenderConfig(robot="arm", frames=4, width=48, height=36)
+    config = RenderConfig(robot="arm", frames=4, width=48, height=36, stream=stream)
     write = new_provenance(config)
     for index in range(n):
         save(base, folder, index, 1.0 + index, index not in unobservable)

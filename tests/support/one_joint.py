@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,10 +31,7 @@ def moved(joint: str, displacement: list[float]) -> Sequence:
 def dataset(folder: Path, n: int = 4, joints: tuple[str, ...] = ("pan",)) -> Path:
     """A dataset of the stream "train" of objects with one scored joint."""
     folder.mkdir(parents=True)
-    bench_data.make_dataset(folder, n)
-    info = json.loads((folder / "dataset.json").read_text())
-    info["config"]["stream"] = "train"
-    (folder / "dataset.json").write_text(json.dumps(info))
+    bench_data.make_dataset(folder, n, stream="train")
     for index in range(n):
         (folder / f"sequences/{index:06d}.zip").unlink()
         base = moved("pan", [0.0, 0.1, 0.2, 0.3])

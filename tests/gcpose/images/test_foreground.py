@@ -10,6 +10,7 @@ import pytest
 from gcbench.errors import ConfigError
 from gcbench.gcpose.images.foreground import (
     _compare_with_background,
+    _from_the_edge,
     find_foreground,
     subtract_background,
 )
@@ -86,7 +87,7 @@ def test_edges_are_those_of_the_images() -> None:
 def test_nothing_moves_in_a_still_video() -> None:
     wall = texture(np.random.default_rng(1), 60, 80)
     still = np.repeat(wall[None], 4, axis=0)
-    for name in ("network", "background"):
+    for name in ("network", "no-people", "background"):
         found = find_foreground(name, SETTINGS)(still)
         assert found.shape == still.shape[:3] and found.dtype == bool and not found.any()
 
@@ -171,6 +172,8 @@ def test_numpy_computes_what_pytorch_does() -> None:
         ("networks", "perhaps you meant network"),
         ("network:", "no foreground 'network:'"),
         ("network:missing.safetensors", "there is no such file"),
+        ("no-people:", "no foreground 'no-people:'"),
+        ("no-people:{0}/shape.safetensors", r"bottom.filter.weight is \[1\]"),
         ("network:{0}/other.safetensors", "enter.0.filter.weight is missing"),
         ("network:{0}/shape.safetensors", r"bottom.filter.weight is \[1\]"),
         ("network:{0}/nan.safetensors", "out.bias is not finite"),
@@ -187,3 +190,12 @@ def test_wrong_names_and_files_are_refused(tmp_path: Path, name: str, said: str)
     (tmp_path / "text.safetensors").write_text("these are no tensors")
     with pytest.raises(ConfigError, match=said):
         find_foreground(name.format(tmp_path), SETTINGS)
+
+
+def test_people_come_from_the_edge_of_the_image() -> None:
+    mask = np.zeros((60, 80), bool)
+    mask[40:, 10:20] = mask[10:20, 70:] = mask[20:30, 30:40] = True
+    found = _from_the_edge(mask)
+    assert found[40:, 10:20].all() and found[10:20, 70:].all()
+    assert found.sum() == mask.sum() - 100
+    assert not _from_the_edge(np.zeros((60, 80), bool)).any()

@@ -31,11 +31,7 @@ def data(tmp_path: Path) -> Path:
     """Two sequences of the stream "train" of an arm that moves."""
     folder = tmp_path / "data"
     folder.mkdir()
-    bench_data.make_dataset(folder, 2)
-    info = json.loads((folder / "dataset.json").read_text())
-    info["config"]["stream"] = "train"
-    (folder / "dataset.json").write_text(json.dumps(info))
-    return folder
+    return bench_data.make_dataset(folder, 2, stream="train")
 
 
 def options(data: Path, out: Path, steps: int) -> ForegroundTraining:

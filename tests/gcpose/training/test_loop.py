@@ -25,11 +25,7 @@ CROPPED = FlowTraining(crop=(64, 48))
 
 def to_learn_from(folder: Path, n: int = 3) -> Path:
     """A dataset of the stream "train"."""
-    make_dataset(folder, n)
-    info = json.loads((folder / "dataset.json").read_text())
-    info["config"]["stream"] = "train"
-    (folder / "dataset.json").write_text(json.dumps(info))
-    return folder
+    return make_dataset(folder, n, stream="train")
 
 
 def shifted(shift: tuple[int, int] = (5, -3), size: tuple[int, int] = (96, 128)) -> FramePair:
