@@ -44,7 +44,7 @@ def estimate(
             and its height. Leave out what else moves, but keep still background around the object.
             Field of view and base refer to the whole images.
         foreground: What finds the moving pixels: `no-people` leaves people out who move the object;
-            `network` takes all that moves for the object; so does `background`, by the colors.
+            `network` and `background` take all that moves for the object.
             Default: `no-people` for one joint, `network` for several.
         out: CSV to write. Default: the name of the video, in the current folder.
         picture: PNG to write: some frames with the estimated parts in color.

@@ -84,12 +84,15 @@ class ForegroundTask(TrainingTask):
         overlap = (2 * both + 1) / (either + 1)
         return F.binary_cross_entropy_with_logits(logits, moving) + 0.3 * (1 - overlap).mean()
 
+    def inference(self, network: nn.Module) -> ForegroundInference:
+        """Return the network as it is in use."""
+        tensors = {k: v.detach().float().cpu().numpy() for k, v in network.state_dict().items()}
+        return ForegroundInference(WeightReader(tensors, "the network", self.name))
+
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the overlap with the truth in whole images, of this network and without it."""
         settings = ImageSettings()
-        tensors = {k: v.detach().float().cpu().numpy() for k, v in network.state_dict().items()}
-        read = WeightReader(tensors, "the foreground", self.name)
-        learned = LearnedForeground(ForegroundInference(read), settings)
+        learned = LearnedForeground(self.inference(network), settings)
         methods: dict[str, Foreground] = {
             "background": lambda rgb: subtract_background(rgb, settings), "network": learned}
         found: dict[str, list[float]] = {name: [] for name in methods}

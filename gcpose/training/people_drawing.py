@@ -251,8 +251,7 @@ def _draw_arm(canvas: _Canvas, arm: Array, person: _Person) -> None:
     hand, elbow, shoulder = arm
     wrist = person.wrist * canvas.scale
     if not person.body:  # the arm goes on to outside of the image
-        step = shoulder - elbow
-        shoulder = elbow + step / max(1e-6, float(np.hypot(*step))) * 4 * max(canvas.cover.shape)
+        shoulder = elbow + _unit(shoulder - elbow) * 4 * max(canvas.cover.shape)
     upper = np.stack([elbow, shoulder])
     wide = (1.4 * wrist, 1.8 * wrist if person.body else 1.6 * wrist)
     bare_upper = max(0.0, person.bare - 1)

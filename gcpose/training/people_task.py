@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...renderer.dataset import open_dataset
-from ..images import ForegroundInference, ImageSettings, WeightReader, find_people
+from ..images import ImageSettings, find_people
 from ..networks.torch_runtime import nn
 from .config import PeopleTraining
 from .foreground_task import ForegroundTask, worst_tenth
@@ -35,8 +35,7 @@ class PeopleTask(ForegroundTask):
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the overlap with the person, and what is lost of the object."""
         settings = ImageSettings()
-        tensors = {k: v.detach().float().cpu().numpy() for k, v in network.state_dict().items()}
-        inference = ForegroundInference(WeightReader(tensors, "people", self.name))
+        inference = self.inference(network)
         overlap, lost, alone = list[float](), list[float](), list[float]()
         for k, sequence in enumerate(open_dataset(folder)):
             rgb, cover = draw_person(sequence, slice(None), np.random.default_rng(k))
