@@ -62,7 +62,8 @@ class EvalConfig(ExecutorOptions):
     name."""
     foreground: str = ""
     """What finds the moving pixels of plain video, for methods with this option: network,
-    network:WEIGHTS or background. Default: chosen by the method. Becomes part of the row's name."""
+    network:WEIGHTS, background, no-people (leaves people out) or no-people:WEIGHTS. Default: chosen
+    by the method. Becomes part of the row's name."""
     weights: tuple[str, ...] = ()
     """Trained weights, for methods with this option (screwnet, abbatematteo, dustnet,
     craves): a file that gcbench train wrote, or the name of weights that come with gcbench.
