@@ -47,7 +47,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "36"
+    version = "37"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -90,17 +90,22 @@ class GCPose:
             self.flow, end.foreground, end.depth,
             then="" if self._flow_is_named else f"{training_of(end.second_flow)}, for rgb")
 
-    def estimate(self, observation: Observation) -> Estimate:
-        """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves."""
+    def estimate(self, observation: Observation, object_depth: float | None = None) -> Estimate:
+        """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves.
+
+        Plain video has no unit of length, which joints that slide need. Known lines of axes give
+        it; so does `object_depth`: the depth (z in the camera frame) of what moves in frame 0, m.
+        """
         with threadpool_limits(1, "blas"):  # on small matrices its threads only wait
-            return self._estimate(observation)
+            return self._estimate(observation, object_depth)
 
     def find_focal_length(self, observation: Observation) -> float | None:
-        """Return the focal length of the camera of a plain video of a door, px, by the straight
-        edges of the door; None where they do not tell it. The focal length of the observation is
-        where the search begins."""
+        """Return the focal length of the camera of a plain video of a door or a drawer, px, by its
+        straight edges; None where they do not tell it. The focal length of the observation is where
+        the search begins."""
         video = self._video(observation)
-        return None if video is None else find_focal_length(video, self.settings.rgb)
+        slides = "prismatic" in observation.joint_types
+        return None if video is None else find_focal_length(video, self.settings.rgb, slides)
 
     def find_axis(self, observation: Observation) -> Array | None:
         """Return the direction [3] of the axis of a door on plain video, in the camera's frame, by
@@ -121,12 +126,12 @@ class GCPose:
         end = replace(self.front_end, second_flow=None)
         return video_evidence(replace(still, depth=None), end, self.settings.images)
 
-    def _estimate(self, observation: Observation) -> Estimate:
+    def _estimate(self, observation: Observation, object_depth: float | None) -> Estimate:
         still = to_still_video(observation, self.settings.images)
         observation = still.observation
         priors = joint_priors(observation)
         if observation.depth is None:
-            found = self._estimate_by_images(observation, priors)
+            found = self._estimate_by_images(observation, priors, object_depth)
         else:
             found = self._estimate_by_depth(observation, priors)
         if (found is None or found.sigma is None
@@ -137,13 +142,14 @@ class GCPose:
         return still.move_back(replace(found, reliable=reliable))
 
     def _estimate_by_images(
-        self, observation: Observation, priors: JointPriors
+        self, observation: Observation, priors: JointPriors, object_depth: float | None = None
     ) -> Estimate | None:
         """By the flow that was named; else by two where this was found to pay."""
         settings, end = self.settings, self.front_end
         if not (self._flow_is_named or two_flows_pay(observation, priors)):
             end = replace(end, second_flow=None)
-        return estimate_rgb(observation, priors, end, settings.rgb, settings.images)
+        return estimate_rgb(
+            observation, priors, end, settings.rgb, settings.images, object_depth)
 
     def _estimate_by_depth(
         self, observation: Observation, priors: JointPriors

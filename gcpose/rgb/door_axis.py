@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from ...robots.geometry import Array
 from ..numerics import compiled
-from .door_edges import EdgePlanes, across_axis, measure_tilts
+from .door_edges import across_axis, measure_tilts
+from .edge_planes import EdgePlanes, distinct_directions
 from .settings import RgbSettings
 
 _TRIED_DIRECTIONS = 1500  # on the half sphere, about 4 degrees from one to the next
 _TRIED_TILTS = 60  # of the edges across each of them, in each frame
-_MAX_PAIRS = 20000  # of edges, of which each has a vanishing point
 _WEAK_PRIOR = 1e-3  # information about the tilt of a frame without edges, 1/rad^2
 
 
@@ -71,16 +71,14 @@ def find_axis(
 def propose_axes(planes: EdgePlanes, settings: RgbSettings) -> list[Array]:
     """Return directions [3] that may be near that of the axis: those along which most edges are,
     and those that explain most if each frame has the direction across it that suits it."""
-    s, share = settings, _shares(planes)
-    points = _vanishing_points(planes)
-    along = np.array([_fit(planes, point, s)[2] @ share for point in points])
-    first = _distinct(points, along, s)
+    s, share = settings, planes.share
+    first = planes.common_directions(s)
     tried = np.concatenate([first, _half_sphere(_TRIED_DIRECTIONS)])
     bases = np.stack([np.stack([axis, *across_axis(axis)]) for axis in tried])
     explained = _explained_shares(
         bases, planes.frame, planes.normal, planes.change, share, s.edge_scale,
         s.edge_tilt_sigma, s.max_tilt_sigma)
-    return [*first, *_distinct(tried, explained, s)]
+    return [*first, *distinct_directions(tried, explained, s)]
 
 
 def refine_axis(
@@ -94,10 +92,10 @@ def refine_axis(
         if k in (0, s.axis_rounds // 2):
             axis = replace(axis, across=_turn_across(planes, axis.direction, s))
         axis = _step(planes, still, axis, s)
-    along, across = (_fit(planes, v, s)[2] for v in (axis.direction, axis.across[planes.frame]))
+    along, across = (planes.fit(v, s)[2] for v in (axis.direction, axis.across[planes.frame]))
     if np.abs(axis.across @ axis.across[0]).min() > np.cos(s.min_edge_turn):
         across *= 0  # the edges along an axis are across many others that do not turn
-    share = float(np.maximum(along, across) @ _shares(planes))
+    share = float(np.maximum(along, across) @ planes.share)
     return replace(axis, explained=share)
 
 
@@ -105,7 +103,7 @@ def _turn_across(planes: EdgePlanes, direction: Array, settings: RgbSettings) ->
     """Directions [T 3] across an axis [3] that turn steadily and explain most of the edges that are
     not along it."""
     s, (one, other) = settings, across_axis(direction)
-    along = _fit(planes, direction, s)[2]
+    along = planes.fit(direction, s)[2]
     edges = measure_tilts(planes.some(along < 0.5), direction, s)
     turn = edges.turns(planes.frames, s)
     tilt = turn + edges.first_tilt(turn, s.edge_scale)
@@ -120,7 +118,7 @@ def _step(
     s, (one, other) = settings, across_axis(axis.direction)
     mine = axis.across[planes.frame]
     (off, sigma, along), (missed, sigma_across, across) = (
-        _fit(planes, v, s) for v in (axis.direction, mine))
+        planes.fit(v, s) for v in (axis.direction, mine))
     is_along = along >= across
     gradient = np.zeros((len(off), 2 + planes.frames))
     for i, to in enumerate((one, other)):  # what is across the axis stays across it
@@ -132,7 +130,7 @@ def _step(
     gradient *= weight[:, None]
     matrix = gradient.T @ gradient + _WEAK_PRIOR * np.eye(2 + planes.frames)
     vector = gradient.T @ (weight * np.where(is_along, off, missed))
-    off, sigma, along = _fit(still, axis.direction, s)
+    off, sigma, along = still.fit(axis.direction, s)
     gradient = still.normal @ np.stack([one, other], axis=1) * (along / sigma)[:, None]
     matrix[:2, :2] += gradient.T @ gradient
     vector[:2] += gradient.T @ (off * along / sigma)
@@ -144,52 +142,12 @@ def _step(
     return DoorAxis(direction, turned, np.linalg.inv(matrix))
 
 
-def _fit(
-    planes: EdgePlanes, direction: Array, settings: RgbSettings
-) -> tuple[Array, Array, Array]:
-    """How well edges have a direction, [3] or one for each [N 3]: the sine [N] of its angle from
-    their planes, the standard deviation [N] of this sine, and a weight [N] from 0 to 1."""
-    off = (planes.normal * direction).sum(axis=1)
-    by_end = (planes.change * np.reshape(direction, (-1, 1, 3))).sum(axis=2)
-    square = settings.edge_tilt_sigma**2 + (by_end**2).sum(axis=1)
-    return off, np.sqrt(square), 1 / (1 + off**2 / (square * settings.edge_scale**2))
-
-
-def _shares(planes: EdgePlanes) -> Array:
-    """The share [N] of each edge in the edges of its frame, by length, and of that frame in the
-    frames with edges."""
-    total = np.bincount(planes.frame, planes.length)[planes.frame]
-    return planes.length / total / len(np.unique(planes.frame))
-
-
-def _vanishing_points(planes: EdgePlanes) -> Array:
-    """Directions [M 3] that two edges may have in common, of pairs of edges."""
-    i, j = np.triu_indices(len(planes.frame), 1)
-    if len(i) > _MAX_PAIRS:
-        some = np.linspace(0, len(i) - 1, _MAX_PAIRS).astype(np.int64)
-        i, j = i[some], j[some]
-    point = np.cross(planes.normal[i], planes.normal[j])
-    size = np.linalg.norm(point, axis=1, keepdims=True)
-    return (point / np.maximum(size, 1e-12))[size[:, 0] > 0.03]
-
-
 def _half_sphere(count: int) -> Array:
     """Directions [count 3], evenly spread (Fibonacci lattice)."""
     z = (np.arange(count) + 0.5) / count
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
     flat = np.sqrt(1 - z**2)
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
-
-
-def _distinct(directions: Array, share: Array, settings: RgbSettings) -> Array:
-    """The directions [K 3] with the largest shares of which any two differ."""
-    out: list[Array] = []
-    for i in np.argsort(-share, kind="stable"):
-        if all(abs(directions[i] @ other) < np.cos(settings.distinct_axis) for other in out):
-            out.append(directions[i])
-        if len(out) == settings.axes_tried:
-            break
-    return np.reshape(out, (-1, 3))
 
 
 def _unit(vectors: Array) -> Array:
@@ -202,7 +160,7 @@ def _explained_shares(
     scale: float, least: float, most: float,
 ) -> Array:
     """Share [M] of the edges that each axis explains; bases [M 3 3] hold it and two directions
-    across it. In one loop, what `_fit` and `measure_tilts` compute of one axis."""
+    across it. In one loop, what `EdgePlanes.fit` and `measure_tilts` compute of one axis."""
     out, per_tilt = np.zeros(len(bases)), np.pi / _TRIED_TILTS
     wide = scale * per_tilt / 2
     for m in range(len(bases)):

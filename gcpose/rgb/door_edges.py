@@ -14,52 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array, pinhole
-from ..images import VideoEvidence, moving_edges, still_edges
+from ...robots.geometry import Array
 from ..numerics import geman_mcclure_cost
+from .edge_planes import EdgePlanes
 from .settings import RgbSettings
 
 _ITERATIONS = 10
 _TRIED_TILTS = np.arange(180) * np.pi / 180
-
-
-@dataclass(frozen=True, eq=False)
-class EdgePlanes:
-    """The planes that the camera spans with N straight edges in T frames, in their order."""
-
-    frames: int
-    """T"""
-    frame: NDArray[np.int64]
-    """[N]"""
-    normal: Array
-    """[N 3] unit vectors"""
-    change: Array
-    """[N 2 3] of the normal, where one of the ends is moved by a standard deviation"""
-    length: Array
-    """[N] px"""
-
-    @classmethod
-    def of_ends(
-        cls, ends: list[Array], intrinsics: Array, settings: RgbSettings
-    ) -> EdgePlanes:
-        """Return the planes of edges by their ends [N 2 2] in each of T frames, px."""
-        end = np.concatenate(ends)
-        ray = pinhole.pixel_rays(intrinsics, end.reshape(-1, 2)).reshape(-1, 2, 3)
-        along = end[:, 1] - end[:, 0]
-        length = np.linalg.norm(along, axis=1)
-        across = along[:, ::-1] * [-1, 1] / float(intrinsics[0, 0]) / length[:, None]
-        moved = np.pad(across, ((0, 0), (0, 1)))  # an end that is 1 px away
-        normal = np.cross(ray[:, 0], ray[:, 1])
-        change = np.stack([np.cross(moved, ray[:, 1]), np.cross(ray[:, 0], moved)], axis=1)
-        size = np.linalg.norm(normal, axis=1)
-        frame = np.repeat(np.arange(len(ends)), [len(each) for each in ends])
-        return cls(len(ends), frame, normal / size[:, None],
-                   settings.edge_end_sigma * change / size[:, None, None], length)
-
-    def some(self, which: NDArray[np.bool_]) -> EdgePlanes:
-        """Return those of the planes [N] that are asked for."""
-        return EdgePlanes(self.frames, self.frame[which], self.normal[which], self.change[which],
-                          self.length[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,18 +120,6 @@ class DoorEdges:
             above = _wrap(tilt - first)
             first += np.average(above, weights=(sigma * (1 + (above / wide) ** 2)) ** -2)
         return float(first)
-
-
-def planes_of_moving_edges(video: VideoEvidence, settings: RgbSettings) -> EdgePlanes:
-    """Return the planes of the straight edges in the images of what moves."""
-    ends = moving_edges(video.gray, video.moving, video.settings)
-    return EdgePlanes.of_ends(ends, video.intrinsics, settings)
-
-
-def planes_of_still_edges(video: VideoEvidence, settings: RgbSettings) -> EdgePlanes:
-    """Return the planes of the straight edges that do not move, as if they were of one frame."""
-    ends = still_edges(video.gray, video.moving, video.settings)
-    return EdgePlanes.of_ends([ends], video.intrinsics, settings)
 
 
 def see_edges(planes: EdgePlanes, axis: Array, settings: RgbSettings) -> DoorEdges | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,15 +13,11 @@ from ..chain import HingePrior, JointPriors, locate_hinges, offset_from_axis, sc
 from ..estimator import Adjustment, Hypothesis, Round, run_em, track
 from ..images import VideoEvidence, geodesic_rank
 from ..numerics import Image, Solver
+from .box_directions import BoxDirections, find_box_directions
 from .costs import MovedRays, flow_costs, flow_records, patch_costs
 from .door_axis import DoorAxis, find_axis
-from .door_edges import (
-    DoorEdges,
-    EdgePlanes,
-    planes_of_moving_edges,
-    planes_of_still_edges,
-    see_edges,
-)
+from .door_edges import DoorEdges, see_edges
+from .edge_planes import EdgePlanes, planes_of_moving_edges, planes_of_still_edges
 from .labels import (
     SampledPixels,
     assign_labels,
@@ -88,10 +85,11 @@ class RgbEvidence:
 
     def __init__(
         self, video: VideoEvidence, priors: JointPriors, settings: RgbSettings,
-        axis_by_edges: DoorAxis | None = None,
+        axis_by_edges: DoorAxis | None = None, box: BoxDirections | None = None,
     ) -> None:
         self.video, self.priors = video, priors
-        self.settings, self.chain, self.axis_by_edges = settings, settings.chain, axis_by_edges
+        self.settings, self.chain = settings, settings.chain
+        self.axis_by_edges, self.box = axis_by_edges, box
         self.solver = Solver(settings.damping, 1e-6, max_step=settings.max_step, scaled=True)
         self.joints = len(priors.prismatic)
         self._samples: dict[tuple[tuple[int, ...], int, OutlineKind], SampledPixels] = {}
@@ -122,6 +120,11 @@ class RgbEvidence:
         return bool(self.joints == 1 and not self.priors.prismatic[0]
                     and self.video.distance is None and self.settings.edge_weight)
 
+    @property
+    def may_be_slide(self) -> bool:
+        """Whether one part slides whose depth is not measured."""
+        return bool(self.joints == 1 and self.priors.prismatic[0] and self.video.distance is None)
+
     def with_axis_by_edges(self) -> RgbEvidence:
         """Return the evidence of a door whose axis has an unknown direction with that which its
         straight edges show; itself elsewhere, and where they do not show it."""
@@ -133,6 +136,18 @@ class RgbEvidence:
             return self
         known = replace(self.priors, direction=axis.direction[None])
         return RgbEvidence(self.video, known, self.settings, axis)
+
+    def along_box(self, direction: Array) -> list[RgbEvidence]:
+        """Return the evidence of a slide whose direction is not known with each of the three
+        directions that straight edges show, the nearest to `direction` [3] first; none elsewhere,
+        and where they do not show them."""
+        if not self.may_be_slide or self.priors.direction is not None:
+            return []
+        still = planes_of_still_edges(self.video, self.settings)
+        box = find_box_directions(self.edge_planes, still, self.settings)
+        return [] if box is None else [
+            RgbEvidence(self.video, replace(self.priors, direction=axis[None]), self.settings,
+                        box=box) for axis in box.nearest_first(direction)]
 
     @cached_property
     def edges(self) -> DoorEdges | None:
@@ -291,3 +306,10 @@ class RgbEvidence:
 
         hypothesis = run_em(self, hypothesis, rounds_of(hypothesis))
         return track(self, hypothesis, until, rounds_of, PACE_STEPS)
+
+
+def refine_points(
+    evidence: RgbEvidence, points: SampledPixels, rounds: int, reach: float
+) -> Callable[[VideoHypothesis], VideoHypothesis]:
+    """Return how a hypothesis is refined by patches of some points."""
+    return lambda h: evidence.refine_by_patches(h, points, rounds, reach)

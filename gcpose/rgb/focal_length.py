@@ -1,21 +1,29 @@
-"""The focal length of a camera that sees a door turn, by the straight edges of the door.
+"""The focal length of a camera that sees a door turn or a drawer slide, by their straight edges.
 
-Edges along the axis are at right angles to those across it. Seen with a wrong focal length, they
-are not, and differ from it in other ways as the door turns (compare camera calibration by vanishing
-points of directions at right angles: Caprile and Torre, Using vanishing points for camera
-calibration, 1990). So the right one explains most edges.
+Edges along the axis of a door are at right angles to those across it, and the edges of a drawer and
+its body are so to each other. Seen with a wrong focal length, they are not, and those of a door
+differ from it in other ways as it turns (compare camera calibration by vanishing points of
+directions at right angles: Caprile and Torre, Using vanishing points for camera calibration, 1990).
+So the right one explains most edges.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...robots.geometry import Array
 from ..images import VideoEvidence, moving_edges, still_edges
-from .door_axis import DoorAxis, find_axis, propose_axes, refine_axis
-from .door_edges import EdgePlanes
+from .box_directions import (
+    explained_share,
+    find_box_directions,
+    propose_box_directions,
+    refine_box_directions,
+)
+from .door_axis import find_axis, propose_axes, refine_axis
+from .edge_planes import EdgePlanes
 from .settings import RgbSettings
 
 _TRIED = np.exp(np.arange(-0.8, 1.3, 0.2))  # by that of the video; 50 deg become 92 to 16 deg
@@ -23,12 +31,15 @@ _FINER = (0.04, 0.01)  # steps of the logarithm
 _STEPS = np.arange(-5, 6)
 
 
-def find_focal_length(video: VideoEvidence, settings: RgbSettings) -> float | None:
-    """Return the focal length of a video, px; None where the edges of a door do not tell it.
+def find_focal_length(
+    video: VideoEvidence, settings: RgbSettings, slides: bool = False
+) -> float | None:
+    """Return the focal length of a video, px; None where the edges of a door, or of a drawer if it
+    `slides`, do not tell it.
 
     The principal point is that of the video; its focal length is where the search begins.
     """
-    s, edges = settings, _Edges.of_video(video, settings)
+    s, edges = settings, (_DrawerEdges if slides else _DoorEdges)(video, settings)
     if not any(map(len, edges.moving)):
         return None
     found = [edges.fit(focal) for focal in float(video.intrinsics[0, 0]) * _TRIED]
@@ -37,33 +48,28 @@ def find_focal_length(video: VideoEvidence, settings: RgbSettings) -> float | No
         found = [max(edges.fit_near(fit, np.exp(step * _STEPS)), key=_share_of) for fit in found]
     best = max(found, key=_share_of)
     others = edges.fit_near(best, np.exp([-s.focal_apart, s.focal_apart]))
-    told = _share_of(best) - max(map(_share_of, others)) >= s.min_focal_lead
-    return best.focal if told and find_axis(*edges.planes(best.focal), s) else None
+    told = edges.tell(best, _share_of(best) - max(map(_share_of, others)))
+    return best.focal if told else None
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """The axis that explains most with a focal length, px."""
+    """What explains most with a focal length, px: a direction [3], or several [K 3]."""
 
     focal: float
-    axis: DoorAxis
+    directions: Array
+    share: float
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """The ends [N 2 2] of the straight edges of a video, px, in each frame: of what moves, and of
-    what does not."""
+class _Edges(ABC):
+    """The straight edges of a video: of what moves, and of what does not."""
 
-    moving: list[Array]
-    still: list[Array]
-    intrinsics: Array
-    settings: RgbSettings
-
-    @classmethod
-    def of_video(cls, video: VideoEvidence, settings: RgbSettings) -> _Edges:
-        return cls(moving_edges(video.gray, video.moving, video.settings),
-                   [still_edges(video.gray, video.moving, video.settings)],
-                   video.intrinsics, settings)
+    def __init__(self, video: VideoEvidence, settings: RgbSettings) -> None:
+        self.moving = moving_edges(video.gray, video.moving, video.settings)
+        self.still = [still_edges(video.gray, video.moving, video.settings)]
+        self.intrinsics = video.intrinsics
+        self.settings = settings
+        self.few = replace(settings, axes_tried=settings.axes_tried_by_focal)
 
     def planes(self, focal: float) -> tuple[EdgePlanes, EdgePlanes]:
         """Those of `moving` and of `still`."""
@@ -73,24 +79,66 @@ class _Edges:
                 EdgePlanes.of_ends(self.still, k, self.settings))
 
     def fit(self, focal: float) -> _Fit:
-        """Of any axis."""
-        moving, still = self.planes(focal)
-        few = replace(self.settings, axes_tried=self.settings.axes_tried_by_focal)
-        found = [refine_axis(moving, still, direction, self.settings)
-                 for direction in propose_axes(moving, few)]
-        return _Fit(focal, max(found, key=lambda axis: axis.explained))
+        """Of any directions."""
+        return max((self.refine(focal, tried) for tried in self.propose(focal)), key=_share_of)
 
     def fit_near(self, fit: _Fit, factors: Array) -> list[_Fit]:
-        """With other focal lengths, of axes that are seen alike: their vanishing point is the
-        same."""
+        """With other focal lengths, of directions that are seen alike: their vanishing points are
+        the same."""
         out: list[_Fit] = []
         for factor in factors:
-            focal = float(fit.focal * factor)
-            direction = fit.axis.direction * [1, 1, factor]
-            direction /= np.linalg.norm(direction)
-            out.append(_Fit(focal, refine_axis(*self.planes(focal), direction, self.settings)))
+            tried = fit.directions * [1, 1, factor]
+            tried /= np.linalg.norm(tried, axis=-1, keepdims=True)
+            out.append(self.refine(float(fit.focal * factor), tried))
         return out
+
+    @abstractmethod
+    def propose(self, focal: float) -> list[Array]:
+        """Directions that may explain much."""
+
+    @abstractmethod
+    def refine(self, focal: float, directions: Array) -> _Fit:
+        """The best near some directions."""
+
+    @abstractmethod
+    def tell(self, best: _Fit, lead: float) -> bool:
+        """Whether the edges tell the focal length, which explains more than others by `lead`."""
+
+
+class _DoorEdges(_Edges):
+    """The direction is the axis."""
+
+    def propose(self, focal: float) -> list[Array]:
+        return propose_axes(self.planes(focal)[0], self.few)
+
+    def refine(self, focal: float, directions: Array) -> _Fit:
+        axis = refine_axis(*self.planes(focal), directions, self.settings)
+        return _Fit(focal, axis.direction, axis.explained)
+
+    def tell(self, best: _Fit, lead: float) -> bool:
+        return (lead >= self.settings.min_focal_lead
+                and find_axis(*self.planes(best.focal), self.settings) is not None)
+
+
+class _DrawerEdges(_Edges):
+    """The directions are those of the box. Edges that stand still count, too: the front alone shows
+    two of them only."""
+
+    def propose(self, focal: float) -> list[Array]:
+        return propose_box_directions(self.planes(focal)[0], self.few)
+
+    def refine(self, focal: float, directions: Array) -> _Fit:
+        s, (moving, still) = self.settings, self.planes(focal)
+        u, _, v = np.linalg.svd(directions)  # the nearest ones at right angles
+        box = refine_box_directions(moving, still, u @ v, s)
+        share = s.still_weight * explained_share(still, box.axes, s) + box.explained
+        return _Fit(focal, box.axes, share / (1 + s.still_weight))
+
+    def tell(self, best: _Fit, lead: float) -> bool:
+        s = self.settings
+        return (lead >= s.min_box_focal_lead and best.share >= s.min_box_focal_share
+                and find_box_directions(*self.planes(best.focal), s) is not None)
 
 
 def _share_of(fit: _Fit) -> float:
-    return fit.axis.explained
+    return fit.share

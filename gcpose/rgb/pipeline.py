@@ -22,16 +22,20 @@ from ..estimator import calibrate_deviation, spread_of_motions
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .evidence import RgbEvidence, VideoHypothesis
 from .points import predict_places
+from .scores import score_hypothesis
 from .search import SearchResult, search_video
-from .settings import RgbSettings, with_measured_depth, with_two_flows
+from .settings import RgbSettings, for_slide, with_measured_depth, with_two_flows
 
 
 def estimate_rgb(
     observation: Observation, known: JointPriors, front_end: FrontEnd, settings: RgbSettings,
-    image_settings: ImageSettings,
+    image_settings: ImageSettings, object_depth: float | None = None,
 ) -> Estimate | None:
     """Estimate the motion of one sequence from its images (Sec. 3.2 to 3.4), with their depth as a
     prior if there is any; None where nothing is seen to move.
+
+    `object_depth` is the depth of what moves in frame 0, m. It gives the unit of length, where
+    neither measured depth nor the axes do.
     """
     rgb, k = observation.rgb, observation.intrinsics
     if rgb is None or len(rgb) < 2:
@@ -46,25 +50,43 @@ def estimate_rgb(
     distance = evidence.distance or object_distance(known, evidence)
     known = replace(known, base=base_from_world(observation, evidence))
     seen = RgbEvidence(evidence, scale_axes(known, 1 / distance), settings).with_axis_by_edges()
-    found = search_video(seen)
+    seen, found = search_any_direction(seen)
     if found is None:
         return None
     if seen.edges:
         settings = replace(settings, deviation=settings.deviation_edges)
     best = found.best
     metres, line = evidence.distance or length_unit(known, best.state), known.line
+    by_object = object_depth if metres is None else None
+    if by_object is not None:
+        metres = by_object / depth_at_start(best)
     if line is None and metres is not None:
         line = scale_twists(best.state.twist, known.prismatic, metres)
     unit = np.where(known.prismatic, metres or 1.0, 1.0)
     angle, sigma = unit * best.state.angle, unit * reported_deviation(found, settings)
-    if seen.axis_by_edges is not None:
-        by_axis = settings.axis_deviation * seen.axis_by_edges.turn_deviation()
-        sigma = np.hypot(sigma, by_axis[:, None])
+    sigma = add_deviations(angle, sigma, seen, by_object is not None)
     if metres is None:
         sigma[1:, known.prismatic] = settings.sigma_unknown
     screw = None if line is None else screws_of(line, known.prismatic)
     part = label_video(evidence, best, rgb.shape[:3], settings.part_stride)
     return Estimate(angle, screw, part, sigma)
+
+
+def search_any_direction(evidence: RgbEvidence) -> tuple[RgbEvidence, SearchResult | None]:
+    """Return the best motion with its evidence.
+
+    What slides in a direction that is not known moves along straight edges, unless another
+    direction explains the images better by `settings.box_lead`.
+    """
+    s, found = evidence.settings, search_video(evidence)
+    if found is None:
+        return evidence, None
+    most = score_hypothesis(found.best, s) + s.box_lead
+    for each in evidence.along_box(found.best.state.directions[0]):
+        other = search_video(each)
+        if other is not None and score_hypothesis(other.best, s) <= most:
+            return each, other
+    return evidence, found
 
 
 def has_square_pixels(intrinsics: Array) -> bool:
@@ -80,6 +102,8 @@ def settings_of_video(
         settings = with_measured_depth(settings)
     if evidence.second:
         return with_two_flows(settings)
+    if evidence.distance is None and len(known.prismatic) == 1 and known.prismatic[0]:
+        return for_slide(settings)
     if known.axis_dof == 4 and len(known.prismatic) > 1:
         return replace(settings, deviation=settings.deviation_free)
     return settings
@@ -99,6 +123,22 @@ def reported_deviation(found: SearchResult, settings: RgbSettings) -> Array:
     rest = np.hypot(s.floor, s.spread * spread_of_motions(best.state, found.others, s.excess))
     alone = s.alone if found.alone else 1.0
     return calibrate_deviation(formal, alone * factor, alone * rest, settings.sigma_unknown)
+
+
+def add_deviations(
+    angle: Array, sigma: Array, seen: RgbEvidence, by_object: bool
+) -> Array:
+    """Return standard deviations [T J] of displacements with what axes by straight edges add, and
+    a unit of length by the depth of the object."""
+    s, slide = seen.settings, np.abs(np.where(seen.priors.prismatic, angle, 0.0))
+    if seen.axis_by_edges is not None:
+        by_axis = s.axis_deviation * seen.axis_by_edges.turn_deviation()
+        sigma = np.hypot(sigma, by_axis[:, None])
+    if seen.box is not None:
+        sigma = np.hypot(sigma, s.box_deviation * seen.box.deviation * slide)
+    if by_object:
+        sigma = np.hypot(sigma, s.object_depth_deviation * slide)
+    return np.asarray(sigma, np.float64)
 
 
 def object_distance(known: JointPriors, evidence: VideoEvidence) -> float:
@@ -123,6 +163,12 @@ def length_unit(known: JointPriors, state: Articulation) -> float | None:
     in_metres, in_units = (max(1e-9, float(np.linalg.norm(twist[turns, 3:])))
                            for twist in (known.line, state.twist))
     return in_metres / in_units
+
+
+def depth_at_start(hypothesis: VideoHypothesis) -> float:
+    """Return the median depth of the points in frame 0, in units of the motion."""
+    points = hypothesis.points
+    return float(1 / np.median(points.inverse_depth[points.frame == 0]))
 
 
 def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,37 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robots.geometry import Array
-from ..chain import (
-    Articulation,
-    extrapolate_to,
-    merge_beams,
-    scale_axes,
-    select_by_steps,
-    spread_places,
-)
-from ..estimator import label_difference, refine_in_stages, run_em, select_distinct
+from ..chain import extrapolate_to, merge_beams, scale_axes, select_by_steps, spread_places
+from ..estimator import refine_in_stages, run_em
 from ..images import geodesic_rank
 from ..numerics import thread_map
-from .door_planes import (
-    bridge_edge_on,
-    edge_on_frames,
-    exchange_door_turn,
-    is_door,
-    search_depths,
-    turn_by_edges,
-    vary_door_plane,
+from .door_search import search_door, shows_door
+from .evidence import (
+    PACE_STEPS,
+    RgbEvidence,
+    VideoAdjustment,
+    VideoHypothesis,
+    places_at_start,
+    refine_points,
 )
-from .evidence import PACE_STEPS, RgbEvidence, VideoAdjustment, VideoHypothesis, places_at_start
 from .flow_sweep import sweep_flow
 from .labels import SampledPixels
 from .outline import OutlineKind
 from .parallel_axes import candidate_feet, keep_total_turn, parallel_joints, redistribute
 from .points import InverseDepthPoints
-from .settings import RgbSettings, for_last_refinement
-
-Refine = Callable[[VideoHypothesis], VideoHypothesis]
-Alternatives = list[tuple[Articulation, float]]
-"""Other motions of the last stages, each with its score above the best of its stage."""
+from .scores import Alternatives, compare_scores, score_hypothesis, select_hypotheses
+from .settings import for_last_refinement
+from .slide_search import search_slide
 
 
 @dataclass(frozen=True)
@@ -104,6 +93,8 @@ def search_motions(evidence: RgbEvidence) -> list[VideoHypothesis]:
     refine = partial(refine_points, evidence)
     if shows_door(evidence, found[0]):
         return search_door(evidence, found, many)
+    if evidence.may_be_slide:
+        return search_slide(evidence, found, many)
     found = thread_map(refine(many, 2, s.patch_reach_first), found)
     found = refine_in_stages(found, best, (s.refined_kept, refine(many, 3, s.patch_reach)))
     several = len(parallel_joints(min(found, key=score).state, s)) > 1
@@ -136,101 +127,6 @@ def refine_last(evidence: RgbEvidence, found: list[VideoHypothesis]) -> list[Vid
         for i, h in zip(best, thread_map(refine, [found[i] for i in best]), strict=True):
             found[i] = h
     return found
-
-
-def shows_door(evidence: RgbEvidence, hypothesis: VideoHypothesis) -> bool:
-    """Return whether a hypothesis is a door whose depth is not measured."""
-    return evidence.video.distance is None and is_door(hypothesis.state)
-
-
-def refine_points(
-    evidence: RgbEvidence, points: SampledPixels, rounds: int, reach: float
-) -> Refine:
-    """Return how a hypothesis is refined by patches of some points."""
-    return lambda h: evidence.refine_by_patches(h, points, rounds, reach)
-
-
-def search_door(
-    evidence: RgbEvidence, found: list[VideoHypothesis], points: SampledPixels
-) -> list[VideoHypothesis]:
-    """Return the motions of a door before the last refinement, from those of the video as of any
-    object: with other planes, turns and depths."""
-    s = evidence.settings
-    first = refine_points(evidence, points, 2, s.patch_reach_first)
-    tilted = [t for h in select_hypotheses(found, s.tilted_kept, s)
-              for t in vary_door_plane(h, s)]
-    found = thread_map(first, found + tilted)
-    for _ in range(1 if evidence.edges else s.door_rounds):
-        found = search_turns_and_depths(evidence, found, points)
-    found = sorted(found, key=partial(score_hypothesis, settings=s))
-    most = 1 if evidence.edges else len(found)  # it takes long
-    return thread_map(partial(search_edge_on, evidence, points=points), found[:most]) + found[most:]
-
-
-def search_turns_and_depths(
-    evidence: RgbEvidence, found: list[VideoHypothesis], points: SampledPixels
-) -> list[VideoHypothesis]:
-    """Return the best hypotheses of a door, after other turns of the best one and other depths of
-    all were tried."""
-    s = evidence.settings
-    score = partial(score_hypothesis, settings=s)
-    best = partial(select_hypotheses, settings=s, key=score)
-    others = turn_doors_by_edges(evidence, best(found, s.turned_kept))
-    if evidence.priors.axis_dof:  # another turn needs another axis
-        others += exchange_door_turn(min(found, key=score), evidence.video.intrinsics, s)
-    found = found + thread_map(refine_points(evidence, points, 2, s.patch_reach_first), others)
-    refine = refine_points(evidence, points, 2, s.patch_reach)
-
-    def search(h: VideoHypothesis) -> VideoHypothesis:
-        return refine(search_depths(evidence.video, h, s))
-
-    return refine_in_stages(found, best, *((kept, search) for kept in s.doors_kept))
-
-
-def turn_doors_by_edges(
-    evidence: RgbEvidence, found: list[VideoHypothesis]
-) -> list[VideoHypothesis]:
-    """Return doors with the turns that their straight edges show."""
-    edges, frames = evidence.edges, evidence.video.frames
-    if edges is None or not evidence.priors.axis_dof:
-        return []
-    turn = edges.turns(frames, evidence.settings)
-    others = [turn_by_edges(h, turn, evidence.video.intrinsics, evidence.settings) for h in found]
-    return [h for h in others if h is not None]
-
-
-def search_edge_on(
-    evidence: RgbEvidence, hypothesis: VideoHypothesis, points: SampledPixels
-) -> VideoHypothesis:
-    """Return a hypothesis of a door, improved where the door is seen edge-on."""
-    s = evidence.settings
-    frames = edge_on_frames(evidence.video, s)
-    refine = refine_points(evidence, points, 2, s.patch_reach_first)
-    score = partial(score_hypothesis, settings=s)
-    for _ in range(s.edge_on_rounds if frames else 0):
-        best = min(map(refine, bridge_edge_on(hypothesis, frames, s)), key=score)
-        if score(best) >= score(hypothesis):
-            break
-        hypothesis = best
-    return hypothesis
-
-
-def compare_scores(found: list[VideoHypothesis], scores: Iterable[float]) -> Alternatives:
-    """Return the motions of one stage with their scores above the best."""
-    scores = list(scores)
-    return [(h.state, score - min(scores)) for h, score in zip(found, scores, strict=True)]
-
-
-def score_hypothesis(hypothesis: VideoHypothesis, settings: RgbSettings) -> float:
-    """Return the score of a hypothesis, the lower the better.
-
-    Patches count most: they are few but unbiased. Of hypotheses that explain patches and flow
-    equally well, the best has its parts in order, axes near their hinges, and every joint well
-    determined: a joint whose parts show nothing may turn by any angle.
-    """
-    s = settings
-    sigma = float(np.log(np.maximum(hypothesis.deviation()[-1], s.min_sigma)).sum())
-    return hypothesis.cost + hypothesis.penalty + s.score_sigma * sigma
 
 
 def initialize_by_sweeps(evidence: RgbEvidence) -> list[VideoHypothesis]:
@@ -317,22 +213,3 @@ def exchange_parallel_turns(
     found = thread_map(lambda h: run_em(evidence, h, [((how,), points)] * 2),
                        select_hypotheses(found, 4 * most, settings))
     return select_hypotheses(found, most, settings)
-
-
-def select_hypotheses(
-    found: list[VideoHypothesis], most: int, settings: RgbSettings, *,
-    motion: float | None = None, labels: float | None = None,
-    key: Callable[[VideoHypothesis], float] = lambda h: h.cost,
-) -> list[VideoHypothesis]:
-    """Return the best few by `key` that differ in labels or in their last displacements.
-
-    `motion` and `labels` override the differences of the settings, rad or length and share.
-    """
-    apart = settings.distinct_motion if motion is None else motion
-    share = settings.distinct_labels if labels is None else labels
-
-    def differ(one: VideoHypothesis, two: VideoHypothesis) -> bool:
-        return bool(label_difference(one, two) > share
-                    or np.abs(one.state.angle[-1] - two.state.angle[-1]).max() > apart)
-
-    return select_distinct(found, most, differ, key)

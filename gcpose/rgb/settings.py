@@ -206,11 +206,25 @@ class RgbSettings:
     axis_deviation: NonNegative = 2.0
     """Reported deviation of a turn by that which the axis adds: edges err together."""
 
+    min_box_share: Share = 0.75  # Share of the edges that the directions of a box must explain.
+    min_box_second: Share = 0.02  # Share of those that have another one than most of them.
+
     # focal length, where it is not known, by the same edges
     axes_tried_by_focal: Count = 4  # `axes_tried` for each focal length.
     focals_kept: Count = 3  # Focal lengths that are refined.
     focal_apart: Positive = 0.15  # Logarithm of another one, which must explain fewer edges.
     min_focal_lead: Share = 0.01  # By how much.
+    still_weight: NonNegative = 0.5  # Of edges that stand still, for a drawer.
+    min_box_focal_share: Share = 0.9  # Share of the edges that must be explained, for a drawer.
+    min_box_focal_lead: Share = 0.01  # `min_focal_lead` there.
+
+    # one part that slides
+    slides_tried: tuple[float, ...] = (-0.25, -0.1, 0.1, 0.25)
+    """Slides at the last frame that are tried with a constant pace."""
+    slides_from: Count = 3  # Motions whose directions they have.
+    distinct_slide: NonNegative = 0.03  # `distinct_motion` of slides.
+    box_lead: NonNegative = 0.15
+    """Score by which another direction must be better than that of a straight edge."""
 
     # parallel axes
     exchange_points: Count = 220  # Pixels of the key frame on which turns are exchanged.
@@ -264,6 +278,13 @@ class RgbSettings:
     deviation_edges: DeviationSettings = DeviationSettings(
         factor=7.0, misfit=0.4, floor=0.1 * DEGREE)
     """The same of a door whose edges count."""
+    deviation_slide: DeviationSettings = DeviationSettings(floor=0.001)
+    """The same of one part that slides."""
+    object_depth_deviation: NonNegative = 0.025
+    """Reported deviation of a slide by itself, where its unit is the known depth of what moves:
+    that of the points may differ."""
+    box_deviation: NonNegative = 1.0
+    """Reported deviation of a slide by that of its direction, where straight edges show it."""
     sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
     part_stride: Count = 2  # Pixels from one to the next whose part is looked up.
 
@@ -278,6 +299,11 @@ def for_last_refinement(settings: RgbSettings) -> RgbSettings:
     """Return the settings for the last refinement of several joints."""
     return replace(settings, final_scales=settings.last_scales,
                    hinge_slack=settings.last_hinge_slack, drop_at_rest=True)
+
+
+def for_slide(settings: RgbSettings) -> RgbSettings:
+    """Return the settings for one part that slides, whose depth is not measured."""
+    return replace(settings, deviation=settings.deviation_slide, drop_at_rest=True)
 
 
 def with_measured_depth(settings: RgbSettings) -> RgbSettings:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gcbench.gcpose.chain import JointPriors
 from gcbench.gcpose.rgb.door_axis import DoorAxis, find_axis, refine_axis
-from gcbench.gcpose.rgb.door_edges import EdgePlanes
+from gcbench.gcpose.rgb.edge_planes import EdgePlanes
 from gcbench.gcpose.rgb.evidence import RgbEvidence
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import se3

@@ -8,13 +8,8 @@ import pytest
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence
 from gcbench.gcpose.images.straight_edges import moving_edges
-from gcbench.gcpose.rgb.door_edges import (
-    DoorEdges,
-    EdgePlanes,
-    measure_tilts,
-    planes_of_moving_edges,
-    see_edges,
-)
+from gcbench.gcpose.rgb.door_edges import DoorEdges, measure_tilts, see_edges
+from gcbench.gcpose.rgb.edge_planes import EdgePlanes, planes_of_moving_edges
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import se3
 

@@ -27,15 +27,11 @@ from gcbench.gcpose.rgb.door_planes import (
     turn_by_edges,
     vary_door_plane,
 )
+from gcbench.gcpose.rgb.door_search import search_door, search_edge_on
 from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.points import InverseDepthPoints, interpolate_depths, predict_places
-from gcbench.gcpose.rgb.search import (
-    SearchResult,
-    exchange_parallel_turns,
-    score_hypothesis,
-    search_door,
-    search_edge_on,
-)
+from gcbench.gcpose.rgb.scores import score_hypothesis
+from gcbench.gcpose.rgb.search import SearchResult, exchange_parallel_turns
 from gcbench.gcpose.rgb.settings import RgbSettings
 
 from ...support.ray_scenes import FRAMES, INTRINSICS, chain, door

@@ -21,6 +21,7 @@ from gcbench.gcpose.rgb.parallel_axes import (
     parallel_joints,
     redistribute,
 )
+from gcbench.gcpose.rgb.scores import score_hypothesis
 from gcbench.gcpose.rgb.settings import RgbSettings
 from hypothesis import given
 from hypothesis import strategies as st
@@ -97,7 +98,7 @@ def test_the_best_motions_exchange_turns(
 
     monkeypatch.setattr(search, "exchange_parallel_turns", record)
     assert search.search_video(RgbEvidence(video, priors, settings)) is not None
-    scores = [search.score_hypothesis(h, settings) for h in asked]
+    scores = [score_hypothesis(h, settings) for h in asked]
     assert len(asked) in motions
     assert all(a <= b for a, b in pairwise(scores))
     last = [h.state.angle[-1] for h in asked]

@@ -25,12 +25,8 @@ from gcbench.gcpose.rgb.evidence import RgbEvidence, VideoHypothesis
 from gcbench.gcpose.rgb.labels import SampledPixels, sample_pixels
 from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, settings_of_video
 from gcbench.gcpose.rgb.points import InverseDepthPoints
-from gcbench.gcpose.rgb.search import (
-    count_agreeing,
-    score_hypothesis,
-    search_video,
-    select_hypotheses,
-)
+from gcbench.gcpose.rgb.scores import score_hypothesis, select_hypotheses
+from gcbench.gcpose.rgb.search import count_agreeing, search_video
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.renderer.types.observation import Observation
 

@@ -1,0 +1,34 @@
+"""A part that slides on plain video, with the depth of what moves known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gcbench.gcpose.method import GCPose
+
+from ...support.ray_scenes import drawer
+
+DEPTH = 1.15
+
+
+@pytest.mark.parametrize("knows_direction", [True, False])
+def test_a_slide_has_a_scale_if_its_depth_is_known(knows_direction: bool) -> None:
+    seen = drawer(0.2)
+    assert seen.axis_direction is not None
+    axis = seen.axis_direction[0]
+    if not knows_direction:
+        seen = replace(seen, axis_direction=None, cam_from_world=None)
+    found = GCPose().estimate(seen, DEPTH)
+    assert found.screw is not None and found.sigma is not None and found.reliable is not None
+    cosine = float(found.screw[0, :3] @ axis)
+    assert abs(cosine) > np.cos(np.radians(3))
+    moved = np.sign(cosine) * found.displacement[:, 0]
+    assert moved == pytest.approx(np.linspace(0, 0.2, 8), abs=0.008)
+    assert found.reliable[0] and 0 < found.sigma[-1, 0] < 0.03
+
+
+def test_without_its_depth_a_slide_has_no_scale() -> None:
+    found = GCPose().estimate(drawer(0.2))
+    assert found.reliable is not None and not found.reliable[0]
