@@ -3,31 +3,34 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
-from ..errors import ConfigError
+JointType = Literal["revolute", "prismatic"]
 
 
 def estimate(
     video: Path, /, fov: float | None = None, axes: tuple[float, ...] = (),
+    types: tuple[JointType, ...] = (), distance: float | None = None,
     base: tuple[float, float] | None = None, frames: int = 16, start: float = 0.0,
     end: float = math.inf, region: tuple[int, int, int, int] | None = None,
     foreground: str = "", out: Path | None = None,
     picture: Path | None = None, quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
-    """Estimate how the joints in your own video turn, by GC-Pose.
+    """Estimate how the joints in your own video move, by GC-Pose.
 
     The camera must stand still or nearly so: if it is held by hand, the frames are aligned with the
     first. The straight edges of a door show the field of view and the direction of its axis. If
     they do not, the command says which option to give. Other joints need both. An axis is given at
-    the first frame, in the camera's frame: x points to the right, y down, z forward. The joint
-    turns about it by the right-hand rule. Writes a table (CSV): the angle of each joint since the
-    first frame, deg, and its standard deviation. Joints that slide are not supported: a plain video
-    has no scale.
+    the first frame, in the camera's frame: x points to the right, y down, z forward. A joint turns
+    about it by the right-hand rule, or slides along it. Plain video has no scale, so a joint that
+    slides needs its distance from the camera; one alone needs no axis. Writes a table (CSV): the
+    displacement of each joint since the first frame, deg or m, and its standard deviation.
 
     Examples:
       gcbench estimate door.mp4 --picture door.png
       gcbench estimate door.mp4 --fov 42
       gcbench estimate lever.mp4 --fov 42 --axes 0 -0.94 -0.34
+      gcbench estimate drawer.mp4 --types prismatic --distance 1.4 --fov 42
       gcbench estimate door.mp4 --region 600 200 900 700
       gcbench estimate arm.mp4 --fov 50 --axes 0 -1 0 1 0 0 1 0 0 --base 320 410 --start 2 --end 4
 
@@ -35,7 +38,11 @@ def estimate(
         video: MP4, MOV, MKV, WebM or AVI.
         fov: Vertical field of view of the camera, deg. Default: by the edges of a door.
         axes: Direction of each joint's axis, three numbers each, from the base outward. Default:
-            one joint, with the axis that the edges of a door show.
+            one joint. The edges of a door show its axis; what slides shows it as it moves.
+        types: Of each joint, from the base outward: it turns (`revolute`) or slides (`prismatic`).
+            Default: all turn.
+        distance: How far what moves is from the camera at the first frame, along the line of sight
+            of the middle of the image, m. For joints that slide.
         base: Pixel (u, v) where the base of an arm stands.
         frames: Number of evenly spaced frames to use.
         start: Time of the first frame, s.
@@ -55,51 +62,51 @@ def estimate(
     from .images import ImageSettings, find_camera_motion
     from .method import GCPose
     from .video_file import (
+        check_distance,
+        check_outputs,
+        describe_joints,
         draw_parts,
         find_axes,
         find_field_of_view,
         observe_video,
         read_frames,
         summarize_estimate,
+        towards_camera,
         write_table,
     )
 
-    if not 2 <= frames <= 1000:
-        raise ConfigError(f"--frames {frames}: give 2 to 1000")
+    check_distance(distance, types)
     out = out or Path(video.stem + ".csv")
-    for path in filter(None, (out, picture)):
-        if not path.absolute().parent.is_dir():
-            raise ConfigError(f"{path}: its folder does not exist; make it")
-        if path.resolve() == video.resolve():
-            raise ConfigError(f"{path}: is the video; name another file")
+    check_outputs(video, filter(None, (out, picture)))
     one_joint = len(axes) <= 3
     method = GCPose(foreground=foreground or ("no-people" if one_joint else "network"))
     search = fov is None
     seen = read_frames(video, frames, start, end, region)
-    observe_video(seen, 1.0 if fov is None else fov, axes, base)  # wrong values end it here
+    observe_video(seen, 1.0 if fov is None else fov, axes, types, base)  # wrong values end it here
     if not quiet:
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
             "minute for an arm" + ", and the search for the field of view half a minute" * search)
     if fov is None:
-        fov = find_field_of_view(method, seen, axes)
-    observation = observe_video(seen, fov, axes, base)
+        fov = find_field_of_view(method, seen, axes, types)
+    observation = observe_video(seen, fov, axes, types, base)
     if not quiet and (
             motion := find_camera_motion(seen.rgb, observation.intrinsics, ImageSettings())):
         say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. Its motion is taken out, "
             f"to within {motion.error:.1f} px; a camera on a stand gives smaller errors")
     axis = find_axes(method, observation)
-    found = method.estimate(observation)
-    write_table(out, seen, found)
+    found = method.estimate(observation, distance)
+    if axis is None:
+        found, axis = towards_camera(found)
+    write_table(out, seen, found, observation.joint_types)
     if picture:
         draw_parts(picture, seen, found)
-    joints = summarize_estimate(found, axis)
+    joints = summarize_estimate(found, axis, observation.joint_types)
     if json:
         return {"table": out, "fov": fov, "joints": joints}, 0
-    lines = [f"{j['joint']}: {j['displacement']:.2f} deg, standard deviation "
-             f"{j['deviation']:.2f} deg" + ", not reliable" * (not j["reliable"]) for j in joints]
+    lines = describe_joints(joints)
     if search or not axes:
         shown = " ".join(f"{x:g}" for j in joints for x in j["axis"])
-        lines.insert(0, f"by straight edges: --fov {fov:.1f} --axes {shown}")
+        lines.insert(0, f"by the video: --fov {fov:.1f} --axes {shown}")
     return "\n".join([str(out), *lines]), 0
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +69,8 @@ def read_frames(
             frames, or if the region is not in the images.
     """
     name = printable(str(path))
+    if not 2 <= count <= 1000:
+        raise ConfigError(f"--frames {count}: give 2 to 1000")
     if not 0 <= start < end:
         raise ConfigError(f"--start {start:g} --end {end:g}: give 0 or more, the smaller one first")
     if not path.is_file():
@@ -94,15 +96,46 @@ def read_frames(
     return VideoFrames(np.stack(images), number, number / fps, size, region)
 
 
+def check_outputs(video: Path, outputs: Iterable[Path]) -> None:
+    """Refuse files to write that have no folder, or are the video.
+
+    Raises:
+        ConfigError: If there is one.
+    """
+    for path in outputs:
+        if not path.absolute().parent.is_dir():
+            raise ConfigError(f"{path}: its folder does not exist; make it")
+        if path.resolve() == video.resolve():
+            raise ConfigError(f"{path}: is the video; name another file")
+
+
+def check_distance(distance: float | None, types: Sequence[str]) -> None:
+    """Refuse a distance, m, that is out of range, missing, or not used by joints of these types.
+
+    Raises:
+        ConfigError: If it is.
+    """
+    slides = "prismatic" in types
+    if slides and distance is None:
+        raise ConfigError("a joint that slides needs --distance: how far what moves is from the "
+                          "camera at the first frame, m")
+    if distance is not None and not slides:
+        raise ConfigError("--distance is for joints that slide; give --types prismatic, or leave "
+                          "it out")
+    if distance is not None and not 0.01 <= distance <= 1000:
+        raise ConfigError(f"--distance {distance:g}: give 0.01 to 1000 m")
+
+
 def observe_video(
-    video: VideoFrames, fov: float, axes: Sequence[float] = (),
+    video: VideoFrames, fov: float, axes: Sequence[float] = (), types: Sequence[str] = (),
     base: tuple[float, float] | None = None,
 ) -> Observation:
-    """Return what GC-Pose sees of joints that turn, each carried by the one before.
+    """Return what GC-Pose sees of joints, each carried by the one before.
 
     `fov` is the vertical field of view, deg; `axes` are three numbers for each joint (camera frame,
-    x right, y down, z forward), or none for one joint whose axis is not known; `base` is the pixel
-    (u, v) of the file where the first part stands.
+    x right, y down, z forward), or none for one joint whose axis is not known; `types` are those of
+    the joints, or none if all turn; `base` is the pixel (u, v) of the file where the first part
+    stands.
 
     Raises:
         ConfigError: If a value is out of range.
@@ -114,6 +147,10 @@ def observe_video(
     if len(direction) % 3:
         raise ConfigError(f"--axes has {len(direction)} numbers; give three for each joint")
     direction = direction.reshape(-1, 3)
+    joints = max(1, len(direction))
+    types = tuple(types) or ("revolute",) * joints
+    if len(types) != joints:
+        raise ConfigError(f"--types names {len(types)} joints; --axes has {len(direction)}")
     length = np.linalg.norm(direction, axis=1)
     if not (np.isfinite(length) & (length > 0)).all():
         raise ConfigError("--axes: each joint needs a direction that is finite and not 0 0 0")
@@ -128,59 +165,101 @@ def observe_video(
                               "the --region")
         world = np.eye(4)
         world[:3, 3] = np.linalg.solve(k, [u, v, 1])
-    joints = max(1, len(direction))
     return Observation(
-        video.rgb, None, k, video.times, joints, ("revolute",) * joints, cam_from_world=world,
+        video.rgb, None, k, video.times, joints, types, cam_from_world=world,
         axis_direction=direction / length[:, None] if len(direction) else None)
 
 
-def find_field_of_view(method: GCPose, video: VideoFrames, axes: Sequence[float]) -> float:
+def find_field_of_view(
+    method: GCPose, video: VideoFrames, axes: Sequence[float], types: Sequence[str]
+) -> float:
     """Return the vertical field of view of a video of a door, by its straight edges, deg.
 
     Raises:
-        ConfigError: If they do not tell it, or if `axes` are of several joints.
+        ConfigError: If they do not tell it, or if `axes` or `types` are not those of a door.
     """
     focal = None
-    if len(axes) <= 3:
+    if len(axes) <= 3 and "prismatic" not in types:
         focal = method.find_focal_length(observe_video(video, _MIDDLE_FOV))
     if focal is None:
         raise ConfigError("no straight edges of a door show the field of view; give --fov")
     return float(np.degrees(2 * np.arctan(video.size[1] * video.scale[1] / 2 / focal)))
 
 
-def find_axes(method: GCPose, observation: Observation) -> Array:
+def find_axes(method: GCPose, observation: Observation) -> Array | None:
     """Return the directions [J 3] of the axes: those that are known, or that which the straight
-    edges of a door show.
+    edges of a door show; None for one that slides, whose estimate tells it.
 
     Raises:
         ConfigError: If they do not tell it.
     """
     if observation.axis_direction is not None:
         return observation.axis_direction
+    if observation.joint_types == ("prismatic",):
+        return None
     axis = method.find_axis(observation)
     if axis is None:
         raise ConfigError("no straight edges of a door show where its axis points; give --axes")
     return axis[None]
 
 
-def write_table(path: Path, video: VideoFrames, estimate: Estimate) -> None:
-    """Write CSV: one line for each frame and joint, deg."""
+def towards_camera(estimate: Estimate) -> tuple[Estimate, Array]:
+    """Return the estimate of one slide with the sign that makes its axis point towards the camera,
+    and that axis [1 3].
+
+    Raises:
+        ConfigError: If nothing was seen to move.
+    """
+    if estimate.screw is None:
+        raise ConfigError("nothing is seen to slide; choose a part of the video in which it does "
+                          "(--start, --end), or the part of the images where it is (--region)")
+    sign = -1.0 if estimate.screw[0, 2] > 0 else 1.0
+    screw = sign * estimate.screw
+    return replace(estimate, displacement=sign * estimate.displacement, screw=screw), screw[:, :3]
+
+
+def write_table(
+    path: Path, video: VideoFrames, estimate: Estimate, types: Sequence[str]
+) -> None:
+    """Write CSV: one line for each frame and joint, deg or m."""
     assert estimate.sigma is not None
-    lines = ["frame,time,joint,displacement,deviation"]
-    for t, (angle, sigma) in enumerate(zip(estimate.displacement, estimate.sigma, strict=True)):
-        lines += [f"{video.number[t]},{video.times[t]:.6g},{j + 1},{np.degrees(angle[j]):.4f},"
-                  f"{np.degrees(sigma[j]):.4f}" for j in range(len(angle))]
+    lines = ["frame,time,joint,displacement,deviation,unit"]
+    for t, (moved, sigma) in enumerate(zip(estimate.displacement, estimate.sigma, strict=True)):
+        for j, (unit, factor, digits) in enumerate(map(_unit_of, types)):
+            lines.append(f"{video.number[t]},{video.times[t]:.6g},{j + 1},"
+                         f"{factor * moved[j]:.{digits}f},{factor * sigma[j]:.{digits}f},{unit}")
     write_atomically(path, "".join(f"{line}\n" for line in lines).encode())
 
 
-def summarize_estimate(estimate: Estimate, axes: Array) -> list[dict[str, Any]]:
-    """Return what is estimated of each joint at the last frame, deg, and its axis [J 3]."""
+def summarize_estimate(
+    estimate: Estimate, axes: Array, types: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Return what is estimated of each joint at the last frame, deg or m, and its axis [J 3]."""
     assert estimate.sigma is not None and estimate.reliable is not None
-    last = zip(estimate.displacement[-1], estimate.sigma[-1], estimate.reliable, axes, strict=True)
-    return [{"joint": f"joint {j}", "displacement": float(np.degrees(angle)),
-             "deviation": float(np.degrees(sigma)), "reliable": bool(reliable),
-             "axis": [round(float(x), 4) for x in axis]}
-            for j, (angle, sigma, reliable, axis) in enumerate(last, 1)]
+    last = zip(estimate.displacement[-1], estimate.sigma[-1], estimate.reliable, axes, types,
+               strict=True)
+    out = list[dict[str, Any]]()
+    for j, (moved, sigma, reliable, axis, type_) in enumerate(last, 1):
+        unit, factor, _ = _unit_of(type_)
+        out.append({"joint": f"joint {j}", "displacement": float(factor * moved),
+                    "deviation": float(factor * sigma), "unit": unit, "reliable": bool(reliable),
+                    "axis": [round(float(x), 4) for x in axis]})
+    return out
+
+
+def describe_joints(joints: list[dict[str, Any]]) -> list[str]:
+    """Return a line of text for each joint of `summarize_estimate`."""
+    out = list[str]()
+    for j in joints:
+        digits, unit = 4 if j["unit"] == "m" else 2, j["unit"]
+        out.append(f"{j['joint']}: {j['displacement']:.{digits}f} {unit}, standard deviation "
+                   f"{j['deviation']:.{digits}f} {unit}" + ", not reliable" * (not j["reliable"]))
+    return out
+
+
+def _unit_of(joint_type: str) -> tuple[str, float, int]:
+    """The unit of a displacement in a table, its size by rad or m, and the digits shown."""
+    return ("m", 1.0, 6) if joint_type == "prismatic" else ("deg", 180 / np.pi, 4)
 
 
 def draw_parts(path: Path, video: VideoFrames, estimate: Estimate, most: int = 6) -> None:

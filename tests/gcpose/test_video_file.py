@@ -16,7 +16,7 @@ from gcbench.renderer.types.observation import Estimate
 from numpy.typing import NDArray
 
 from ..support.moving_panel import with_shake
-from ..support.ray_scenes import door
+from ..support.ray_scenes import door, drawer
 
 
 def write_video(path: Path, rgb: NDArray[np.uint8], fps: float = 10.0) -> Path:
@@ -71,6 +71,28 @@ def test_a_door_in_a_video_opens(
     angle = [float(row["displacement"]) for row in rows]
     assert angle == pytest.approx(list(np.linspace(0, true, 8)), abs=2.5)
     assert read_picture(Path("door.png")).shape == (360, 720, 3)
+
+
+@pytest.mark.ci
+def test_a_drawer_in_a_video_slides_towards_the_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen = drawer(0.2)
+    assert seen.rgb is not None and seen.axis_direction is not None
+    large = [cv2.resize(i, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC) for i in seen.rgb]
+    write_video(tmp_path / "drawer.mp4", np.stack(large).astype(np.uint8))
+    fov = 2 * np.degrees(np.arctan(seen.rgb.shape[1] / 2 / seen.intrinsics[1, 1]))
+    assert main(["estimate", "drawer.mp4", "--fov", f"{fov:.4f}", "--types", "prismatic",
+                 "--distance", "1.15", "--quiet", "--json"]) == 0
+    joint = json.loads(capsys.readouterr().out)["joints"][0]
+    assert joint["unit"] == "m" and joint["displacement"] == pytest.approx(0.2, abs=0.008)
+    assert np.dot(joint["axis"], seen.axis_direction[0]) > np.cos(np.radians(3))
+    with Path("drawer.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    moved = [float(row["displacement"]) for row in rows]
+    assert moved == pytest.approx(list(np.linspace(0, 0.2, 8)), abs=0.008)
+    assert {row["unit"] for row in rows} == {"m"}
 
 
 @pytest.mark.ci
@@ -155,7 +177,11 @@ def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path)
     (["--out", "no/a.csv"], "no/a.csv: its folder does not exist"),
     (["--picture", "no/a.png"], "no/a.png: its folder does not exist"),
     (["--out", "ramp.mp4"], "ramp.mp4: is the video"),
-    (["--frames", "1"], "--frames 1: give 2 to 1000")])
+    (["--frames", "1"], "--frames 1: give 2 to 1000"),
+    (["--types", "prismatic"], "a joint that slides needs --distance"),
+    (["--types", "prismatic", "--distance", "0"], "--distance 0: give 0.01 to 1000 m"),
+    (["--distance", "1"], "--distance is for joints that slide"),
+    (["--types", "revolute", "revolute"], "--types names 2 joints; --axes has 1")])
 def test_a_command_that_cannot_end_well_does_not_begin(
     ramp: Path, options: list[str], problem: str, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -183,7 +209,7 @@ def frames() -> VideoFrames:
 
 
 def test_the_camera_and_the_base_are_those_of_the_reduced_images() -> None:
-    seen = observe_video(frames(), 90, [0, -2, 0, 3, 0, 0], (800, 900))
+    seen = observe_video(frames(), 90, [0, -2, 0, 3, 0, 0], base=(800, 900))
     assert seen.intrinsics == pytest.approx(
         np.array([[240, 0, 319.5], [0, 240, 239.5], [0, 0, 1]]))
     assert seen.axis_direction == pytest.approx(np.array([[0, -1, 0], [1, 0, 0]]))
@@ -201,7 +227,7 @@ def test_a_region_is_seen_by_the_camera_of_the_whole_images(tmp_path: Path) -> N
     part = read_frames(path, 3, region=(320, 160, 640, 480), side=480)
     assert whole.rgb.shape == (3, 480, 640, 3) and part.rgb.shape == (3, 480, 640, 3)
     assert np.abs(part.rgb[:, ::2, ::2].astype(int) - whole.rgb[:, 80:320, 160:480]).mean() < 12
-    one, two = (observe_video(v, 50, [0, -1, 0], (700, 300)) for v in (whole, part))
+    one, two = (observe_video(v, 50, [0, -1, 0], base=(700, 300)) for v in (whole, part))
     ray = np.array([0.05, -0.04, 1.0])
     at, there = (o.intrinsics @ ray for o in (one, two))
     assert (at[:2] + 0.5) / whole.scale == pytest.approx(
@@ -223,7 +249,7 @@ def test_values_out_of_range_are_errors(
     fov: float, axes: list[float], base: tuple[float, float] | None, problem: str
 ) -> None:
     with pytest.raises(ConfigError, match=problem):
-        observe_video(frames(), fov, axes, base)
+        observe_video(frames(), fov, axes, base=base)
 
 
 def test_a_picture_shows_each_part_in_its_color(tmp_path: Path) -> None:
