@@ -19,26 +19,27 @@ def estimate(
     """Estimate how the joints in your own video move, by GC-Pose.
 
     The camera must stand still or nearly so: if it is held by hand, the frames are aligned with the
-    first. The straight edges of a door show the field of view and the direction of its axis. If
-    they do not, the command says which option to give. Other joints need both. An axis is given at
-    the first frame, in the camera's frame: x points to the right, y down, z forward. A joint turns
-    about it by the right-hand rule, or slides along it. Plain video has no scale, so a joint that
-    slides needs its distance from the camera; one alone needs no axis. Writes a table (CSV): the
-    displacement of each joint since the first frame, deg or m, and its standard deviation.
+    first. The straight edges of a door or a drawer show the field of view and the direction of its
+    axis. If they do not, the command says which option to give. Other joints need both. An axis is
+    given at the first frame, in the camera's frame: x points to the right, y down, z forward. A
+    joint turns about it by the right-hand rule, or slides along it. Plain video has no scale, so a
+    joint that slides needs its distance from the camera. Writes a table (CSV): the displacement of
+    each joint since the first frame, deg or m, and its standard deviation.
 
     Examples:
       gcbench estimate door.mp4 --picture door.png
       gcbench estimate door.mp4 --fov 42
       gcbench estimate lever.mp4 --fov 42 --axes 0 -0.94 -0.34
-      gcbench estimate drawer.mp4 --types prismatic --distance 1.4 --fov 42
+      gcbench estimate drawer.mp4 --types prismatic --distance 1.4
       gcbench estimate door.mp4 --region 600 200 900 700
       gcbench estimate arm.mp4 --fov 50 --axes 0 -1 0 1 0 0 1 0 0 --base 320 410 --start 2 --end 4
 
     Args:
         video: MP4, MOV, MKV, WebM or AVI.
-        fov: Vertical field of view of the camera, deg. Default: by the edges of a door.
+        fov: Vertical field of view of the camera, deg. Default: by the edges of a door or a drawer.
         axes: Direction of each joint's axis, three numbers each, from the base outward. Default:
-            one joint. The edges of a door show its axis; what slides shows it as it moves.
+            one joint, with the axis that the edges of a door show; that of a drawer is also shown
+            by its motion.
         types: Of each joint, from the base outward: it turns (`revolute`) or slides (`prismatic`).
             Default: all turn.
         distance: How far what moves is from the camera at the first frame, along the line of sight

@@ -173,16 +173,17 @@ def observe_video(
 def find_field_of_view(
     method: GCPose, video: VideoFrames, axes: Sequence[float], types: Sequence[str]
 ) -> float:
-    """Return the vertical field of view of a video of a door, by its straight edges, deg.
+    """Return the vertical field of view of a video of a door or a drawer, by its straight edges,
+    deg.
 
     Raises:
-        ConfigError: If they do not tell it, or if `axes` or `types` are not those of a door.
+        ConfigError: If they do not tell it, or if `axes` are of several joints.
     """
     focal = None
-    if len(axes) <= 3 and "prismatic" not in types:
-        focal = method.find_focal_length(observe_video(video, _MIDDLE_FOV))
+    if len(axes) <= 3:
+        focal = method.find_focal_length(observe_video(video, _MIDDLE_FOV, types=types))
     if focal is None:
-        raise ConfigError("no straight edges of a door show the field of view; give --fov")
+        raise ConfigError("no straight edges show the field of view; give --fov")
     return float(np.degrees(2 * np.arctan(video.size[1] * video.scale[1] / 2 / focal)))
 
 
@@ -199,7 +200,7 @@ def find_axes(method: GCPose, observation: Observation) -> Array | None:
         return None
     axis = method.find_axis(observation)
     if axis is None:
-        raise ConfigError("no straight edges of a door show where its axis points; give --axes")
+        raise ConfigError("no straight edges show where the axis points; give --axes")
     return axis[None]
 
 

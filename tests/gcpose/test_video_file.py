@@ -125,7 +125,7 @@ def test_what_no_straight_edges_show_must_be_given(
                              ([*axes, "1", "0", "0"], "--fov")):
         assert main(["estimate", "door.mp4", *options]) == 2
         *_, last = capsys.readouterr().err.splitlines()
-        assert last.startswith("gcbench: no straight edges of a door show ")
+        assert last.startswith("gcbench: no straight edges show ")
         assert last.endswith(f"; give {missing}")
         assert not Path("door.csv").exists()
 
