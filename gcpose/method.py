@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..errors import ConfigError
 from ..renderer.types import Estimate, Inputs, Knowledge, Observation
 from ..robots.geometry import Array
 from .chain import JointPriors, joint_priors, screws_of
@@ -95,7 +96,13 @@ class GCPose:
 
         Plain video has no unit of length, which joints that slide need. Known lines of axes give
         it; so does `object_depth`: the depth (z in the camera frame) of what moves in frame 0, m.
+
+        Raises:
+            ConfigError: If `object_depth` is not a positive length.
+            MethodError: If the video cannot be used.
         """
+        if object_depth is not None and not 0 < object_depth < np.inf:
+            raise ConfigError(f"object_depth={object_depth:g}: give a positive length, m")
         with threadpool_limits(1, "blas"):  # on small matrices its threads only wait
             return self._estimate(observation, object_depth)
 

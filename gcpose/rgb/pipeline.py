@@ -101,12 +101,11 @@ def settings_of_video(
     if evidence.distance is not None:
         settings = with_measured_depth(settings)
     if evidence.second:
-        return with_two_flows(settings)
-    if evidence.distance is None and len(known.prismatic) == 1 and known.prismatic[0]:
-        return for_slide(settings)
-    if known.axis_dof == 4 and len(known.prismatic) > 1:
-        return replace(settings, deviation=settings.deviation_free)
-    return settings
+        settings = with_two_flows(settings)
+    elif known.axis_dof == 4 and len(known.prismatic) > 1:
+        settings = replace(settings, deviation=settings.deviation_free)
+    slides = evidence.distance is None and len(known.prismatic) == 1 and known.prismatic[0]
+    return for_slide(settings) if slides else settings
 
 
 def reported_deviation(found: SearchResult, settings: RgbSettings) -> Array:

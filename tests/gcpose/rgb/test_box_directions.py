@@ -80,7 +80,7 @@ def video_of(slides: np.ndarray) -> VideoEvidence:
     gray = np.full((len(slides), 480, 640), 90, np.uint8)
     moving = np.zeros(gray.shape, np.uint8)
     corner = np.array([[-0.3, -0.2, 0.0], [0.3, -0.2, 0.0], [0.3, 0.2, 0.0], [-0.3, 0.2, 0.0]])
-    back = corner + [0, 0, 0.4]
+    back = corner + np.array([0, 0, 0.4])
     front = np.array([[-0.25, 0, 0], [0.25, 0, 0], [0.25, 0.17, 0], [-0.25, 0.17, 0]])
     panel = np.array([[-0.15, 0.04, 0], [0.15, 0.04, 0], [0.15, 0.13, 0], [-0.15, 0.13, 0]])
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gcbench.errors import ConfigError
 from gcbench.gcpose.method import GCPose
 
 from ...support.ray_scenes import drawer
@@ -32,3 +33,9 @@ def test_a_slide_has_a_scale_if_its_depth_is_known(knows_direction: bool) -> Non
 def test_without_its_depth_a_slide_has_no_scale() -> None:
     found = GCPose().estimate(drawer(0.2))
     assert found.reliable is not None and not found.reliable[0]
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, np.nan, np.inf])
+def test_a_depth_that_is_no_length_is_an_error(depth: float) -> None:
+    with pytest.raises(ConfigError, match=r"object_depth=.*: give a positive length"):
+        GCPose().estimate(drawer(0.2), depth)
