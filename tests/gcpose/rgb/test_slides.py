@@ -14,7 +14,8 @@ from ...support.ray_scenes import drawer
 DEPTH = 1.15
 
 
-@pytest.mark.parametrize("knows_direction", [True, False])
+@pytest.mark.parametrize(
+    "knows_direction", [pytest.param(True, marks=pytest.mark.ci), False])
 def test_a_slide_has_a_scale_if_its_depth_is_known(knows_direction: bool) -> None:
     seen = drawer(0.2)
     assert seen.axis_direction is not None
@@ -30,6 +31,7 @@ def test_a_slide_has_a_scale_if_its_depth_is_known(knows_direction: bool) -> Non
     assert found.reliable[0] and 0 < found.sigma[-1, 0] < 0.03
 
 
+@pytest.mark.ci
 def test_without_its_depth_a_slide_has_no_scale() -> None:
     found = GCPose().estimate(drawer(0.2))
     assert found.reliable is not None and not found.reliable[0]
