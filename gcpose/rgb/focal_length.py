@@ -48,8 +48,8 @@ def find_focal_length(
         found = [max(edges.fit_near(fit, np.exp(step * _STEPS)), key=_share_of) for fit in found]
     best = max(found, key=_share_of)
     others = edges.fit_near(best, np.exp([-s.focal_apart, s.focal_apart]))
-    told = edges.tell(best, _share_of(best) - max(map(_share_of, others)))
-    return best.focal if told else None
+    lead = _share_of(best) - max(map(_share_of, others))
+    return best.focal if lead >= s.min_focal_lead and edges.confirm(best) else None
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,8 @@ class _Edges(ABC):
         """The best near some directions."""
 
     @abstractmethod
-    def tell(self, best: _Fit, lead: float) -> bool:
-        """Whether the edges tell the focal length, which explains more than others by `lead`."""
+    def confirm(self, best: _Fit) -> bool:
+        """Whether the directions count as known with the best focal length."""
 
 
 class _DoorEdges(_Edges):
@@ -115,9 +115,8 @@ class _DoorEdges(_Edges):
         axis = refine_axis(*self.planes(focal), directions, self.settings)
         return _Fit(focal, axis.direction, axis.explained)
 
-    def tell(self, best: _Fit, lead: float) -> bool:
-        return (lead >= self.settings.min_focal_lead
-                and find_axis(*self.planes(best.focal), self.settings) is not None)
+    def confirm(self, best: _Fit) -> bool:
+        return find_axis(*self.planes(best.focal), self.settings) is not None
 
 
 class _DrawerEdges(_Edges):
@@ -131,13 +130,12 @@ class _DrawerEdges(_Edges):
         s, (moving, still) = self.settings, self.planes(focal)
         u, _, v = np.linalg.svd(directions)  # the nearest ones at right angles
         box = refine_box_directions(moving, still, u @ v, s)
-        share = s.still_weight * explained_share(still, box.axes, s) + box.explained
-        return _Fit(focal, box.axes, share / (1 + s.still_weight))
+        share = s.still_edge_weight * explained_share(still, box.axes, s) + box.explained
+        return _Fit(focal, box.axes, share / (1 + s.still_edge_weight))
 
-    def tell(self, best: _Fit, lead: float) -> bool:
-        s = self.settings
-        return (lead >= s.min_box_focal_lead and best.share >= s.min_box_focal_share
-                and find_box_directions(*self.planes(best.focal), s) is not None)
+    def confirm(self, best: _Fit) -> bool:
+        return (best.share >= self.settings.min_box_focal_share
+                and find_box_directions(*self.planes(best.focal), self.settings) is not None)
 
 
 def _share_of(fit: _Fit) -> float:

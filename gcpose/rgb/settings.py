@@ -214,9 +214,8 @@ class RgbSettings:
     focals_kept: Count = 3  # Focal lengths that are refined.
     focal_apart: Positive = 0.15  # Logarithm of another one, which must explain fewer edges.
     min_focal_lead: Share = 0.01  # By how much.
-    still_weight: NonNegative = 0.5  # Of edges that stand still, for a drawer.
+    still_edge_weight: NonNegative = 0.5  # Of edges that stand still, for a drawer.
     min_box_focal_share: Share = 0.9  # Share of the edges that must be explained, for a drawer.
-    min_box_focal_lead: Share = 0.01  # `min_focal_lead` there.
 
     # one part that slides
     slides_tried: tuple[float, ...] = (-0.25, -0.1, 0.1, 0.25)

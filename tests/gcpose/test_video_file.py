@@ -95,6 +95,19 @@ def test_a_drawer_in_a_video_slides_towards_the_camera(
     assert {row["unit"] for row in rows} == {"m"}
 
 
+def test_a_drawer_that_stands_still_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen = drawer(0.0)
+    assert seen.rgb is not None
+    write_video(tmp_path / "still.mp4", np.repeat(seen.rgb[:1], 6, axis=0))
+    assert main(["estimate", "still.mp4", "--fov", "40", "--types", "prismatic", "--distance", "1",
+                 "--quiet"]) == 2
+    assert "gcbench: nothing is seen to slide; choose " in capsys.readouterr().err
+    assert not Path("still.csv").exists()
+
+
 @pytest.mark.ci
 def test_a_camera_that_is_held_by_hand_is_told_and_its_motion_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

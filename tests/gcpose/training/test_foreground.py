@@ -26,14 +26,6 @@ from gcbench.gcpose.training.foreground_videos import ForegroundVideos, true_for
 from gcbench.renderer.runtime import command_line  # noqa: E402
 
 
-@pytest.fixture
-def data(tmp_path: Path) -> Path:
-    """Two sequences of the stream "train" of an arm that moves."""
-    folder = tmp_path / "data"
-    folder.mkdir()
-    return bench_data.make_dataset(folder, 2, stream="train")
-
-
 def options(data: Path, out: Path, steps: int) -> ForegroundTraining:
     return ForegroundTraining(data=(data,), out=out, held_out=(data,), steps=steps, batch=1,
                               frames=2, device="cpu", threads=1, minutes=0.0)

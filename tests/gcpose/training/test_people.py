@@ -16,7 +16,7 @@ from gcbench.gcpose.images.foreground_input import FOREGROUND_CHANNELS
 from gcbench.gcpose.training.config import PeopleTraining
 from gcbench.renderer.dataset import open_dataset
 
-from ...support import analytic, bench_data
+from ...support import analytic
 
 torch = pytest.importorskip("torch", reason="training needs PyTorch")
 
@@ -27,14 +27,6 @@ from gcbench.gcpose.training.foreground_videos import true_foreground  # noqa: E
 from gcbench.gcpose.training.people_drawing import draw_person  # noqa: E402
 from gcbench.gcpose.training.people_task import PeopleTask  # noqa: E402
 from gcbench.gcpose.training.people_videos import PeopleVideos  # noqa: E402
-
-
-@pytest.fixture
-def data(tmp_path: Path) -> Path:
-    """Two sequences of the stream "train" of an arm that moves."""
-    folder = tmp_path / "data"
-    folder.mkdir()
-    return bench_data.make_dataset(folder, 2, stream="train")
 
 
 def options(data: Path, out: Path, steps: int) -> PeopleTraining:
