@@ -21,7 +21,8 @@ _FEATURES, _QUALITY, _SPACING = 1500, 0.002, 6  # of Shi and Tomasi; px
 _BLUR = 1.0  # px
 _MIN_FEATURES = 50  # in frame 0
 _MIN_FOLLOWED = 20  # in another frame
-_TOO_MUCH = "the camera moves too much; put it on a stand, or take fewer seconds"
+_TOO_MUCH = ("the camera moves too much; put it on a stand, or take fewer seconds. If it stands "
+             "still and the object fills most of the images, say so (--still)")
 _CONSENSUS = 1.5  # px from the homography
 _WINDOW, _LEVELS = 15, 4  # px; levels of the image pyramid
 
@@ -94,9 +95,9 @@ def find_camera_motion(
     tracks = _follow_strong_features(rgb)
     if not tracks:
         return None
-    stays = [np.sum(t.distances(np.eye(3)) < s.still_distance) / max(1, len(t.start))
-             for t in tracks]
-    if np.median(stays) >= s.still_share:
+    stays = [np.mean(t.distances(np.eye(3)) < s.still_distance)
+             for t in tracks if len(t.start) >= _MIN_FOLLOWED]
+    if stays and np.median(stays) >= s.still_share:
         return None
     if min(len(t.start) for t in tracks) < _MIN_FOLLOWED:
         raise MethodError(_TOO_MUCH)

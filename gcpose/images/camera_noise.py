@@ -72,7 +72,8 @@ def still_change(images: Image, median: Image, settings: ImageSettings) -> float
     change = np.abs(images - median).max(axis=(0, 3))[exposed]
     quantiles = [float(q) for q in np.quantile(change, settings.noise_shares)]
     small = [q for q in quantiles if q <= settings.max_noise]
-    return small[0] if small and quantiles[-1] > 0 else 0.0
+    noise = small[0] if small else quantiles[-1]
+    return noise if noise <= settings.most_noise and quantiles[-1] > 0 else 0.0
 
 
 def median_image(

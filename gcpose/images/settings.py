@@ -55,13 +55,23 @@ class ImageSettings:
     """Quantiles of the changes of all pixels, of which the first that is small enough is the noise:
     where an object moves over most of the image, the median is too large. There is no noise if the
     last one is 0."""
-    max_noise: Positive = 4.0  # Change above which a pixel cannot be still, grey levels.
+    max_noise: Positive = 4.0  # Noise up to which the first quantile counts, grey levels.
+    most_noise: Positive = 8.0  # Noise up to which the last one does, if no other is small enough.
     weak_change: tuple[NonNegative, NonNegative] = (1.5, 2.0)
     """Change above which a pixel may move, grey levels: without noise, and more for each grey level
     of noise."""
     strong_change: tuple[NonNegative, NonNegative] = (4.0, 3.0)
     """The same above which it moves: these pixels take connected ones that may move with them."""
     min_strong: Count = 20  # Such pixels in a region that moves.
+
+    # texture that stays where it is, in spite of shadows
+    still_window: Positive = 2.5  # Standard deviation of the window that is compared, px.
+    still_contrast: Positive = 3.0  # Least standard deviation in it, grey levels.
+    still_correlation: Share = 0.9  # Least correlation of a texture with its median over time.
+    still_frames_share: Share = 0.8  # Share of the frames in which such a texture is the same.
+    max_still_texture: Share = 0.2
+    """Share of the texture in what is taken for moving that stays, above which no joint of a video
+    file is reliable."""
 
     # motion of the camera
     still_distance: Positive = 0.5  # Distance from its place at which a feature is still, px.
