@@ -12,7 +12,7 @@ def estimate(
     video: Path, /, fov: float | None = None, axes: tuple[float, ...] = (),
     types: tuple[JointType, ...] = (), distance: float | None = None,
     base: tuple[float, float] | None = None, frames: int = 16, start: float = 0.0,
-    end: float = math.inf, region: tuple[int, int, int, int] | None = None,
+    end: float = math.inf, region: tuple[int, int, int, int] | None = None, still: bool = False,
     foreground: str = "", out: Path | None = None,
     picture: Path | None = None, quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
@@ -50,7 +50,9 @@ def estimate(
         end: Time of the last frame, s.
         region: Part of the images to use, px: the pixel (u, v) of its upper left corner, its width
             and its height. Leave out what else moves, but keep still background around the object.
-            Field of view and base refer to the whole images.
+            Field of view and base refer to the whole images. Default: all but black bars.
+        still: The camera stands still: do not look for its motion. A door that fills most of the
+            images looks as if the camera moved.
         foreground: What finds the moving pixels: `no-people` leaves people out who move the object;
             `network` and `background` take all that moves for the object.
             Default: `no-people` for one joint, `network` for several.
@@ -60,51 +62,47 @@ def estimate(
         json: Print the result as one JSON document.
     """
     from ..renderer.runtime import say
+    from . import video_file as files
     from .images import ImageSettings, find_camera_motion
     from .method import GCPose
-    from .video_file import (
-        check_distance,
-        check_outputs,
-        describe_joints,
-        draw_parts,
-        find_axes,
-        find_field_of_view,
-        observe_video,
-        read_frames,
-        summarize_estimate,
-        towards_camera,
-        write_table,
-    )
+    from .settings import Settings
 
-    check_distance(distance, types)
+    files.check_distance(distance, types)
     out = out or Path(video.stem + ".csv")
-    check_outputs(video, filter(None, (out, picture)))
+    files.check_outputs(video, filter(None, (out, picture)))
     one_joint = len(axes) <= 3
-    method = GCPose(foreground=foreground or ("no-people" if one_joint else "network"))
+    images = ImageSettings(still_share=0.0) if still else ImageSettings()
+    method = GCPose(foreground=foreground or ("no-people" if one_joint else "network"),
+                    settings=Settings(images=images))
     search = fov is None
-    seen = read_frames(video, frames, start, end, region)
-    observe_video(seen, 1.0 if fov is None else fov, axes, types, base)  # wrong values end it here
+    seen = files.read_frames(video, frames, start, end, region)
+    # wrong values end it here
+    files.observe_video(seen, 1.0 if fov is None else fov, axes, types, base)
     if not quiet:
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
             "minute for an arm" + ", and the search for the field of view half a minute" * search)
     if fov is None:
-        fov = find_field_of_view(method, seen, axes, types)
-    observation = observe_video(seen, fov, axes, types, base)
+        fov = files.find_field_of_view(method, seen, axes, types)
+    observation = files.observe_video(seen, fov, axes, types, base)
     if not quiet and (
-            motion := find_camera_motion(seen.rgb, observation.intrinsics, ImageSettings())):
+            motion := find_camera_motion(seen.rgb, observation.intrinsics, images)):
         say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. Its motion is taken out, "
             f"to within {motion.error:.1f} px; a camera on a stand gives smaller errors")
-    axis = find_axes(method, observation)
+    axis = files.find_axes(method, observation)
     found = method.estimate(observation, distance)
     if axis is None:
-        found, axis = towards_camera(found)
-    write_table(out, seen, found, observation.joint_types)
+        found, axis = files.towards_camera(found)
+    found, share = files.doubt_still_texture(seen, found, images)
+    if share > images.max_still_texture and not quiet:
+        say(f"{video}: {share:.0%} of the texture of what seems to move stays where it is, as in a "
+            "shadow: no joint is reliable. Look at --picture, and leave it out by --region")
+    files.write_table(out, seen, found, observation.joint_types)
     if picture:
-        draw_parts(picture, seen, found)
-    joints = summarize_estimate(found, axis, observation.joint_types)
+        files.draw_parts(picture, seen, found)
+    joints = files.summarize_estimate(found, axis, observation.joint_types)
     if json:
         return {"table": out, "fov": fov, "joints": joints}, 0
-    lines = describe_joints(joints)
+    lines = files.describe_joints(joints)
     if search or not axes:
         shown = " ".join(f"{x:g}" for j in joints for x in j["axis"])
         lines.insert(0, f"by the video: --fov {fov:.1f} --axes {shown}")

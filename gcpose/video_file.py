@@ -16,6 +16,7 @@ from ..errors import ConfigError, printable
 from ..renderer.types import Estimate, Observation
 from ..robots.files import write_atomically
 from ..robots.geometry import Array
+from .images import ImageSettings, still_texture_share
 from .method import GCPose
 
 _FFMPEG = {
@@ -26,6 +27,7 @@ _FFMPEG = {
 messages of FFmpeg are not shown."""
 _MAX_SIDE, _MAX_FRAMES = 8192, 100_000  # of a video file
 _LEAST_SIDE = 16  # of what is used
+_BLACK = 12  # grey levels of a black bar at most
 _MIDDLE_FOV = 50.0  # deg; where the search begins if none is given
 Region = tuple[int, int, int, int]
 """Part of an image, px: the first pixel (u, v), width and height."""
@@ -61,8 +63,8 @@ def read_frames(
 ) -> VideoFrames:
     """Return `count` evenly spaced frames between two times, s; all if there are fewer.
 
-    Of the images, only a region (u, v, width, height), px, is used. Larger ones are reduced until
-    their smaller side is `side` px.
+    Of the images, only a region (u, v, width, height), px, is used; by default, all but the black
+    bars at their edges. Larger ones are reduced until their smaller side is `side` px.
 
     Raises:
         ConfigError: If the file is not a video, is damaged or too large, or has fewer than two such
@@ -83,17 +85,17 @@ def read_frames(
                           f"{min(end, total / fps):g} s; two are needed, change --start or --end")
     number = np.unique(np.linspace(first, last, min(count, last - first + 1)).round().astype(int))
     images, video, wanted = list[NDArray[np.uint8]](), _open(path, name), set(number.tolist())
-    size = 0, 0
+    whole: Region = (0, 0, 0, 0)
     for k in range(last + 1):
         found, image = video.read() if k in wanted else (video.grab(), None)
         if not found:
             raise ConfigError(f"{name}: frame {k} is damaged; change --start or --end")
         if image is not None:
-            size = image.shape[1], image.shape[0]
-            region = _check_region(region or (0, 0, *size), size, name)
-            images.append(_reduce(image, region, side))
-    assert region is not None
-    return VideoFrames(np.stack(images), number, number / fps, size, region)
+            whole = (0, 0, image.shape[1], image.shape[0])
+            _check_region(region or whole, whole[2:], name)
+            images.append(_reduce(image, region or whole, side))
+    frames = VideoFrames(np.stack(images), number, number / fps, whole[2:], region or whole)
+    return frames if region else _without_bars(frames)
 
 
 def check_outputs(video: Path, outputs: Iterable[Path]) -> None:
@@ -219,6 +221,17 @@ def towards_camera(estimate: Estimate) -> tuple[Estimate, Array]:
     return replace(estimate, displacement=sign * estimate.displacement, screw=screw), screw[:, :3]
 
 
+def doubt_still_texture(
+    video: VideoFrames, estimate: Estimate, settings: ImageSettings
+) -> tuple[Estimate, float]:
+    """Return an estimate that is not reliable if much of the texture of its parts stays where it
+    is, and that share."""
+    assert estimate.part is not None and estimate.reliable is not None
+    share = still_texture_share(video.rgb, estimate.part > 0, settings)
+    reliable = estimate.reliable & (share <= settings.max_still_texture)
+    return replace(estimate, reliable=reliable), share
+
+
 def write_table(
     path: Path, video: VideoFrames, estimate: Estimate, types: Sequence[str]
 ) -> None:
@@ -303,14 +316,26 @@ def _reduce(image: NDArray[Any], region: Region, side: int) -> NDArray[np.uint8]
     return np.asarray(cv2.resize(used, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _check_region(region: Region, size: tuple[int, int], name: str) -> Region:
-    """Return a region if it is in images of a size (width, height), px."""
+def _without_bars(frames: VideoFrames) -> VideoFrames:
+    """Return frames without the black bars at their edges."""
+    light = frames.rgb.max(axis=(0, 3)) > _BLACK
+    rows, columns = (np.flatnonzero(light.any(axis=k)) for k in (1, 0))
+    if not len(rows) or min(np.ptp(rows), np.ptp(columns)) < _LEAST_SIDE:
+        return frames
+    top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    low, high = (np.rint(np.array(p) / frames.scale).astype(int)
+                 for p in ((left, top), (right, bottom)))
+    region = (int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
+    return replace(frames, rgb=frames.rgb[:, top:bottom, left:right], region=region)
+
+
+def _check_region(region: Region, size: tuple[int, int], name: str) -> None:
+    """Refuse a region that is not in images of a size (width, height), px."""
     u, v, width, height = region
     if (min(u, v) < 0 or min(width, height) < _LEAST_SIDE or u + width > size[0]
             or v + height > size[1]):
         raise ConfigError(f"--region {u} {v} {width} {height}: give U V WIDTH HEIGHT inside of "
                           f"the images of {name}, {size[0]} x {size[1]} px")
-    return region
 
 
 def _count_frames(path: Path, name: str) -> tuple[float, int]:

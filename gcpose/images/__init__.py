@@ -37,6 +37,7 @@ from .patches import PredictedPatches, find_patches
 from .regions import Candidates, geodesic_rank, smooth_costs
 from .settings import ImageSettings
 from .still_camera import FrontEnd, VideoEvidence, video_evidence
+from .still_texture import still_texture_share
 from .still_video import to_still_video
 from .straight_edges import moving_edges, still_edges
 from .surfaces import Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
@@ -47,7 +48,7 @@ __all__ = [
     "Square", "Surfaces", "VideoEvidence", "WeightReader", "changing_square", "color_and_change",
     "cut_square", "dis_flow", "find_camera_motion", "find_depth", "find_flow", "find_foreground",
     "find_patches", "find_people", "fine_dis_flow", "for_cuts_of", "geodesic_rank",
-    "moving_edges", "row_suffix", "smooth_costs", "still_edges", "subtract_background",
-    "surfaces_from_depth", "surfaces_from_noisy_depth", "to_still_video", "training_of",
-    "video_evidence",
+    "moving_edges", "row_suffix", "smooth_costs", "still_edges", "still_texture_share",
+    "subtract_background", "surfaces_from_depth", "surfaces_from_noisy_depth", "to_still_video",
+    "training_of", "video_evidence",
 ]

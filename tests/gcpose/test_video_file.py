@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,14 @@ import numpy as np
 import pytest
 from gcbench.__main__ import main
 from gcbench.errors import ConfigError
-from gcbench.gcpose.video_file import VideoFrames, draw_parts, observe_video, read_frames
+from gcbench.gcpose.images import ImageSettings
+from gcbench.gcpose.video_file import (
+    VideoFrames,
+    doubt_still_texture,
+    draw_parts,
+    observe_video,
+    read_frames,
+)
 from gcbench.renderer.types.observation import Estimate
 from numpy.typing import NDArray
 
@@ -160,6 +168,55 @@ def test_what_moves_beside_the_region_does_not_count(
         assert main(["estimate", "door.mp4", *options, *used, "--json"]) == 0
         turn = json.loads(capsys.readouterr().out)["joints"][0]["displacement"]
         assert (abs(turn - np.degrees(0.5)) < 2.5) == right
+
+
+def test_a_still_camera_need_not_be_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The images show hardly more than the door: it looks as if the camera moved."""
+    monkeypatch.chdir(tmp_path)
+    rgb, options = opening_door()
+    write_video(tmp_path / "walk.mp4", with_shake(rgb, 200.0)[0])
+    assert main(["estimate", "walk.mp4", *options, "--quiet"]) == 2
+    assert "say so (--still)" in capsys.readouterr().err
+    assert main(["estimate", "walk.mp4", *options, "--quiet", "--still"]) == 0
+
+
+@pytest.mark.parametrize("dark", [1.0, 0.6])
+def test_a_shadow_is_not_a_motion(dark: float) -> None:
+    """A texture that keeps its place is told from one that moves, whatever the light."""
+    rng = np.random.default_rng(0)
+    texture = cv2.GaussianBlur(rng.uniform(0, 255, (60, 160)), (0, 0), 2)
+    texture = 128 + 40 * (texture - texture.mean()) / texture.std()
+    wall, board = texture[:, :80], texture[:, 80:]
+    light = np.linspace(1, dark, 8)
+    rgb = np.stack([np.vstack([light[t] * wall, np.roll(board, 3 * t, axis=1)])
+                    for t in range(8)]).clip(0, 255).astype(np.uint8)[..., None].repeat(3, -1)
+    video = VideoFrames(rgb, np.arange(8), np.arange(8) / 10, (80, 120), (0, 0, 80, 120))
+    moving, both = np.zeros((8, 120, 80), np.uint8), np.ones((8, 120, 80), np.uint8)
+    moving[:, 64:] = 1
+    for part, least, most in ((moving, 0.0, 0.05), (both, 0.4, 0.6)):
+        found = Estimate(np.zeros((8, 1)), part=part, reliable=np.array([True]))
+        doubted, share = doubt_still_texture(video, found, ImageSettings())
+        assert least <= share <= most
+        assert doubted.reliable is not None
+        assert doubted.reliable.tolist() == [part is moving]
+
+
+def test_black_bars_are_left_out(tmp_path: Path) -> None:
+    rgb = np.full((6, 480, 1280, 3), 90, np.uint8)
+    rgb[:, :40], rgb[:, 444:], rgb[:, :, :8] = 0, 0, 0
+    video = read_frames(write_video(tmp_path / "film.mp4", rgb), 6, side=240)
+    assert video.region == (8, 40, 1272, 404)
+    assert video.rgb.shape == (6, 202, 636, 3) and (video.rgb > 60).all()
+    whole = observe_video(replace(video, rgb=np.zeros((6, 240, 640, 3), np.uint8),
+                                  region=(0, 0, 1280, 480)), 40.0)
+    moved = whole.intrinsics - observe_video(video, 40.0).intrinsics
+    assert moved[:2, 2] == pytest.approx([4, 20]) and moved[:, :2] == pytest.approx(0)
+    chosen = read_frames(tmp_path / "film.mp4", 6, region=(0, 0, 1280, 480), side=240)
+    assert chosen.rgb.shape == (6, 240, 640, 3)
+    write_video(tmp_path / "black.mp4", np.zeros((4, 48, 64, 3), np.uint8))
+    assert read_frames(tmp_path / "black.mp4", 4).rgb.shape == (4, 48, 64, 3)
 
 
 def test_frames_are_evenly_spaced_and_reduced(ramp: Path) -> None:
