@@ -11,7 +11,7 @@ JointType = Literal["revolute", "prismatic"]
 def estimate(
     video: Path, /, fov: float | None = None, axes: tuple[float, ...] = (),
     types: tuple[JointType, ...] = (), distance: float | None = None,
-    base: tuple[float, float] | None = None, frames: int = 16, start: float = 0.0,
+    base: tuple[float, float] | None = None, frames: int = 32, start: float = 0.0,
     end: float = math.inf, region: tuple[int, int, int, int] | None = None, still: bool = False,
     foreground: str = "", out: Path | None = None,
     picture: Path | None = None, quiet: bool = False, json: bool = False,
@@ -79,8 +79,8 @@ def estimate(
     # wrong values end it here
     files.observe_video(seen, 1.0 if fov is None else fov, axes, types, base)
     if not quiet:
-        say(f"{video}: {len(seen.rgb)} frames; the estimate takes seconds for a door, and about a "
-            "minute for an arm" + ", and the search for the field of view half a minute" * search)
+        say(f"{video}: {len(seen.rgb)} frames; the estimate takes about a minute, of an arm more"
+            + ", and the search for the field of view another" * search)
     if fov is None:
         fov = files.find_field_of_view(method, seen, axes, types)
     observation = files.observe_video(seen, fov, axes, types, base)

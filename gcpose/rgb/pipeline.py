@@ -21,10 +21,13 @@ from ..chain import Articulation, JointPriors, scale_axes, scale_twists, screws_
 from ..estimator import calibrate_deviation, spread_of_motions
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .evidence import RgbEvidence, VideoHypothesis
-from .points import predict_places
+from .points import motions_from_frames, predict_places
 from .scores import score_hypothesis
 from .search import SearchResult, search_video
 from .settings import RgbSettings, for_slide, with_measured_depth, with_two_flows
+
+_DEPTH_DEVIATION = 0.1
+"""Relative standard deviation of a depth that the images tell."""
 
 
 def estimate_rgb(
@@ -59,7 +62,7 @@ def estimate_rgb(
     metres, line = evidence.distance or length_unit(known, best.state), known.line
     by_object = object_depth if metres is None else None
     if by_object is not None:
-        metres = by_object / depth_at_start(best)
+        metres = by_object / depth_at_start(best, float(k[0, 0]))
     if line is None and metres is not None:
         line = scale_twists(best.state.twist, known.prismatic, metres)
     unit = np.where(known.prismatic, metres or 1.0, 1.0)
@@ -164,10 +167,24 @@ def length_unit(known: JointPriors, state: Articulation) -> float | None:
     return in_metres / in_units
 
 
-def depth_at_start(hypothesis: VideoHypothesis) -> float:
-    """Return the median depth of the points in frame 0, in units of the motion."""
-    points = hypothesis.points
-    return float(1 / np.median(points.inverse_depth[points.frame == 0]))
+def depth_at_start(hypothesis: VideoHypothesis, focal: float) -> float:
+    """Return the median depth in frame 0 of what moves, in units of the motion.
+
+    The points are those of the first key frame in which the images tell the depth of most of them:
+    where a video begins with a rest, those of frame 0 only have their prior depth.
+    """
+    points, state = hypothesis.points, hypothesis.state
+    keys, index = np.unique(points.frame, return_inverse=True)
+    motion = motions_from_frames(state, keys)[index, :, points.label]  # [N T 4 4]
+    step = motion[..., :3, 3]
+    place = points.ray / points.inverse_depth[:, None]
+    seen = np.einsum("ntij,nj->nti", motion[..., :3, :3], place) + step
+    by_depth = focal * (
+        step[..., :2] - step[..., 2:] * seen[..., :2] / seen[..., 2:]) / seen[..., 2:]
+    information = np.einsum("nti,ntij,ntj->n", by_depth, points.place_information, by_depth)
+    told = information > _DEPTH_DEVIATION**-2
+    first = next((k for k in range(len(keys)) if told[index == k].mean() > 0.5), 0)
+    return float(np.median(seen[index == first, 0, 2]))
 
 
 def base_from_world(observation: Observation, evidence: VideoEvidence) -> Array | None:

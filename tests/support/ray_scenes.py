@@ -64,21 +64,24 @@ def door(total: float, true_flow: bool = False) -> Observation:
     return moving_panel(line, total, "revolute", true_flow)
 
 
-def drawer(total: float) -> Observation:
+def drawer(total: float, pace: np.ndarray | None = None) -> Observation:
     """The same panel, which slides towards the camera; its middle is at a depth of 1.15 m."""
     axis = np.array([-0.25, 0.1, -1.0])
-    return moving_panel(np.array([0, 0, 0, *axis / np.linalg.norm(axis)]), total, "prismatic")
+    line = np.array([0, 0, 0, *axis / np.linalg.norm(axis)])
+    return moving_panel(line, total, "prismatic", pace=pace)
 
 
 def moving_panel(
-    line: np.ndarray, total: float, joint_type: str, true_flow: bool = False
+    line: np.ndarray, total: float, joint_type: str, true_flow: bool = False,
+    pace: np.ndarray | None = None,
 ) -> Observation:
-    """A textured panel that moves by a twist before a textured wall."""
+    """A textured panel that moves by a twist before a textured wall; `pace` [T] is the share of the
+    motion at each frame."""
     axis = line[3:] if joint_type == "prismatic" else line[:3]
     rng = np.random.default_rng(5)
     wall, panel = texture(rng, 180, 240, 3.0), texture(rng, 100, 100)
     k = np.array([[260.0, 0, 119.5], [0, 260.0, 89.5], [0, 0, 1]])
-    time = np.linspace(0, 1, 8)
+    time = np.linspace(0, 1, 8) if pace is None else pace
     motion = part_motions(line[None], total * time[:, None], np.array([-1]))[:, 1]
     corner = np.array([[-0.15, -0.16, 1.2], [0.2, -0.16, 1.1],
                        [0.2, 0.16, 1.1], [-0.15, 0.16, 1.2]])
@@ -92,7 +95,7 @@ def moving_panel(
         moved = cv2.warpPerspective(panel, h, (240, 180))
         frames.append(np.where(mask[..., None], moved, wall))
         views.append(h)
-    given = Observation(np.stack(frames), None, k, time, 1, (joint_type,),
+    given = Observation(np.stack(frames), None, k, np.linspace(0, 1, len(time)), 1, (joint_type,),
                         cam_from_world=np.eye(4), axis_direction=axis[None])
     pairs = list(itertools.pairwise(views))
     return given if not true_flow else replace(

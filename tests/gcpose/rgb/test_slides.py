@@ -32,6 +32,14 @@ def test_a_slide_has_a_scale_if_its_depth_is_known(knows_direction: bool) -> Non
 
 
 @pytest.mark.ci
+def test_the_depth_is_that_of_frame_0_where_a_slide_begins_slowly() -> None:
+    """Images near frame 0 hardly move, so that they do not tell the depth."""
+    pace = np.linspace(0, 1, 16) ** 4
+    found = GCPose().estimate(drawer(0.45, pace), DEPTH)
+    assert found.displacement[:, 0] == pytest.approx(0.45 * pace, abs=0.015)
+
+
+@pytest.mark.ci
 def test_without_its_depth_a_slide_has_no_scale() -> None:
     found = GCPose().estimate(drawer(0.2))
     assert found.reliable is not None and not found.reliable[0]
