@@ -170,6 +170,7 @@ def test_what_moves_beside_the_region_does_not_count(
         assert (abs(turn - np.degrees(0.5)) < 2.5) == right
 
 
+@pytest.mark.ci
 def test_a_still_camera_need_not_be_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
