@@ -55,8 +55,8 @@ class ImageSettings:
     """Quantiles of the changes of all pixels, of which the first that is small enough is the noise:
     where an object moves over most of the image, the median is too large. There is no noise if the
     last one is 0."""
-    max_noise: Positive = 4.0  # Noise up to which the first quantile counts, grey levels.
-    most_noise: Positive = 8.0  # Noise up to which the last one does, if no other is small enough.
+    max_noise: Positive = 4.0  # Noise up to which a quantile is small enough, grey levels.
+    most_noise: Positive = 8.0  # Noise up to which the last one counts if none is small enough.
     weak_change: tuple[NonNegative, NonNegative] = (1.5, 2.0)
     """Change above which a pixel may move, grey levels: without noise, and more for each grey level
     of noise."""

@@ -66,7 +66,7 @@ def test_the_noise_is_that_of_still_pixels_where_most_move() -> None:
 
 def test_strong_noise_goes_as_well() -> None:
     rgb, true = moving_panel()
-    noisy = with_noise(rgb, 12)  # as in dim light: the usual bound of 4 grey levels is too small
+    noisy = with_noise(rgb, 12)  # of which more than 4 grey levels remain after the blur
     keep_noise = ImageSettings(most_noise=4.0)
     assert remove_camera_noise(noisy, keep_noise) is noisy
     clean = remove_camera_noise(noisy, SETTINGS)
