@@ -48,7 +48,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "38"
+    version = "39"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -81,7 +81,7 @@ class GCPose:
             find_foreground(foreground or "network", settings.images),
             find_depth(depth) if depth else None,
             bidirectional=settings.rgb.track_share > 0, averages_depth=True,
-            second_flow=two)
+            second_flow=two, drops_still_texture=True)
         """On images."""
         self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
                                 foreground=foreground)

@@ -89,7 +89,7 @@ class LearnedForeground:
         if self._people is None:
             return found
         object_only = found & ~_enlarge(find_people(rgb, self._people, self._settings), margin)
-        return np.stack([_without_specks(mask, self._settings) for mask in object_only])
+        return np.stack([without_specks(mask, self._settings) for mask in object_only])
 
 
 def find_people(
@@ -159,8 +159,8 @@ def _compare_with_background(
     return out
 
 
-def _without_specks(mask: NDArray[np.bool_], settings: ImageSettings) -> NDArray[np.bool_]:
-    """Remove pieces that are smaller than `min_foreground`."""
+def without_specks(mask: NDArray[np.bool_], settings: ImageSettings) -> NDArray[np.bool_]:
+    """Return a mask [H W] without pieces that are smaller than `min_foreground`."""
     _, found, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     large = stats[:, cv2.CC_STAT_AREA] >= settings.min_foreground
     large[0] = False
@@ -192,4 +192,4 @@ def _clean_mask(
     still = np.bincount(label.ravel(), weights=~live.ravel(), minlength=count) / np.maximum(1, size)
     gap = (size < settings.max_gap) | (
         (still > settings.static_gap_share) & (size < settings.max_static_gap))
-    return _without_specks((out > 0) | gap[label], settings)
+    return without_specks((out > 0) | gap[label], settings)

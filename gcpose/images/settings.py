@@ -70,8 +70,8 @@ class ImageSettings:
     still_correlation: Share = 0.9  # Least correlation of a texture with its median over time.
     still_frames_share: Share = 0.8  # Share of the frames in which such a texture is the same.
     max_still_texture: Share = 0.2
-    """Share of the texture in what is taken for moving that stays, above which no joint of a video
-    file is reliable."""
+    """Share of the texture in what is taken for moving that stays, above which it is left out for
+    one joint that turns, and no slide in a video file is reliable."""
 
     # motion of the camera
     still_distance: Positive = 0.5  # Distance from its place at which a feature is still, px.

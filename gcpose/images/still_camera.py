@@ -18,6 +18,7 @@ from .foreground import Foreground
 from .regions import bounding_box
 from .settings import ImageSettings
 from .sharp_outline import sharp_outlines
+from .still_texture import leave_out_still_texture
 
 
 @dataclass(frozen=True)
@@ -55,11 +56,23 @@ class VideoEvidence:
     """Whether the flow is the true one, for an oracle"""
     second: VideoEvidence | None = None
     """The evidence in the same video by a second flow"""
+    with_shadows: NDArray[np.bool_] | None = None
+    """[T h w] `moving`, and what a shadow passes over; None: the same"""
 
     @property
     def frames(self) -> int:
         """T."""
         return len(self.moving)
+
+    @property
+    def has_shadows(self) -> bool:
+        """Whether what stays under a shadow was left out of `moving`."""
+        return self.with_shadows is not None and bool((self.with_shadows & ~self.moving).any())
+
+    @property
+    def edge_area(self) -> NDArray[np.bool_]:
+        """Where edges [T h w] may be of what moves: those at rest are told by their places."""
+        return self.moving if self.with_shadows is None else self.with_shadows
 
 
 @dataclass(frozen=True)
@@ -74,6 +87,8 @@ class FrontEnd:
     """Whether flow is also estimated from each frame to the one before."""
     averages_depth: bool = False
     """Whether noisy depth is averaged over what moves."""
+    drops_still_texture: bool = False
+    """Whether what stays under a shadow is left out of one part that turns, without depth."""
     second_flow: Flow | None = None
     """Another flow, of which evidence is made as well."""
 
@@ -88,13 +103,10 @@ def video_evidence(
     rgb, part = observation.rgb, observation.part
     assert rgb is not None
     estimated = part is None and observation.mask is None
-    if part is not None:
-        moving = part > 0
-    else:
-        moving = front_end.foreground(rgb) if observation.mask is None else observation.mask
+    moving, with_shadows = _find_moving(observation, front_end, settings)
     if not moving.any():
         return None
-    box = bounding_box(np.asarray(moving.any(axis=0)), settings.crop_margin)
+    box = bounding_box(np.asarray(with_shadows.any(axis=0)), settings.crop_margin)
     crop = np.ascontiguousarray(rgb[:, box[0], box[1]])
     inside = np.ascontiguousarray(moving[:, box[0], box[1]])
     k = observation.intrinsics.astype(np.float64).copy()
@@ -126,6 +138,7 @@ def video_evidence(
         settings, inverse_depth, distance, None if part is None else part[:, box[0], box[1]],
         sharp_outlines(crop, inside, settings) if estimated else None,
         observation.flow is not None,
+        with_shadows=np.ascontiguousarray(with_shadows[:, box[0], box[1]]),
     )
     if front_end.second_flow is None or evidence.true_flow:
         return evidence
@@ -133,6 +146,22 @@ def video_evidence(
     back = _backward_flow(sized, crop) if front_end.bidirectional else None
     second = replace(evidence, flow=_estimate_flow(sized, crop), flow_backward=back)
     return replace(evidence, second=second)
+
+
+def _find_moving(
+    observation: Observation, front_end: FrontEnd, settings: ImageSettings
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return what moves [T H W], and the same with what a shadow passes over."""
+    rgb, part, mask = observation.rgb, observation.part, observation.mask
+    assert rgb is not None
+    if part is not None or mask is not None:
+        moving = part > 0 if part is not None else np.asarray(mask)
+        return moving, moving
+    found = front_end.foreground(rgb)
+    turns = observation.depth is None and observation.joint_types == ("revolute",)
+    if not (front_end.drops_still_texture and turns):
+        return found, found
+    return leave_out_still_texture(rgb, found, settings), found
 
 
 def _estimate_flow(flow: Flow, images: NDArray[np.uint8]) -> Image:

@@ -92,13 +92,13 @@ class EdgePlanes:
 
 def planes_of_moving_edges(video: VideoEvidence, settings: RgbSettings) -> EdgePlanes:
     """Return the planes of the straight edges in the images of what moves."""
-    ends = moving_edges(video.gray, video.moving, video.settings)
+    ends = moving_edges(video.gray, video.edge_area, video.settings)
     return EdgePlanes.of_ends(ends, video.intrinsics, settings)
 
 
 def planes_of_still_edges(video: VideoEvidence, settings: RgbSettings) -> EdgePlanes:
     """Return the planes of the straight edges that do not move, as if they were of one frame."""
-    ends = still_edges(video.gray, video.moving, video.settings)
+    ends = still_edges(video.gray, video.edge_area, video.settings)
     return EdgePlanes.of_ends([ends], video.intrinsics, settings)
 
 

@@ -65,8 +65,8 @@ class _Edges(ABC):
     """The straight edges of a video: of what moves, and of what does not."""
 
     def __init__(self, video: VideoEvidence, settings: RgbSettings) -> None:
-        self.moving = moving_edges(video.gray, video.moving, video.settings)
-        self.still = [still_edges(video.gray, video.moving, video.settings)]
+        self.moving = moving_edges(video.gray, video.edge_area, video.settings)
+        self.still = [still_edges(video.gray, video.edge_area, video.settings)]
         self.intrinsics = video.intrinsics
         self.settings = settings
         self.few = replace(settings, axes_tried=settings.axes_tried_by_focal)

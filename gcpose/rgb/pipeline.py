@@ -24,7 +24,7 @@ from .evidence import RgbEvidence, VideoHypothesis
 from .points import motions_from_frames, predict_places
 from .scores import score_hypothesis
 from .search import SearchResult, search_video
-from .settings import RgbSettings, for_slide, with_measured_depth, with_two_flows
+from .settings import RgbSettings, for_one_joint, with_measured_depth, with_two_flows
 
 _DEPTH_DEVIATION = 0.1
 """Relative standard deviation of a depth that the images tell."""
@@ -107,8 +107,9 @@ def settings_of_video(
         settings = with_two_flows(settings)
     elif known.axis_dof == 4 and len(known.prismatic) > 1:
         settings = replace(settings, deviation=settings.deviation_free)
-    slides = evidence.distance is None and len(known.prismatic) == 1 and known.prismatic[0]
-    return for_slide(settings) if slides else settings
+    if evidence.distance is None and len(known.prismatic) == 1:
+        settings = for_one_joint(settings, bool(known.prismatic[0]))
+    return settings
 
 
 def reported_deviation(found: SearchResult, settings: RgbSettings) -> Array:
@@ -130,8 +131,8 @@ def reported_deviation(found: SearchResult, settings: RgbSettings) -> Array:
 def add_deviations(
     angle: Array, sigma: Array, seen: RgbEvidence, by_object: bool
 ) -> Array:
-    """Return standard deviations [T J] of displacements with what axes by straight edges add, and
-    a unit of length by the depth of the object."""
+    """Return standard deviations [T J] of displacements with what axes by straight edges add,
+    shadows, and a unit of length by the depth of the object."""
     s, slide = seen.settings, np.abs(np.where(seen.priors.prismatic, angle, 0.0))
     if seen.axis_by_edges is not None:
         by_axis = s.axis_deviation * seen.axis_by_edges.turn_deviation()
@@ -140,6 +141,8 @@ def add_deviations(
         sigma = np.hypot(sigma, s.box_deviation * seen.box.deviation * slide)
     if by_object:
         sigma = np.hypot(sigma, s.object_depth_deviation * slide)
+    if seen.video.has_shadows:
+        sigma[1:] = np.hypot(sigma[1:], s.shadow_deviation)
     return np.asarray(sigma, np.float64)
 
 

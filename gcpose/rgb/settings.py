@@ -284,6 +284,8 @@ class RgbSettings:
     that of the points may differ."""
     box_deviation: NonNegative = 1.0
     """Reported deviation of a slide by that of its direction, where straight edges show it."""
+    shadow_deviation: NonNegative = 4 * DEGREE
+    """Reported deviation of a turn where much that stays under shadows was left out, rad."""
     sigma_unknown: Positive = 1.0  # Largest standard deviation reported, rad or m.
     part_stride: Count = 2  # Pixels from one to the next whose part is looked up.
 
@@ -300,9 +302,13 @@ def for_last_refinement(settings: RgbSettings) -> RgbSettings:
                    hinge_slack=settings.last_hinge_slack, drop_at_rest=True)
 
 
-def for_slide(settings: RgbSettings) -> RgbSettings:
-    """Return the settings for one part that slides, whose depth is not measured."""
-    return replace(settings, deviation=settings.deviation_slide, drop_at_rest=True)
+def for_one_joint(settings: RgbSettings, slides: bool) -> RgbSettings:
+    """Return the settings for one part that turns or slides, whose depth is not measured.
+
+    The foreground may hold much that is at rest, under the shadow of what moves or of a person.
+    """
+    deviation = settings.deviation_slide if slides else settings.deviation
+    return replace(settings, deviation=deviation, drop_at_rest=True)
 
 
 def with_measured_depth(settings: RgbSettings) -> RgbSettings:

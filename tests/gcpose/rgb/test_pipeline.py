@@ -6,6 +6,7 @@ from dataclasses import replace
 from threading import Barrier
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
@@ -28,6 +29,7 @@ from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.scores import score_hypothesis, select_hypotheses
 from gcbench.gcpose.rgb.search import count_agreeing, search_video
 from gcbench.gcpose.rgb.settings import RgbSettings
+from gcbench.gcpose.settings import Settings
 from gcbench.renderer.types.observation import Observation
 
 from ...support.ray_scenes import chain, door, texture
@@ -97,6 +99,25 @@ def test_a_door_opens_without_depth() -> None:
     assert np.degrees(np.abs(estimate.displacement[:, 0] - 0.5 * np.linspace(0, 1, 8)).max()) < 2.0
     assert estimate.sigma is not None and estimate.reliable is not None
     assert estimate.sigma[0] == 0 and estimate.reliable.all()
+
+
+@pytest.mark.parametrize(("most", "covered"), [(0.2, 0.2), (1.0, 0.5)])
+def test_a_shadow_that_passes_does_not_stop_a_door(most: float, covered: float) -> None:
+    """Still texture is left out; without that, half of the foreground is at rest."""
+    observation = door(0.5)
+    assert observation.rgb is not None
+    video = observation.rgb.astype(np.float32)
+    for image, left in zip(video, np.linspace(0, 140, 8).astype(int), strict=True):
+        shadow = np.zeros(image.shape[:2], np.float32)
+        shadow[:, left : left + 60] = 0.4
+        image *= 1 - cv2.GaussianBlur(shadow, (0, 0), 6.0)[..., None]
+    settings = Settings(images=replace(ImageSettings(), max_still_texture=most))
+    found = GCPose("dis", settings=settings).estimate(
+        replace(observation, rgb=video.astype(np.uint8)))
+    assert found.part is not None
+    assert np.mean(found.part > 0) == pytest.approx(covered, abs=0.1)
+    assert np.degrees(abs(found.displacement[-1, 0] - 0.5)) < 2.0
+    assert found.reliable is not None and found.reliable[0] == (most == 1.0)
 
 
 @pytest.mark.ci
