@@ -81,7 +81,7 @@ class GCPose:
             find_foreground(foreground or "network", settings.images),
             find_depth(depth) if depth else None,
             bidirectional=settings.rgb.track_share > 0, averages_depth=True,
-            second_flow=two, drops_still_texture=True)
+            second_flow=two)
         """On images."""
         self.name += row_suffix(flow=flow if isinstance(flow, str) else "", depth=depth,
                                 foreground=foreground)
@@ -129,16 +129,23 @@ class GCPose:
         """What moves in images alone; None if nothing does."""
         if observation.rgb is None:
             return None
-        still = to_still_video(observation, self.settings.images).observation
-        end = replace(self.front_end, second_flow=None)
-        return video_evidence(replace(still, depth=None), end, self.settings.images)
+        still = to_still_video(observation, self.settings.images)
+        end = replace(self._front_end_of(still.homography is not None), second_flow=None)
+        return video_evidence(
+            replace(still.observation, depth=None), end, self.settings.images)
+
+    def _front_end_of(self, aligned: bool) -> FrontEnd:
+        """What sees a video. Frames that are aligned are less exact, so that all texture counts."""
+        return replace(self.front_end, drops_still_texture=not aligned)
 
     def _estimate(self, observation: Observation, object_depth: float | None) -> Estimate:
         still = to_still_video(observation, self.settings.images)
         observation = still.observation
         priors = joint_priors(observation)
         if observation.depth is None:
-            found = self._estimate_by_images(observation, priors, object_depth)
+            found = self._estimate_by_images(
+                observation, priors, self._front_end_of(still.homography is not None),
+                object_depth)
         else:
             found = self._estimate_by_depth(observation, priors)
         if (found is None or found.sigma is None
@@ -149,10 +156,11 @@ class GCPose:
         return still.move_back(replace(found, reliable=reliable))
 
     def _estimate_by_images(
-        self, observation: Observation, priors: JointPriors, object_depth: float | None = None
+        self, observation: Observation, priors: JointPriors, end: FrontEnd,
+        object_depth: float | None = None,
     ) -> Estimate | None:
         """By the flow that was named; else by two where this was found to pay."""
-        settings, end = self.settings, self.front_end
+        settings = self.settings
         if not (self._flow_is_named or two_flows_pay(observation, priors)):
             end = replace(end, second_flow=None)
         return estimate_rgb(
@@ -169,7 +177,7 @@ class GCPose:
             return None
         share = video.noise_share(observation.n_joints, settings.rgbd.chain)
         if share > settings.rgbd.max_noise_share and has_square_pixels(observation.intrinsics):
-            return self._estimate_by_images(observation, priors)
+            return self._estimate_by_images(observation, priors, self.front_end)
         return estimate_rgbd(video, priors, self.flow, settings.rgbd)
 
     def _static(self, observation: Observation, priors: JointPriors) -> Estimate:
