@@ -10,7 +10,7 @@ from ..numerics import Image
 from .foreground import without_specks
 from .settings import ImageSettings
 
-_JAGS = 5  # px; width up to which what is left of a mask is removed
+_OPENING = 5  # px; window that removes thin pieces of a mask
 
 
 def leave_out_still_texture(
@@ -24,7 +24,7 @@ def leave_out_still_texture(
     usual, live, stays = _textures(rgb, settings)
     if _share(moving, usual, stays) <= settings.max_still_texture:
         return moving
-    out, window = np.empty_like(moving), np.ones((_JAGS, _JAGS), np.uint8)
+    out, window = np.empty_like(moving), np.ones((_OPENING, _OPENING), np.uint8)
     for t, mask in enumerate(moving):
         moves = mask & live[t] & ~stays[t]
         if not moves.any():
