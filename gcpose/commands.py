@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 JointType = Literal["revolute", "prismatic"]
+_SHADOW_IS_LEFT_OUT = (
+    "texture that stays where it is, as in a shadow, was left out of what seems to move: the joint "
+    "is not reliable. Look at --picture, and leave the shadow out by --region")
 
 
 def estimate(
@@ -62,7 +65,7 @@ def estimate(
         json: Print the result as one JSON document.
     """
     from ..renderer.runtime import say
-    from . import video_file as files
+    from . import video as files
     from .images import ImageSettings, find_camera_motion
     from .method import GCPose
     from .settings import Settings
@@ -93,13 +96,17 @@ def estimate(
     if axis is None:
         found, axis = files.towards_camera(found)
     found, share = files.doubt_still_texture(seen, found, images)
-    if share > images.max_still_texture and not quiet:
-        say(f"{video}: {share:.0%} of the texture of what seems to move stays where it is, as in a "
-            "shadow: no joint is reliable. Look at --picture, and leave it out by --region")
+    joints = files.summarize_estimate(found, axis, observation.joint_types)
+    if not quiet:
+        if share > images.max_still_texture:
+            say(f"{video}: {share:.0%} of the texture of what seems to move stays where it is, as "
+                "in a shadow: no joint is reliable. Look at --picture, and leave it out by "
+                "--region")
+        elif not all(j["reliable"] for j in joints) and method.finds_shadows(observation):
+            say(f"{video}: {_SHADOW_IS_LEFT_OUT}")
     files.write_table(out, seen, found, observation.joint_types)
     if picture:
         files.draw_parts(picture, seen, found)
-    joints = files.summarize_estimate(found, axis, observation.joint_types)
     if json:
         return {"table": out, "fov": fov, "joints": joints}, 0
     lines = files.describe_joints(joints)

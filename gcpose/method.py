@@ -125,6 +125,12 @@ class GCPose:
         axis = RgbEvidence(video, unknown, self.settings.rgb).with_axis_by_edges().axis_by_edges
         return None if axis is None else axis.direction
 
+    def finds_shadows(self, observation: Observation) -> bool:
+        """Return whether texture that stays where it is, under a shadow, is left out of one part
+        that turns on plain video. Its turn is not reliable then."""
+        video = self._video(observation)
+        return video is not None and video.has_shadows
+
     def _video(self, observation: Observation) -> VideoEvidence | None:
         """What moves in images alone; None if nothing does."""
         if observation.rgb is None:

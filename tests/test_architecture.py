@@ -68,7 +68,7 @@ LAYERS = {
     ),
     "gcpose": (
         "numerics networks", "chain images", "estimator", "rgbd", "rgb", "paper training learned",
-        "settings", "method", "video_file", "commands",
+        "settings", "method", "video", "commands",
     ),
     "benchmark": ("results", "protocol", "methods report", "run", "commands"),
 }

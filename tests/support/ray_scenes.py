@@ -112,3 +112,14 @@ def plane_flow(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     inside = ((on[..., :2] > -0.5) & (on[..., :2] < 99.5)).all(axis=2)
     moved = at[..., :2] / at[..., 2:] - pixel[..., :2]
     return np.where(inside[..., None], moved, 0.0).astype(np.float32)
+
+
+def with_passing_shadow(rgb: np.ndarray) -> np.ndarray:
+    """Return images [T H W 3] over which a soft, upright shadow passes to the right, over a
+    quarter of their width or more."""
+    video, width = rgb.astype(np.float32), rgb.shape[2]
+    for image, left in zip(video, np.linspace(0, 0.58 * width, len(rgb)).astype(int), strict=True):
+        shadow = np.zeros(image.shape[:2], np.float32)
+        shadow[:, left : left + width // 4] = 0.4
+        image *= 1 - cv2.GaussianBlur(shadow, (0, 0), 6.0)[..., None]
+    return video.astype(np.uint8)

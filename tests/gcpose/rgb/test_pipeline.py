@@ -6,7 +6,6 @@ from dataclasses import replace
 from threading import Barrier
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from gcbench import GcbenchError
@@ -32,7 +31,7 @@ from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.gcpose.settings import Settings
 from gcbench.renderer.types.observation import Observation
 
-from ...support.ray_scenes import chain, door, texture
+from ...support.ray_scenes import chain, door, texture, with_passing_shadow
 
 SETTINGS = RgbSettings()
 
@@ -106,18 +105,15 @@ def test_a_shadow_that_passes_does_not_stop_a_door(most: float, covered: float) 
     """Still texture is left out; without that, half of the foreground is at rest."""
     observation = door(0.5)
     assert observation.rgb is not None
-    video = observation.rgb.astype(np.float32)
-    for image, left in zip(video, np.linspace(0, 140, 8).astype(int), strict=True):
-        shadow = np.zeros(image.shape[:2], np.float32)
-        shadow[:, left : left + 60] = 0.4
-        image *= 1 - cv2.GaussianBlur(shadow, (0, 0), 6.0)[..., None]
+    observation = replace(observation, rgb=with_passing_shadow(observation.rgb))
     settings = Settings(images=replace(ImageSettings(), max_still_texture=most))
-    found = GCPose("dis", settings=settings).estimate(
-        replace(observation, rgb=video.astype(np.uint8)))
+    method = GCPose("dis", settings=settings)
+    found = method.estimate(observation)
     assert found.part is not None
     assert np.mean(found.part > 0) == pytest.approx(covered, abs=0.1)
     assert np.degrees(abs(found.displacement[-1, 0] - 0.5)) < 2.0
     assert found.reliable is not None and found.reliable[0] == (most == 1.0)
+    assert method.finds_shadows(observation) == (most == 0.2)
 
 
 @pytest.mark.ci

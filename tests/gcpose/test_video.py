@@ -13,7 +13,7 @@ import pytest
 from gcbench.__main__ import main
 from gcbench.errors import ConfigError
 from gcbench.gcpose.images import ImageSettings
-from gcbench.gcpose.video_file import (
+from gcbench.gcpose.video import (
     VideoFrames,
     doubt_still_texture,
     draw_parts,
@@ -24,7 +24,7 @@ from gcbench.renderer.types.observation import Estimate
 from numpy.typing import NDArray
 
 from ..support.moving_panel import with_shake
-from ..support.ray_scenes import door, drawer, texture
+from ..support.ray_scenes import door, drawer, texture, with_passing_shadow
 
 
 def write_video(path: Path, rgb: NDArray[np.uint8], fps: float = 10.0) -> Path:
@@ -184,6 +184,19 @@ def test_a_still_camera_need_not_be_found(
     assert main(["estimate", "walk.mp4", *options, "--quiet"]) == 2
     assert "say so (--still)" in capsys.readouterr().err
     assert main(["estimate", "walk.mp4", *options, "--quiet", "--still"]) == 0
+
+
+@pytest.mark.ci
+def test_a_shadow_that_is_left_out_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rgb, options = opening_door()
+    write_video(tmp_path / "door.mp4", with_passing_shadow(rgb))
+    assert main(["estimate", "door.mp4", *options, "--foreground", "network"]) == 0
+    told = capsys.readouterr()
+    assert "was left out of what seems to move" in told.err
+    assert "not reliable" in told.out
 
 
 @pytest.mark.parametrize("dark", [1.0, 0.6])
