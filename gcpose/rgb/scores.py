@@ -40,13 +40,17 @@ def select_hypotheses(
 ) -> list[VideoHypothesis]:
     """Return the best few by `key` that differ in labels or in their last displacements.
 
-    `motion` and `labels` override the differences of the settings, rad or length and share.
+    Seen from far, a part that turns looks like its mirror image in depth, which turns the other
+    way. While both have turned little, their difference is small as well, so that opposite
+    displacements differ by less. `motion` and `labels` override the differences of the settings,
+    rad or length and share.
     """
     apart = settings.distinct_motion if motion is None else motion
     share = settings.distinct_labels if labels is None else labels
 
     def differ(one: VideoHypothesis, two: VideoHypothesis) -> bool:
-        return bool(label_difference(one, two) > share
-                    or np.abs(one.state.angle[-1] - two.state.angle[-1]).max() > apart)
+        first, second = one.state.angle[-1], two.state.angle[-1]
+        least = np.where(first * second < 0, min(apart, settings.distinct_opposite), apart)
+        return bool(label_difference(one, two) > share or (np.abs(first - second) > least).any())
 
     return select_distinct(found, most, differ, key)

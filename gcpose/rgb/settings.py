@@ -149,6 +149,8 @@ class RgbSettings:
     """Difference of a displacement that makes hypotheses distinct, rad or length, before
     tracking."""
     distinct_motion: NonNegative = 0.2  # The same afterwards.
+    distinct_opposite: NonNegative = 0.2  # The same of displacements in opposite directions.
+    distinct_opposite_door: NonNegative = 1 * DEGREE  # The same of a door, without depth.
     distinct_labels: NonNegative = 0.05  # Share of the labels that makes hypotheses distinct.
     key_frame_step: Count = 3  # Frames from one key frame to the next while tracking.
     final_key_frame_step: Count = 2  # The same in refinements.
@@ -307,8 +309,9 @@ def for_one_joint(settings: RgbSettings, slides: bool) -> RgbSettings:
 
     The foreground may hold much that is at rest, under the shadow of what moves or of a person.
     """
-    deviation = settings.deviation_slide if slides else settings.deviation
-    return replace(settings, deviation=deviation, drop_at_rest=True)
+    s = replace(settings, drop_at_rest=True)
+    return (replace(s, deviation=s.deviation_slide) if slides else
+            replace(s, distinct_opposite=s.distinct_opposite_door))
 
 
 def with_measured_depth(settings: RgbSettings) -> RgbSettings:

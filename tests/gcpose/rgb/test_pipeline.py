@@ -27,7 +27,7 @@ from gcbench.gcpose.rgb.pipeline import base_from_world, object_distance, settin
 from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.scores import score_hypothesis, select_hypotheses
 from gcbench.gcpose.rgb.search import count_agreeing, search_video
-from gcbench.gcpose.rgb.settings import RgbSettings
+from gcbench.gcpose.rgb.settings import RgbSettings, for_one_joint
 from gcbench.gcpose.settings import Settings
 from gcbench.renderer.types.observation import Observation
 
@@ -245,6 +245,19 @@ def test_the_best_that_differ_are_those_of_the_measure_that_is_asked_for() -> No
     unlike = replace(first, cost=3.5, points=replace(rays, label=labels))
     assert select_hypotheses([other, unlike, first], 9, SETTINGS) == [first, unlike, other]
     assert select_hypotheses([other, unlike, first], 9, SETTINGS, labels=1.0) == [first, other]
+
+
+def test_a_door_that_turns_little_and_its_mirror_image_differ() -> None:
+    state, at = chain()
+    rays = InverseDepthPoints.without_measurements(
+        np.zeros(1, np.int64), np.ones((1, 3)), np.ones(1, np.int64), np.ones(1))
+    by_turn = {turn: hypothesis(replace(state, angle=np.full((8, 3), turn)), rays, at[0], np.eye(1))
+               for turn in (0.04, 0.08, -0.04)}
+    found = list(by_turn.values())
+    assert select_hypotheses(found, 9, SETTINGS) == found[:1]
+    door_settings = for_one_joint(SETTINGS, slides=False)
+    assert select_hypotheses(found, 9, door_settings) == [by_turn[0.04], by_turn[-0.04]]
+    assert select_hypotheses(found, 9, for_one_joint(SETTINGS, slides=True)) == found[:1]
 
 
 @pytest.mark.ci
