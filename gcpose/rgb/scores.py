@@ -41,9 +41,9 @@ def select_hypotheses(
     """Return the best few by `key` that differ in labels or in their last displacements.
 
     Seen from far, a part that turns looks like its mirror image in depth, which turns the other
-    way. While both have turned little, their difference is small as well, so that opposite
-    displacements differ by less. `motion` and `labels` override the differences of the settings,
-    rad or length and share.
+    way. While both have turned little, their difference is small as well, so that a smaller one
+    suffices for opposite displacements (`settings.distinct_opposite`). `motion` and `labels`
+    override the other differences of the settings, rad or length and share.
     """
     apart = settings.distinct_motion if motion is None else motion
     share = settings.distinct_labels if labels is None else labels
