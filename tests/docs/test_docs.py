@@ -151,7 +151,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def run_page(page: Path, modes: tuple[str, ...], rendered: dict[str, Path]) -> None:
     """Run the blocks of the page whose mode is one of these."""
     runner = Page(rendered, {"__name__": "__page__"})
-    need_torch(page)
+    need_extras(page)
     for block in blocks(page):
         if block.mode in modes and "--8<--" not in block.text:
             try:
@@ -162,10 +162,13 @@ def run_page(page: Path, modes: tuple[str, ...], rendered: dict[str, Path]) -> N
                 raise
 
 
-def need_torch(file: Path) -> None:
-    """Skip the test of a page or example that imports PyTorch where there is none."""
-    if re.search(r"(?m)^(import|from) torch\b", file.read_text()):
+def need_extras(file: Path) -> None:
+    """Skip the test of a page or example that needs PyTorch or Ray where there is none."""
+    text = file.read_text()
+    if re.search(r"(?m)^(import|from) torch\b", text):
         pytest.importorskip("torch", reason="PyTorch is in the extra learn")
+    if "--executor ray" in text:
+        pytest.importorskip("ray", reason="no ray: pip install 'gcbench[cluster]'")
 
 
 def modes_of(page: Path) -> set[str]:
@@ -201,7 +204,7 @@ def test_an_example_runs(
     example: Path, folder: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    need_torch(example)
+    need_extras(example)
     monkeypatch.setattr(sys, "argv", [str(example), "--small", "--out", "out/data"])
     runpy.run_path(str(example), run_name="__main__")
     assert capsys.readouterr().out.strip()
