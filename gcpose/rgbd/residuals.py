@@ -108,6 +108,8 @@ def accumulate_equations(
     coupling = np.zeros((parts, 6 * frames, 6 * frames))
     for j in range(1, parts):
         mine = slice(surfels.start[j], surfels.start[j + 1])
+        if mine.start == mine.stop:
+            continue  # np.einsum reads memory even of no points, and NaN in it makes NaN
         a = row[:, :, mine]
         weighted = a * weight[:, None, mine]
         matrix[:, j] = weighted @ a.transpose(0, 2, 1)

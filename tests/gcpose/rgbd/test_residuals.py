@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.surfaces import Surfaces, surfaces_from_depth
 from gcbench.gcpose.rgbd.labels import Candidates, label_costs
@@ -16,7 +17,7 @@ from gcbench.gcpose.rgbd.residuals import (
     thin_surfels,
 )
 from gcbench.gcpose.rgbd.settings import BundleSettings, RgbdSettings
-from gcbench.robots.geometry import se3
+from gcbench.robots.geometry import Array, se3
 
 INTRINSICS = np.array([[200.0, 0, 79.5], [0, 200.0, 59.5], [0, 0, 1]])
 
@@ -104,6 +105,25 @@ def test_accumulated_equations_are_those_of_points_that_may_be_displaced() -> No
         assert np.allclose(found, expected, rtol=2e-3, atol=1e-3 * np.abs(expected).max())
         along = right[:24] - gain @ right[24:]
         assert np.allclose(vector[:, j].ravel(), along, atol=2e-3 * np.abs(right).max())
+
+
+def test_a_part_without_points_has_no_equations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`np.einsum` multiplies what is in memory at the address of an array of no numbers by a sum of
+    zero: what is NaN there by chance makes NaN."""
+    einsum = np.einsum
+
+    def einsum_beside_nan(subscripts: str, *operands: Array) -> Array:
+        out = np.asarray(einsum(subscripts, *operands))
+        return out if all(o.size for o in operands) else np.full(out.shape, np.nan)
+
+    monkeypatch.setattr(np, "einsum", einsum_beside_nan)
+    surfaces, motion = bumpy(4), motions(4)
+    points, normals, _ = cloud(surfaces, 1)
+    all_on_one = sort_surfels(points, normals, np.full(300, 0.03), np.ones(300, np.int64), 3)
+    (matrix, vector), coupling = accumulate_equations(
+        surfaces, motion, all_on_one, BundleSettings())
+    assert vector[:, 1].any() and np.isfinite(vector).all()
+    assert not matrix[:, 2].any() and not vector[:, 2].any() and not coupling[2].any()
 
 
 def test_what_falls_outside_the_image_says_nothing() -> None:
