@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import signal
 from collections.abc import Callable, Generator
 from functools import cache
 from typing import Any
@@ -13,6 +14,8 @@ import pytest
 
 hypothesis.settings.register_profile("no-deadline", deadline=None)  # machines differ in speed
 hypothesis.settings.load_profile("no-deadline")
+# background jobs of a shell ignore it, and so would the processes that tests start
+signal.signal(signal.SIGINT, signal.default_int_handler)
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
 
 
