@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, MethodError
-from ...renderer.runtime import defer_interrupts
+from ...renderer.runtime import address, defer_interrupts, say
 from ...robots.files import lock_folder, remove_leftovers, write_atomically
 from ..networks.torch_runtime import find_device, nn, torch
 from ..networks.weights import Checkpoint, read_checkpoint, write_checkpoint, write_weights
@@ -92,6 +92,10 @@ def train(task: TrainingTask) -> dict[str, Scores]:
                find_datasets(config.held_out))
     given = find_datasets(config.data)
     refuse_test_streams(given)
+    learned_from = {path.resolve() for path in given}
+    for path in run.held_out:
+        if path.resolve() in learned_from:
+            say(f"{address(path)} is in --data, too: its errors are not those of new data")
     config.out.mkdir(parents=True, exist_ok=True)
     with lock_folder(config.out):
         remove_leftovers(config.out)
