@@ -14,7 +14,7 @@ import pytest
 
 hypothesis.settings.register_profile("no-deadline", deadline=None)  # machines differ in speed
 hypothesis.settings.load_profile("no-deadline")
-# background jobs of a shell ignore it, and so would the processes that tests start
+# a shell's background jobs ignore SIGINT, and so would the processes that tests start
 signal.signal(signal.SIGINT, signal.default_int_handler)
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
 

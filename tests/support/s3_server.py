@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -107,14 +106,15 @@ def s3_server(folder: Any) -> Iterator[Server]:
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     server = Server()
     server.start()
-    # all servers of one process have the same objects
-    urllib.request.urlopen(f"http://127.0.0.1:{server.port}/moto-api/reset", data=b"").close()
     with pytest.MonkeyPatch.context() as patch:
         for name, value in server_variables(server.port, folder).items():
             patch.setenv(name, value)
         import fsspec
 
-        fsspec.filesystem("s3", skip_instance_cache=True).mkdir(BUCKET)
+        store = fsspec.filesystem("s3", skip_instance_cache=True)
+        if store.exists(BUCKET):  # the servers of one process share their objects
+            store.rm(BUCKET, recursive=True)
+        store.mkdir(BUCKET)
         object_store._file_system.cache_clear()
         try:
             yield server
