@@ -95,7 +95,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     learned_from = {path.resolve() for path in given}
     for path in run.held_out:
         if path.resolve() in learned_from:
-            say(f"{address(path)} is in --data, too: its errors are not those of new data")
+            say(f"{address(path)} is also in --data: its errors are not those of new data")
     config.out.mkdir(parents=True, exist_ok=True)
     with lock_folder(config.out):
         remove_leftovers(config.out)

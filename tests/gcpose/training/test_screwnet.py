@@ -267,7 +267,7 @@ def test_the_command_trains_and_eval_takes_the_weights(
             "--width 8 --frames 4 --device cpu --threads 1")
     assert main(line.split()) == 0
     printed = capsys.readouterr()
-    assert f"{data} is in --data, too: its errors are not those of new data" in printed.err
+    assert f"{data} is also in --data: its errors are not those of new data" in printed.err
     said = printed.out.splitlines()
     assert said[0] == f"{data}: deg, m" and said[-1] == str(out)
     rows = {row.split()[0]: row.split()[1:] for row in said[2:-1]}
