@@ -269,18 +269,35 @@ class RgbEvidence:
     ) -> VideoHypothesis:
         """EM with patches and tracks. The cost becomes their misfit, with a penalty for jerky
         motion."""
+        span = self._span(points)
+        adjustments = self.adjustments_by_patches(rounds, reach, span)
+        hypothesis = run_em(self, hypothesis, [((how,), points) for how in adjustments])
+        return self.with_misfit(hypothesis, span)
+
+    def _span(self, points: SampledPixels) -> int:
         s = self.settings
-        span = s.outline_span if points.outline.is_round else s.patch_span
+        return s.outline_span if points.outline.is_round else s.patch_span
+
+    def adjustments_by_patches(
+        self, rounds: int, reach: float, span: int
+    ) -> list[VideoAdjustment]:
+        """Return the adjustments of rounds of EM by patches, the first with another search radius,
+        px, the others over `span` frames."""
+        s = self.settings
         other = VideoAdjustment(s.final_scales, depth_sigma=s.depth_sigma_bundle,
                                 patches=(s.patch_reach, span))
         first = replace(other, scales=s.refine_scales, patches=(reach, s.patch_span_first))
-        hypothesis = run_em(
-            self, hypothesis, [((how,), points) for how in (first, *[other] * (rounds - 1))])
-        jerk = np.diff(hypothesis.state.angle, 2, axis=0)
+        return [first, *[other] * (rounds - 1)]
+
+    def with_misfit(self, hypothesis: VideoHypothesis, span: int) -> VideoHypothesis:
+        """Return a hypothesis whose cost is the misfit of its patches and tracks, with a penalty
+        for jerky motion."""
+        s, state = self.settings, hypothesis.state
+        jerk = np.diff(state.angle, 2, axis=0)
         jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
-        fit = patch_misfit(self.video, hypothesis.state, hypothesis.points, span, s)
-        fit += s.score_tracks * track_misfit(self.video, hypothesis.state, hypothesis.points, s)
-        missed = self.edges.misfit(hypothesis.state.angle[:, 0], s) if self.edges else 0.0
+        fit = patch_misfit(self.video, state, hypothesis.points, span, s)
+        fit += s.score_tracks * track_misfit(self.video, state, hypothesis.points, s)
+        missed = self.edges.misfit(state.angle[:, 0], s) if self.edges else 0.0
         return replace(hypothesis, cost=fit + s.score_jerk * jerky,
                        penalty=hypothesis.penalty + s.score_edges * missed)
 

@@ -40,29 +40,19 @@ def estimate_rgb(
     `object_depth` is the depth of what moves in frame 0, m. It gives the unit of length, where
     neither measured depth nor the axes do.
     """
-    rgb, k = observation.rgb, observation.intrinsics
-    if rgb is None or len(rgb) < 2:
+    seen = see_video(observation, known, front_end, settings, image_settings)
+    if seen is None:
         return None
-    if not has_square_pixels(k):
-        raise MethodError(f"gcpose on rgb needs square pixels, not focal lengths {k[0, 0]:g} and "
-                          f"{k[1, 1]:g} px; resize the images first")
-    evidence = video_evidence(observation, front_end, image_settings)
-    if evidence is None:
-        return None
-    settings = settings_of_video(evidence, known, settings)
-    distance = evidence.distance or object_distance(known, evidence)
-    known = replace(known, base=base_from_world(observation, evidence))
-    seen = RgbEvidence(evidence, scale_axes(known, 1 / distance), settings).with_axis_by_edges()
     seen, found = search_any_direction(seen)
     if found is None:
         return None
+    settings, best = seen.settings, found.best
     if seen.edges:
         settings = replace(settings, deviation=settings.deviation_edges)
-    best = found.best
-    metres, line = evidence.distance or length_unit(known, best.state), known.line
+    metres, line = seen.video.distance or length_unit(known, best.state), known.line
     by_object = object_depth if metres is None else None
     if by_object is not None:
-        metres = by_object / depth_at_start(best, float(k[0, 0]))
+        metres = by_object / depth_at_start(best, float(observation.intrinsics[0, 0]))
     if line is None and metres is not None:
         line = scale_twists(best.state.twist, known.prismatic, metres)
     unit = np.where(known.prismatic, metres or 1.0, 1.0)
@@ -71,8 +61,35 @@ def estimate_rgb(
     if metres is None:
         sigma[1:, known.prismatic] = settings.sigma_unknown
     screw = None if line is None else screws_of(line, known.prismatic)
-    part = label_video(evidence, best, rgb.shape[:3], settings.part_stride)
+    assert observation.rgb is not None
+    part = label_video(seen.video, best, observation.rgb.shape[:3], settings.part_stride)
     return Estimate(angle, screw, part, sigma)
+
+
+def see_video(
+    observation: Observation, known: JointPriors, front_end: FrontEnd, settings: RgbSettings,
+    image_settings: ImageSettings,
+) -> RgbEvidence | None:
+    """Return what the images of an observation show, with their depth as a prior if there is any;
+    None where nothing is seen to move.
+
+    Its unit of length is the distance of the object: the measured one, or that by known axes.
+
+    Raises:
+        MethodError: If pixels are not square.
+    """
+    rgb, k = observation.rgb, observation.intrinsics
+    if rgb is None or len(rgb) < 2:
+        return None
+    if not has_square_pixels(k):
+        raise MethodError(f"gcpose on rgb needs square pixels, not focal lengths {k[0, 0]:g} and "
+                          f"{k[1, 1]:g} px; resize the images first")
+    video = video_evidence(observation, front_end, image_settings)
+    if video is None:
+        return None
+    distance = video.distance or object_distance(known, video)
+    known = scale_axes(replace(known, base=base_from_world(observation, video)), 1 / distance)
+    return RgbEvidence(video, known, settings_of_video(video, known, settings)).with_axis_by_edges()
 
 
 def search_any_direction(evidence: RgbEvidence) -> tuple[RgbEvidence, SearchResult | None]:

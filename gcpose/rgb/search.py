@@ -161,11 +161,15 @@ def sweep_hypotheses(
     found = [sweep_flow(evidence.video, scale_axes(known, scale), points, to, settings)
              for scale in scales]
     beam = select_by_steps(merge_beams(found), most)
-    one = np.ones(len(points.frame), np.int64)
-    start = InverseDepthPoints.without_measurements(points.frame, points.ray, one, points.expected)
-    bases = base_candidates(evidence, points, 0)
+    start, bases = start_points(points), base_candidates(evidence, points, 0)
     return [evidence.label(VideoHypothesis(state, start, base, np.inf), points)
             for state in beam.articulations(known, to, most) for base in bases]
+
+
+def start_points(pixels: SampledPixels) -> InverseDepthPoints:
+    """Return points of part 1 at their expected depths."""
+    one = np.ones(len(pixels.frame), np.int64)
+    return InverseDepthPoints.without_measurements(pixels.frame, pixels.ray, one, pixels.expected)
 
 
 def base_candidates(evidence: RgbEvidence, points: SampledPixels, key: int) -> list[Array]:

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from .pipeline import depth_video, estimate_rgbd
+from .evidence import DepthHypothesis, Labeling, RgbdEvidence
+from .labels import Clouds
+from .pipeline import DepthVideo, depth_video, estimate_rgbd, label_frames, search_depth
+from .residuals import SurfaceResiduals
 from .settings import RgbdSettings
 
-__all__ = ["RgbdSettings", "depth_video", "estimate_rgbd"]
+__all__ = [
+    "Clouds", "DepthHypothesis", "DepthVideo", "Labeling", "RgbdEvidence", "RgbdSettings",
+    "SurfaceResiduals", "depth_video", "estimate_rgbd", "label_frames", "search_depth",
+]

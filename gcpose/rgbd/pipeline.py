@@ -13,7 +13,7 @@ from ..chain import Articulation, ChainSettings, JointPriors, extent, screws_of
 from ..estimator import Adjustment, adjust, calibrate_deviation
 from ..images import Flow, ImageSettings, Surfaces, surfaces_from_depth, surfaces_from_noisy_depth
 from ..numerics import thread_map
-from .evidence import RgbdEvidence
+from .evidence import DepthHypothesis, RgbdEvidence
 from .labels import moving_mask
 from .search import is_unreliable, search_hypotheses
 from .settings import RgbdSettings
@@ -58,16 +58,24 @@ def estimate_rgbd(
     video: DepthVideo, priors: JointPriors, flow: Flow, settings: RgbdSettings
 ) -> Estimate:
     """Estimate the motion of one sequence with depth (Sec. 3.2 to 3.4). The flow is for starts."""
+    evidence, best, final = search_depth(video, priors, flow, settings)
+    state, noisy = final.state, video.surfaces.noise > 0
+    return Estimate(state.angle, screws_of(state.twist, state.prismatic),
+                    label_frames(evidence, state),
+                    calibrate_sigma(final.deviation(), priors.axis_dof, noisy,
+                                    is_unreliable(evidence, best), settings))
+
+
+def search_depth(
+    video: DepthVideo, priors: JointPriors, flow: Flow, settings: RgbdSettings
+) -> tuple[RgbdEvidence, DepthHypothesis, DepthHypothesis]:
+    """Return the evidence of a video with depth, the best hypothesis of the search, and the same
+    after the last bundle adjustment."""
     surfaces = video.surfaces
     evidence = RgbdEvidence(surfaces, video.rgb, video.moving, priors, settings)
     best = search_hypotheses(evidence, flow)
     scales = settings.final_scales_noisy if surfaces.noise else settings.final_scales
-    final = adjust(evidence.without_flow(), best, Adjustment(scales))
-    state, unreliable = final.state, is_unreliable(evidence, best)
-    return Estimate(state.angle, screws_of(state.twist, state.prismatic),
-                    label_frames(evidence, state),
-                    calibrate_sigma(final.deviation(), priors.axis_dof, surfaces.noise > 0,
-                                    unreliable, settings))
+    return evidence, best, adjust(evidence.without_flow(), best, Adjustment(scales))
 
 
 def calibrate_sigma(
