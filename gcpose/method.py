@@ -11,6 +11,7 @@ from ..errors import ConfigError
 from ..renderer.types import Estimate, Inputs, Knowledge, Observation
 from ..robots.geometry import Array
 from .chain import JointPriors, joint_priors, screws_of
+from .fusion import estimate_by_fusion
 from .images import (
     Flow,
     FlowPair,
@@ -25,7 +26,7 @@ from .images import (
     training_of,
     video_evidence,
 )
-from .rgb import RgbEvidence, estimate_rgb, find_focal_length, has_square_pixels
+from .rgb import RgbEvidence, estimate_rgb, find_focal_length, has_square_pixels, see_video
 from .rgbd import depth_video, estimate_rgbd
 from .settings import Settings
 
@@ -42,13 +43,19 @@ def two_flows_pay(observation: Observation, priors: JointPriors) -> bool:
             and priors.direction is not None)
 
 
+def fusion_pays(observation: Observation, priors: JointPriors) -> bool:
+    """Return whether noisy depth and images are adjusted to at once: where nothing is known of the
+    axes of several joints."""
+    return observation.depth_noise > 0 and len(priors.prismatic) > 1 and priors.axis_dof == 4
+
+
 class GCPose:
     """Articulated motion from a video by geometric constraints alone."""
 
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "40"
+    version = "41"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -165,25 +172,36 @@ class GCPose:
         self, observation: Observation, priors: JointPriors, end: FrontEnd,
         object_depth: float | None = None,
     ) -> Estimate | None:
-        """By the flow that was named; else by two where this was found to pay."""
-        settings = self.settings
-        if not (self._flow_is_named or two_flows_pay(observation, priors)):
-            end = replace(end, second_flow=None)
+        settings, end = self.settings, self._used_flows(observation, priors, end)
         return estimate_rgb(
             observation, priors, end, settings.rgb, settings.images, object_depth)
+
+    def _used_flows(
+        self, observation: Observation, priors: JointPriors, end: FrontEnd
+    ) -> FrontEnd:
+        """The flow that was named; else two where this was found to pay."""
+        pays = self._flow_is_named or two_flows_pay(observation, priors)
+        return end if pays else replace(end, second_flow=None)
 
     def _estimate_by_depth(
         self, observation: Observation, priors: JointPriors
     ) -> Estimate | None:
-        """By depth; or where the object is too small for its noise, by images, with depth as a
-        prior."""
-        settings = self.settings
+        """By depth; with noisy depth, by images and depth as a prior where the object is too small
+        for its noise, or by both where this was found to pay."""
+        settings, end = self.settings, self.front_end
         video = depth_video(observation, self.flow, settings.rgbd, settings.images)
         if video is None:
             return None
+        square = has_square_pixels(observation.intrinsics)
         share = video.noise_share(observation.n_joints, settings.rgbd.chain)
-        if share > settings.rgbd.max_noise_share and has_square_pixels(observation.intrinsics):
-            return self._estimate_by_images(observation, priors, self.front_end)
+        if square and share > settings.rgbd.max_noise_share:
+            return self._estimate_by_images(observation, priors, end)
+        if square and fusion_pays(observation, priors):
+            end = self._used_flows(observation, priors, end)
+            seen = see_video(observation, priors, end, settings.rgb, settings.images)
+            if seen is not None:
+                return estimate_by_fusion(
+                    video, seen, priors, self.flow, settings.fusion, settings.rgbd)
         return estimate_rgbd(video, priors, self.flow, settings.rgbd)
 
     def _static(self, observation: Observation, priors: JointPriors) -> Estimate:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from .fusion import FusionSettings
 from .images import ImageSettings
 from .numerics import SettingsRecord
 from .rgb import RgbSettings
@@ -21,5 +22,7 @@ class Settings(SettingsRecord):
     """With depth."""
     rgb: RgbSettings = field(default_factory=RgbSettings)
     """On plain video."""
+    fusion: FusionSettings = field(default_factory=FusionSettings)
+    """With noisy depth and images at once."""
     images: ImageSettings = field(default_factory=ImageSettings)
     """Of what is measured in images, for both."""

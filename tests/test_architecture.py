@@ -67,8 +67,8 @@ LAYERS = {
         "commands",
     ),
     "gcpose": (
-        "numerics networks", "chain images", "estimator", "rgbd", "rgb", "paper training learned",
-        "settings", "method", "video", "commands",
+        "numerics networks", "chain images", "estimator", "rgbd", "rgb", "fusion",
+        "paper training learned", "settings", "method", "video", "commands",
     ),
     "benchmark": ("results", "protocol", "methods report", "run", "commands"),
 }
