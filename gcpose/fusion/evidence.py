@@ -1,6 +1,6 @@
 """Evidence of noisy depth and of images: one motion explains both.
 
-Depth tells where each surface is, images how it turns within itself. Motions are in metres, as
+Depth tells where each surface is, images how its texture moves. Motions are in metres, as
 depth tells them; images see them in units of the distance of the object.
 """
 

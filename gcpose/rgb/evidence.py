@@ -269,14 +269,11 @@ class RgbEvidence:
     ) -> VideoHypothesis:
         """EM with patches and tracks. The cost becomes their misfit, with a penalty for jerky
         motion."""
-        span = self._span(points)
+        s = self.settings
+        span = s.outline_span if points.outline.is_round else s.patch_span
         adjustments = self.adjustments_by_patches(rounds, reach, span)
         hypothesis = run_em(self, hypothesis, [((how,), points) for how in adjustments])
         return self.with_misfit(hypothesis, span)
-
-    def _span(self, points: SampledPixels) -> int:
-        s = self.settings
-        return s.outline_span if points.outline.is_round else s.patch_span
 
     def adjustments_by_patches(
         self, rounds: int, reach: float, span: int
