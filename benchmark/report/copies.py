@@ -29,7 +29,8 @@ def dataset_title(run: Run) -> str:
 
 
 def without_copies(folders: Iterable[RunFolder]) -> list[RunFolder]:
-    """Keep one of several folders with the same row and scores, also of other machines.
+    """Keep one of several folders with the same row and scores, also of other machines, and join
+    folders with the same row on other sequences.
 
     Raises DatasetError if the scores differ, or if two datasets of one title differ.
     """
@@ -44,7 +45,9 @@ def without_copies(folders: Iterable[RunFolder]) -> list[RunFolder]:
                 "report them separately"
             )
         other = kept.setdefault((run.row, title), folder)
-        if other.path != folder.path and not _same_scores(other, folder):
+        if other is not folder and not {*other.run.sequences} & {*run.sequences}:
+            kept[run.row, title] = other.join(folder)
+        elif other.path != folder.path and not _same_scores(other, folder):
             raise DatasetError(
                 f"{other.path} and {folder.path} are the same row with other scores; give one a "
                 "label: --label NAME=RESULTS_FOLDER"

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,7 +25,7 @@ from ...errors import DatasetError
 from ...renderer.runtime import dump_json, read_record
 from ...renderer.types import html_card
 from ...robots.files import create_atomically, write_atomically
-from .rows import COLUMNS, Attribution, Result, Row, SequenceName, read_scores
+from .rows import COLUMNS, Attribution, Result, Row, SequenceName, read_scores, to_table
 
 if TYPE_CHECKING:
     import pandas
@@ -66,6 +66,9 @@ class Run:
     """Hash of the truth of each sequence, by name; empty in files of earlier versions."""
     attribution: Attribution = field(default_factory=Attribution)
     """Authors, link and date of the method; empty in files of earlier versions."""
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Hash of each file that an option of the method names, by the option, such as weights; empty
+    in files of earlier versions."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +77,32 @@ class RunFolder:
 
     path: Path
     run: Run
+    others: tuple[RunFolder, ...] = ()
+    """Folders with the same row on other sequences of the dataset, which are a part of the run."""
 
     def estimate_path(self, sequence: str) -> Path:
         """Return the path of the estimate of a sequence, which need not exist."""
+        for other in self.others:
+            if sequence in other.run.sequences:
+                return other.estimate_path(sequence)
         return self.path / ESTIMATES / f"{sequence}.zip"
 
     def scores(self) -> pandas.DataFrame:
         """Read the scores by column. Raises DatasetError if they are missing or damaged."""
-        return read_scores(self.path / SCORES)
+        first = read_scores(self.path / SCORES)
+        if not self.others:
+            return first
+        tables = [first, *(other.scores() for other in self.others)]
+        return to_table({name: [x for table in tables for x in table[name]] for name in COLUMNS})
+
+    def join(self, other: RunFolder) -> RunFolder:
+        """Return the run with the sequences of another folder, which has none of its own."""
+        one, two = self.run, other.run
+        environments = [e for e in two.environments if e not in one.environments]
+        run = replace(
+            one, sequences=(*one.sequences, *two.sequences), digests={**one.digests, **two.digests},
+            environments=(*one.environments, *environments))
+        return replace(self, run=run, others=(*self.others, other))
 
     def results(self) -> list[Result]:
         """Read the scores, one object for each. Raises DatasetError as `scores`."""
