@@ -99,8 +99,9 @@ def report(
 ) -> tuple[object, int]:
     """Write a leaderboard: a page, CSV, Markdown and LaTeX.
 
-    Methods that do not differ significantly share a rank. On a dataset of the suite `standard`,
-    published rows stand beside yours; they are ranked where the sequences are the same.
+    The rank is 1 + the number of rows that are significantly better on the same sequences. On a
+    dataset of the suite `standard`, published rows stand beside yours, scored on your sequences if
+    they have them.
 
     Examples:
       gcbench report

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .leaderboard import CONDITIONS, Line
+from .lines import CONDITIONS, Line
 from .statistics import SequenceJoint
 
 MAX_BINS, MIN_JOINTS = 10, 4

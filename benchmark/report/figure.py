@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from .formats import one_line
 from .gallery import Picture
-from .leaderboard import Line
+from .lines import Line
 from .published_numbers import OBJECTS, OWI
 
 FIGURE = "figure.jpg"

@@ -16,9 +16,10 @@ from .tables import Table, leaderboard_tables, suite_tables
 
 CSV_COLUMNS = ("dataset", "method", "inputs", "knowledge", "sequences", "joints", "mean", "std",
                "ci_low", "ci_high", "median", "p90", "pcp5", "coverage", "seconds_per_frame",
-               "unit", "published")
+               "unit", "published", "version", "training", "sign", "rank")
 """Columns of the CSV: pcp5 and coverage are percent, mean to p90 are in `unit`, `joints` is the
-number of (sequence, joint) pairs, and `published` the date of a published row (empty: your own)."""
+number of (sequence, joint) pairs, `published` the date of a published row (empty: your own), `sign`
+how the signs were decided (`Result.sign`), and `rank` is empty on other sequences than most."""
 TABLE_COLUMNS = ("table", "row", "group", "column", "value", "source")
 """Columns of the CSV of tables in the paper's form; source is "paper" for numbers of papers."""
 _CONTROLS = re.compile(
@@ -61,12 +62,13 @@ def escape_latex(text: str) -> str:
 def leaderboard_records(board: Leaderboard) -> list[dict[str, str | int | float | None]]:
     """Return a record for each line, with the fields CSV_COLUMNS; what is unknown is None."""
     records: list[dict[str, str | int | float | None]] = []
-    for line in board.lines:
+    for line, rank in zip(board.lines, board.ranks, strict=True):
         s, row = line.summary, line.row
         interval = (s.ci_low, s.ci_high) if line.has_interval else (None, None)
         values = (line.dataset, row.name, row.inputs, row.knowledge, s.sequences, s.joints,
                   s.mean, s.std, *interval, s.median, s.p90, s.pcp[PCP5], s.coverage,
-                  line.means.get("seconds_per_frame"), line.unit, line.published)
+                  line.means.get("seconds_per_frame"), line.unit, line.published,
+                  row.version, row.training, line.sign, rank or None)
         records.append(dict(zip(CSV_COLUMNS, values, strict=True)))
     return records
 

@@ -28,7 +28,7 @@ from ...robots.catalog import is_category
 from ...robots.geometry import Array
 from ..protocol import AXES_KNOWN, metrics, shape_of, truth_digest, truth_of
 from ..results import read_stored
-from .leaderboard import Line
+from .lines import Line
 
 if TYPE_CHECKING:
     from ...renderer.show import Painter

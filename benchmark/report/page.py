@@ -21,17 +21,10 @@ from .copies import dataset_title
 from .figure import CAPTION, FIGURE, draw_figure
 from .formats import latex_figure, leaderboard_csv, one_line, tables_csv, to_latex, to_markdown
 from .gallery import Picture, draw_pictures, select_pictures, write_pages
-from .leaderboard import (
-    CURVE_THRESHOLDS,
-    SECONDARY,
-    Leaderboard,
-    Line,
-    build_leaderboard,
-    count_estimates,
-    read_leaderboard,
-)
+from .leaderboard import Leaderboard, build_leaderboard, count_estimates, read_leaderboard
+from .lines import CURVE_THRESHOLDS, SECONDARY, Line
 from .provenance import provenance
-from .published_rows import PUBLISHED_ROWS, published_lines
+from .published_rows import PUBLISHED_ROWS
 from .tables import leaderboard_tables, paper_tables, suite_tables
 
 FILES = ("index.html", "leaderboard.md", "leaderboard.csv", "tables.tex", "tables.csv")
@@ -111,7 +104,7 @@ def report(
         board = build_leaderboard(results.runs)
     else:
         folders = [results] if isinstance(results, str | Path) else results
-        beside = [] if options.published is None else published_lines(Path(options.published))
+        beside = None if options.published is None else Path(options.published)
         board = read_leaderboard([Path(folder) for folder in folders], options.labels, beside)
     return write_report(board, Path(out), pictures, progress, options.allow_model)
 

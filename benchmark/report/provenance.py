@@ -9,7 +9,7 @@ from ... import __version__
 from ..results import Run
 from .copies import dataset_title
 from .formats import one_line
-from .leaderboard import Line
+from .lines import Line
 from .statistics import DRAWS, SEED
 
 Section = tuple[str, list[tuple[str, str]]]

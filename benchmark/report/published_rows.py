@@ -37,7 +37,7 @@ from ...renderer.types import Estimate
 from ...robots.files import write_atomically
 from ..protocol import Truth, score_motion
 from ..results import Result, Row, Run, RunFolder, Status, Stored, to_table
-from .leaderboard import CONDITIONS, Line, Score, lines_of
+from .lines import CONDITIONS, Line, Score, lines_of, name_count
 from .statistics import SequenceJoint
 
 PUBLISHED_ROWS = Path(__file__).parents[1] / "published"
@@ -188,23 +188,41 @@ def published_files(folder: Path) -> list[Path]:
     return files
 
 
-def published_lines(folder: Path) -> list[Line]:
+def published_lines(
+    folder: Path, sequences: Mapping[str, frozenset[str]] | None = None
+) -> list[Line]:
     """Read the lines of all published rows of a folder.
+
+    With `sequences` by the name of the dataset, only rows on these datasets are read. They are
+    scored on these sequences alone, if they have them all.
 
     Raises DatasetError if a file is damaged, or the folder holds no row.
     """
     truths: dict[str, PublishedTruth] = {}
     rows: dict[str, list[tuple[Path, PublishedRow]]] = {}
     for path in published_files(folder):
+        dataset = f"{path.parts[-2]}/{path.stem}"
+        if sequences and dataset not in sequences:
+            continue
         row = read_row(path, folder, truths)
+        if sequences and sequences[dataset] < {*row.run.sequences}:
+            row = score_published(_select(row, sequences[dataset]), truths[dataset])
         rows.setdefault(path.parts[-3] + "/" + path.parts[-2], []).append((path, row))
     out: list[Line] = []
     for mine in rows.values():
-        counts = sorted({len(row.run.sequences) for _, row in mine})
-        n = f"n = {counts[0]}" + (f" to {counts[-1]}" if len(counts) > 1 else "")
+        n = name_count([len(row.run.sequences) for _, row in mine])
         for path, row in mine:
             out += _lines(row, path, truths[row.run.dataset], n)
     return out
+
+
+def _select(row: PublishedRow, names: frozenset[str]) -> PublishedRow:
+    """Return a row with some of its sequences alone, without scores."""
+    kept = [k for k, name in enumerate(row.run.sequences) if name in names]
+    arrays = {name: array[kept] for name, array in row.arrays.items() if name != "error"}
+    return replace(
+        row, run=replace(row.run, sequences=tuple(row.run.sequences[k] for k in kept)),
+        status=tuple(row.status[k] for k in kept), scores=(), arrays=arrays)
 
 
 def _lines(row: PublishedRow, path: Path, truth: PublishedTruth, n: str) -> Iterable[Line]:

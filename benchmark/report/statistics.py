@@ -171,8 +171,8 @@ def compare_rows(
 def shared_ranks(number: int, differences: Mapping[tuple[int, int], Difference]) -> list[int]:
     """Return the rank of each of `number` rows: 1 + the number of significantly better rows.
 
-    Rows without a significant difference share a rank: a row loses a rank only to a row that is
-    better than itself. There is no correction for the number of comparisons.
+    Two rows without a significant difference can have different ranks, where a third row is better
+    than one of them only. There is no correction for the number of comparisons.
     """
     ranks = [1] * number
     for (a, b), difference in differences.items():

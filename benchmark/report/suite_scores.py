@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .labels import name_versions
-from .leaderboard import Leaderboard, Line
+from .leaderboard import Leaderboard
+from .lines import Line
 from .statistics import DRAWS, SEED, bootstrap_draws, percentile_interval
 
 

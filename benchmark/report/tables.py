@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from ..protocol import PCP5
 from . import published_numbers as paper
 from .labels import name_versions
-from .leaderboard import Leaderboard, Line
+from .leaderboard import Leaderboard
+from .lines import Line
 from .statistics import MIN_CLUSTERS, ErrorSummary, best_half
 from .suite_scores import suite_scores
 
@@ -18,8 +19,9 @@ _STARRED = " * With the better of the two signs of each joint: none is known or 
 _CAPTION = (
     "Error of each scored joint at the last frame: mean over all pairs of sequence and joint, "
     "with its 95 % interval (bootstrap by sequence, or by object where there are several; none for "
-    f"fewer than {MIN_CLUSTERS}). Rows that paired differences on the same sequences do not "
-    "separate share a rank. A failed joint counts as no motion. "
+    f"fewer than {MIN_CLUSTERS}). The rank is 1 + the number of rows that paired differences on "
+    "the same sequences show to be better; rows on other sequences than most have none. A failed "
+    "joint counts as no motion. "
     "(best sign): the better of the two signs of each joint, where none is known or returned."
 )
 
@@ -57,7 +59,8 @@ def suite_tables(board: Leaderboard) -> list[Table]:
             f"All datasets of {suite}" if suite else "All datasets",
             "Mean over the datasets of rank and of mean final error, with the 95 % interval of the "
             "error (bootstrap by sequence in each dataset; none where a dataset has fewer than "
-            f"{MIN_CLUSTERS} sequences). Only rows on the same datasets can be compared. A row "
+            f"{MIN_CLUSTERS} sequences). The error is that of joints that turn; the rank counts "
+            "joints that slide as well. Only rows on the same datasets can be compared. A row "
             "whose datasets were measured with several versions of its method names them.",
             ("method", "datasets", "mean rank", "mean (deg)", "95 % interval"), "lrrrr",
             tuple(

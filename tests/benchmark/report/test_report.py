@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
-from gcbench.benchmark.report import gallery
+from gcbench.benchmark.report import gallery, leaderboard
 from gcbench.benchmark.report import published_numbers as paper
 from gcbench.benchmark.report.calibration import LEVELS
 from gcbench.benchmark.report.conditions import error_by_condition
@@ -111,7 +111,7 @@ def test_csv_has_a_row_for_each_dataset_and_method(results: Path, tmp_path: Path
     text = (tmp_path / "leaderboard.csv").read_text()
     assert text.splitlines()[0] == (
         "dataset,method,inputs,knowledge,sequences,joints,mean,std,ci_low,ci_high,median,p90,pcp5,"
-        "coverage,seconds_per_frame,unit,published"
+        "coverage,seconds_per_frame,unit,published,version,training,sign,rank"
     )
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 10 and tuple(rows[0]) == CSV_COLUMNS
@@ -126,6 +126,8 @@ def test_csv_has_a_row_for_each_dataset_and_method(results: Path, tmp_path: Path
         assert [float(row[k]) for k in CSV_COLUMNS[6:14]] == pytest.approx(numbers, rel=1e-5)
         assert (int(row["sequences"]), int(row["joints"])) == (6, 18)
         assert row["unit"] == "deg"
+        assert (row["version"], row["training"]) == (line.row.version, line.row.training)
+        assert row["sign"] == line.sign and int(row["rank"]) >= 1
         seconds = [r.value for r in line.run.results() if r.metric == "seconds_per_frame"]
         assert row["seconds_per_frame"] == (f"{np.mean(seconds):.6g}" if seconds else "")
 
@@ -486,7 +488,7 @@ def test_hostile_names_in_the_page(hostile: Path) -> None:
 
 def test_hostile_names_in_csv_markdown_and_latex(hostile: Path) -> None:
     rows = list(csv.reader(io.StringIO((hostile / "leaderboard.csv").read_text(), newline="")))
-    assert [len(row) for row in rows] == [17, 17]
+    assert [len(row) for row in rows] == [21, 21]
     assert rows[1][1] == "'" + HOSTILE and rows[1][0] == "'" + HOSTILE
     text = (hostile / "leaderboard.md").read_text()
     assert "<" not in text.replace("&lt;", "") and "[a](b)" not in text
@@ -571,6 +573,22 @@ def test_copies_of_a_row_count_once_and_others_need_a_label(tmp_path: Path) -> N
             read_leaderboard([tmp_path / "a"], [wrong])
 
 
+def test_parts_of_a_row_are_joined(tmp_path: Path) -> None:
+    whole = write_results(tmp_path / "whole", GCPOSE, 0.01)
+    run, scores = read_run(whole / RUN), read_results(whole / SCORES)
+    for name, part in ("one", run.sequences[:2]), ("two", run.sequences[2:]):
+        path = write_results(tmp_path / name, GCPOSE, 0.01)
+        write_run(path, dataclasses.replace(run, sequences=part))
+        write_scores(path / SCORES, [r for r in scores if r.sequence in part])
+    (line,) = read_leaderboard([tmp_path / "two", tmp_path / "one"]).lines
+    (same,) = read_leaderboard([tmp_path / "whole"]).lines
+    assert {name: value for name, value in vars(line).items() if name != "run"} == {
+        name: value for name, value in vars(same).items() if name != "run"}
+    assert {*line.run.run.sequences} == {*run.sequences}
+    paths = [line.run.estimate_path(name).parts[-5] for name in ("000001", "000002")]
+    assert paths == ["one", "two"]
+
+
 def test_a_copy_may_have_another_name_and_another_order(tmp_path: Path) -> None:
     """The seed is a part of the name where the results hold another dataset of the same name."""
     write_results(tmp_path / "a", GCPOSE, 0.01)
@@ -618,7 +636,9 @@ def test_results_of_colleagues_merge(tmp_path: Path) -> None:
             read_leaderboard([tmp_path / "me", written(who, digit, FREE, 0.1, robot)])
 
 
-def test_rows_on_other_motions_are_not_compared(tmp_path: Path) -> None:
+def test_rows_on_other_motions_are_not_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The configurations may be equal, as of data that another version of gcbench rendered."""
     def written(who: str, row: Row, factor: float) -> Path:
         path = write_results(tmp_path / who, row, 0.02)
@@ -636,8 +656,21 @@ def test_rows_on_other_motions_are_not_compared(tmp_path: Path) -> None:
     theirs = [dataclasses.replace(line, published="2026-01-01", extent="n = 6")
               for name in ("rounded", "other")
               for line in read_leaderboard([tmp_path / name]).lines]
-    board = read_leaderboard([mine], published=theirs)
+    monkeypatch.setattr(leaderboard, "published_lines", lambda *_: theirs)
+    board = read_leaderboard([mine], published=tmp_path)
     assert [line.run.path.parts[-3] for line in board.lines] == ["rounded", "mine"]
+
+
+def test_rows_on_other_sequences_than_most_have_no_rank(tmp_path: Path) -> None:
+    write_results(tmp_path / "all", GCPOSE, 0.002)
+    write_results(tmp_path / "all", STILL, None)
+    write_results(tmp_path / "two", ICP, 0.001, sequences=2)
+    board = read_leaderboard([tmp_path / "all", tmp_path / "two"])
+    ranks = dict(zip(board.labels, board.ranks, strict=True))
+    assert ranks == {"icp · rgbd · axes · n = 2": 0, "gcpose · rgbd · axes": 1, "hold-still": 2}
+    assert len(board.differences) == 1
+    alone = read_leaderboard([tmp_path / "two"])
+    assert (alone.labels, alone.ranks) == (["icp · rgbd · axes"], (1,))
 
 
 def test_two_seeds_stand_side_by_side(tmp_path: Path) -> None:

@@ -250,41 +250,61 @@ def test_only_results_on_the_sequences_that_were_estimated_are_published(
 def test_published_rows_are_ranked_only_on_the_same_sequences(
     evaluated: Callable[..., Results], tmp_path: Path
 ) -> None:
+    folder = tmp_path / "published"
     evaluated("constant-velocity", "theirs")
-    publish([tmp_path / "theirs"], tmp_path / "published")
-    lines = published_lines(tmp_path / "published")
+    publish([tmp_path / "theirs"], folder)
     evaluated("hold-still", "same")
-    board = read_leaderboard([tmp_path / "same"], published=lines)
+    board = read_leaderboard([tmp_path / "same"], published=folder)
     assert len(board.differences) == 1 and 0 not in board.ranks
-    evaluated("hold-still", "fewer", "0-4")
-    board = read_leaderboard([tmp_path / "fewer"], published=lines)
-    assert dict(zip(board.labels, board.ranks, strict=True)) == {
-        "hold-still": 1, "constant-velocity · published, n = 6": 0}
-    assert not board.differences
     evaluated("constant-velocity", "again")
-    board = read_leaderboard([tmp_path / "again"], published=lines)
+    board = read_leaderboard([tmp_path / "again"], published=folder)
     assert board.ranks == (1, 1), "the rounding of published numbers decides nothing"
+    evaluated("icp-first", "more", "0-4")
+    publish([tmp_path / "more"], folder)
+    board = read_leaderboard([tmp_path / "same"], published=folder)
+    ranks = dict(zip(board.labels, board.ranks, strict=True))
+    assert ranks["icp-first · rgbd · axes · published, n = 5"] == 0 and len(board.differences) == 1
+
+
+@pytest.mark.ci
+def test_a_published_row_is_scored_on_the_sequences_of_ones_own(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    folder = tmp_path / "published"
+    evaluated("constant-velocity", "theirs")
+    publish([tmp_path / "theirs"], folder)
+    evaluated("hold-still", "fewer", "0-4")
+    evaluated("constant-velocity", "same", "0-4")
+    board = read_leaderboard([tmp_path / "fewer", tmp_path / "same"], published=folder)
+    label = "constant-velocity · published, n = 5"
+    assert {*board.labels} == {"hold-still", "constant-velocity", label}
+    assert 0 not in board.ranks and len(board.differences) == 3
+    theirs, mine = (board.lines[board.labels.index(x)] for x in (label, "constant-velocity"))
+    assert theirs.sequences == mine.sequences
+    assert theirs.summary.mean == pytest.approx(mine.summary.mean, rel=1e-5)
+    assert theirs.summary.sequences == 5 and theirs.drift == pytest.approx(mine.drift, rel=1e-5)
 
 
 def test_published_rows_stand_only_beside_runs_on_the_same_dataset(
     evaluated: Callable[..., Results], tmp_path: Path
 ) -> None:
     evaluated("constant-velocity", "theirs")
-    publish([tmp_path / "theirs"], tmp_path / "published")
-    lines = published_lines(tmp_path / "published")
-    assert build_leaderboard([], lines).lines == tuple(lines), "without runs, all are shown"
+    folder = tmp_path / "published"
+    publish([tmp_path / "theirs"], folder)
+    (line,) = published_lines(folder)
+    assert build_leaderboard([], folder).lines == (line,), "without runs, all are shown"
     data = bench_data.make_dataset(tmp_path / "own", 1)
     config = EvalConfig(method=("hold-still",), data=(data,), results=tmp_path / "own-results")
     own = evaluate(config, progress=False)
     suite = evaluated("hold-still", "mine")
     for runs, names in ((own.runs, ["own"]), (suite.runs, ["small/arm"] * 2),
                         (own.runs + suite.runs, ["own", "small/arm", "small/arm"])):
-        board = build_leaderboard(runs, lines)
+        board = build_leaderboard(runs, folder)
         assert [line.dataset.partition(",")[0] for line in board.lines] == names
-    found = lines[0].run
-    run = dataclasses.replace(found.run, config={**found.run.config, "width": 50})
-    other = dataclasses.replace(lines[0], run=dataclasses.replace(found, run=run))
-    assert len(build_leaderboard(suite.runs, [other]).lines) == 1, "another dataset of its name"
+    path = truth_path(folder, "small/arm")
+    truth = read_truth(path)
+    write_record(path, dataclasses.replace(truth, config={**truth.config, "width": 50}))
+    assert len(build_leaderboard(suite.runs, folder).lines) == 1, "another dataset of its name"
 
 
 def test_a_report_shows_published_rows_unless_told_not_to(
@@ -302,7 +322,7 @@ def test_a_report_shows_published_rows_unless_told_not_to(
             assert ("velocity" in text) == shown, name  # LaTeX writes another hyphen
             assert "still" in text
     with pytest.raises(GcbenchError, match="no scores in a folder: none is given"):
-        read_leaderboard([], published=published_lines(folder))
+        read_leaderboard([], published=folder)
 
 
 def test_a_damaged_file_is_one_error(evaluated: Callable[..., Results], tmp_path: Path) -> None:
