@@ -8,6 +8,7 @@ from .estimates import (
     InvalidEstimateError,
     Status,
     Stored,
+    check_start,
     dump_stored,
     read_stored,
     validate_estimate,
@@ -40,7 +41,7 @@ from .runs import (
 __all__ = [
     "ESTIMATES", "INPUTS", "KNOWLEDGE", "LABEL", "RUN", "SCORES", "STATUSES",
     "Attribution", "EstimateShape", "InvalidEstimateError", "Result", "Results", "Row", "Run",
-    "RunFolder", "Status", "Stored", "dump_stored", "find_runs", "is_label", "read_run",
-    "read_scores", "read_stored", "run_folder", "to_table", "validate_estimate",
-    "write_run", "write_scores",
+    "RunFolder", "Status", "Stored", "check_start", "dump_stored", "find_runs", "is_label",
+    "read_run", "read_scores", "read_stored", "run_folder", "to_table",
+    "validate_estimate", "write_run", "write_scores",
 ]

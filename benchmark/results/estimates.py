@@ -33,6 +33,7 @@ MAX_REASON = 4000
 _JSON, _ARRAYS, _FORMAT = "estimate.json", "estimate.npz", "gcbench-estimate/2"
 _FORMER = ("gcbench-estimate/1",)  # the same without `reliable`
 _MAX_BYTES = 2**28
+_AT_START = 1e-6  # rad or m: a displacement of frame 0 that counts as none
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ def validate_estimate(value: Any, shape: EstimateShape) -> Estimate:
     displacement = _numbers(value, "displacement", (t, j), f"[T J] = [{t} {j}]")
     if displacement is None:
         raise InvalidEstimateError(f"displacement is None, expected [T J] = [{t} {j}]")
+    check_start(displacement[0])
     part = getattr(value, "part", None)
     if part is not None:
         expected = (t, shape.height, shape.width)
@@ -87,13 +89,28 @@ def validate_estimate(value: Any, shape: EstimateShape) -> Estimate:
         if part.size and not 0 <= int(part.min()) <= int(part.max()) <= j:
             raise InvalidEstimateError(f"part has labels outside 0..{j}")
         part = part.astype(np.uint8)
+    sigma = _numbers(value, "sigma", (t, j), f"[T J] = [{t} {j}]")
+    if sigma is not None and (sigma < 0).any():
+        raise InvalidEstimateError(f"sigma has {sigma[sigma < 0][0]:g}, expected no negative "
+                                   "number")
     return Estimate(
         displacement=displacement,
         screw=_numbers(value, "screw", (j, 6), f"[J 6] = [{j} 6]"),
         part=part,
-        sigma=_numbers(value, "sigma", (t, j), f"[T J] = [{t} {j}]"),
+        sigma=sigma,
         reliable=_flags(value, "reliable", j),
     )
+
+
+def check_start(displacement: NDArray[np.float64]) -> None:
+    """Check the displacement [J] of frame 0, rad or m, which may be NaN.
+
+    Raises InvalidEstimateError if it is not 0, as where absolute joint positions are given.
+    """
+    moved = displacement[np.abs(displacement) > _AT_START]
+    if len(moved):
+        raise InvalidEstimateError(f"displacement of frame 0 is {moved[0]:g}, expected 0: "
+                                   "displacements are since frame 0, subtract those of frame 0")
 
 
 def _flags(value: Any, name: str, joints: int) -> NDArray[np.bool_] | None:

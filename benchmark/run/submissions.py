@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DatasetError
+from ...errors import ConfigError, DatasetError
 from ...renderer.runtime import ArraySpec, parse_npz, to_record
 from ...renderer.types import Estimate
 from ...robots.files import read_bounded, write_atomically
@@ -27,11 +27,13 @@ from ..results import (
     LABEL,
     RUN,
     STATUSES,
+    InvalidEstimateError,
     Results,
     Row,
     Run,
     RunFolder,
     Stored,
+    check_start,
     dump_stored,
     is_label,
     read_run,
@@ -85,6 +87,7 @@ class ScoreConfig:
     Examples:
       gcbench score --template --predictions new.csv --data data/ur5
       gcbench score --predictions new.csv --data data/ur5
+      gcbench score --predictions new.csv --suite standard --datasets oven --sequences 0-9
     """
 
     predictions: Path
@@ -97,6 +100,10 @@ class ScoreConfig:
     """Datasets of the suite to score, such as oven. Default: all."""
     data: tuple[Path, ...] = ()
     """Dataset folders to use instead of a suite."""
+    sequences: str = ""
+    """Numbers of the predicted sequences of each dataset, such as 0-9,15. Default: all."""
+    limit: int = 0
+    """Largest number of sequences of each dataset. 0: all."""
     results: Path = Path("results")
     """Folder for estimates and scores."""
     keep_unobservable: bool = False
@@ -141,7 +148,10 @@ def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
     file, results = config.predictions, config.results
     if file.exists() == config.template:
         raise DatasetError(f"{file}: {'exists' if config.template else 'no such file'}")
-    selection = Selection(keep_unobservable=config.keep_unobservable, datasets=config.datasets)
+    if config.limit < 0:
+        raise ConfigError("--limit must be 0 or more")
+    selection = Selection(config.sequences, config.limit, config.keep_unobservable,
+                          config.datasets)
     if config.data:
         data = from_folders(config.data, selection)
     else:
@@ -193,9 +203,15 @@ def read_predictions(file: Path, wanted: Mapping[str, Target]) -> Predictions:
     """Read a predictions file. Raises DatasetError with the expected format."""
     data = read_bounded(file, MAX_BYTES, DatasetError)
     try:
-        return parse_arrays(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
+        found = parse_arrays(data, wanted) if data[:2] == b"PK" else parse_csv(data, wanted)
     except (ValueError, csv.Error, DatasetError) as error:
         raise DatasetError(f"{file}: {error}; {PREDICTIONS_FORMAT}") from error
+    for key, displacement in found.displacement.items():
+        try:
+            check_start(displacement[0])
+        except InvalidEstimateError as error:
+            raise DatasetError(f"{file}: sequence {key}: {error}") from error
+    return found
 
 
 def parse_csv(data: bytes, wanted: Mapping[str, Target]) -> Predictions:

@@ -44,7 +44,7 @@ def estimate() -> Estimate:
     rng = np.random.default_rng(0)
     part = rng.integers(0, 3, (3, 4, 5)).astype(np.uint8)
     displacement = rng.normal(size=(3, 2))
-    displacement[1, 1] = np.nan
+    displacement[0], displacement[1, 1] = 0.0, np.nan
     sigma, reliable = np.full((3, 2), np.inf), np.array([True, False])
     return Estimate(displacement, rng.normal(size=(2, 6)), part, sigma, reliable)
 
@@ -176,6 +176,8 @@ def test_estimates_come_back(tmp_path: Path) -> None:
     ({"displacement": None}, "displacement is None"),
     ({"screw": np.zeros((6, 2))}, r"screw .*\[J 6\] = \[2 6\]"),
     ({"sigma": np.zeros(3)}, r"sigma .*\[T J\]"),
+    ({"sigma": np.array([[0, 0], [1, -0.5], [1, 1.0]])}, "sigma has -0.5, expected no negative"),
+    ({"displacement": np.full((3, 2), 0.5)}, "displacement of frame 0 is 0.5, expected 0: displ"),
     ({"reliable": np.ones((3, 2), bool)}, r"reliable is bool \[3, 2\], expected bool \[J\]"),
     ({"reliable": np.ones(2)}, r"reliable is float64 \[2\], expected bool \[J\] = \[2\]"),
     ({"part": np.zeros((3, 4, 5))}, "part is float64"),
@@ -200,10 +202,12 @@ def archive(path: Path, arrays: bytes, **changes: object) -> Path:
 
 def test_estimates_of_the_former_format_are_read(tmp_path: Path) -> None:
     path = tmp_path / "a.zip"
-    arrays = npz(displacement=npy(np.ones((3, 2))), sigma=npy(np.ones((3, 2))))
+    moved = np.ones((3, 2))
+    moved[0] = 0.0
+    arrays = npz(displacement=npy(moved), sigma=npy(np.ones((3, 2))))
     got = read_stored(archive(path, arrays, format="gcbench-estimate/1"), SHAPE).estimate
     assert got is not None
-    assert (got.displacement == 1).all() and got.reliable is None
+    assert (got.displacement == moved).all() and got.reliable is None
     with pytest.raises(DatasetError, match=r"format is 'gcbench-estimate/3'; .*gcbench-estimate/2"):
         read_stored(archive(path, arrays, format="gcbench-estimate/3"), SHAPE)
 

@@ -156,6 +156,30 @@ def test_a_new_file_replaces_the_old_one(data: Path, tmp_path: Path) -> None:
     assert max(finals(score(file, data, tmp_path))) < 1e-6
 
 
+def test_absolute_angles_are_refused(data: Path, tmp_path: Path) -> None:
+    file = tmp_path / "mine.csv"
+    file.write_text(csv_of(data) + "000001,0,2,0.25\n")
+    with pytest.raises(GcbenchError, match=r"000001: displacement of frame 0 is 0\.25, ex"):
+        score(file, data, tmp_path)
+    assert not (tmp_path / "results").exists()
+    file.write_text(csv_of(data) + "000001,0,2,0\n")
+    assert max(finals(score(file, data, tmp_path))) < 1e-6
+
+
+def test_a_part_of_the_sequences_is_scored(data: Path, tmp_path: Path) -> None:
+    file, results = tmp_path / "mine.csv", tmp_path / "results"
+    text = csv_of(data)
+    file.write_text("\n".join(x for x in text.splitlines() if not x.startswith("000001,")) + "\n")
+    for chosen in {"sequences": "0"}, {"limit": 1}:
+        config = ScoreConfig(file, data=(data,), results=results, **chosen)
+        (found,) = score_predictions(config).runs
+        assert found.run.sequences == ("000000",) and max(finals(found.results())) < 1e-6
+    with pytest.raises(GcbenchError, match="targets are missing: 000001"):
+        score(file, data, tmp_path)
+    with pytest.raises(GcbenchError, match="--limit must be 0 or more"):
+        score_predictions(ScoreConfig(file, data=(data,), results=results, limit=-1))
+
+
 def test_several_datasets_have_names(data: Path, tmp_path: Path) -> None:
     other = bench_data.make_dataset(tmp_path / "other", 1)
     file = tmp_path / "mine.csv"
