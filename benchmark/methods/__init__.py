@@ -5,6 +5,7 @@ from __future__ import annotations
 from .registry import (
     Declaration,
     declaration_of,
+    fingerprint_options,
     is_own,
     list_methods,
     method_identity,
@@ -17,6 +18,7 @@ from .registry import (
 )
 
 __all__ = [
-    "Declaration", "declaration_of", "is_own", "list_methods", "method_identity", "method_source",
-    "open_method", "options_of", "plan_rows", "split_oracles", "with_options",
+    "Declaration", "declaration_of", "fingerprint_options", "is_own", "list_methods",
+    "method_identity", "method_source", "open_method", "options_of", "plan_rows", "split_oracles",
+    "with_options",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import json
 import re
@@ -10,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
 from urllib.parse import parse_qsl, urlencode
@@ -211,6 +213,26 @@ def open_method(source: str) -> tuple[str, Method]:
 def options_of(source: str) -> dict[str, str]:
     """Return the options that `with_options` added to the source of a method."""
     return dict(parse_qsl(source.partition("?")[2]))
+
+
+def fingerprint_options(source: str) -> dict[str, str]:
+    """Return the hash of the file that each option of a method names, such as weights; options
+    without a file are left out."""
+    found: dict[str, str] = {}
+    for name, value in options_of(source).items():
+        for path in map(Path, (value, *(part.partition(":")[2] for part in value.split("+")))):
+            with suppress(OSError):  # as for a text that is too long for a path
+                if path.is_file():
+                    found[name] = _hash_file(path)
+    return found
+
+
+def _hash_file(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(2**20):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 def _construct(where: str, method: Callable[..., Any], options: dict[str, str],

@@ -34,7 +34,7 @@ from ..results import SCORES, Results, Row, Status, Stored
 from .datasets import SUITES, Selection, from_folders, from_suite
 from .estimation import estimate
 from .isolation import Limits, read_declaration
-from .jobs import Job, describe_run, prepare_job
+from .jobs import Job, describe_run, prepare_job, shorten_reason
 from .schedule import Clock, cheap_first, describe_plan
 from .suite import read_suite
 
@@ -189,7 +189,7 @@ def _evaluate(
         runs=tuple(job.folder for job in complete),
         estimated=sum(len(job.todo) for job in estimated),
         usable=sum(len(job.share) for job in estimated) - len(failures),
-        failures=(*(reason.splitlines()[0] for reason in refused.values()), *failures),
+        failures=(*map(shorten_reason, refused.values()), *failures),
         unfinished=tuple(job.describe_rest() for job in estimated if job not in complete),
     )
 

@@ -14,10 +14,10 @@ from typing import Any
 from ... import __version__
 from ...errors import DatasetError, GcbenchError, StorageError
 from ...renderer.dataset import environment
-from ...renderer.runtime import address, cpu_count, dump_json, parse_shard
+from ...renderer.runtime import address, cpu_count, dump_json, parse_shard, say
 from ...renderer.scene import differences
 from ...robots.files import lock_briefly, remove_leftovers, write_atomically
-from ..methods import Declaration, method_identity
+from ..methods import Declaration, fingerprint_options, method_identity
 from ..protocol import score_sequence, shape_of, truth_digest
 from ..results import (
     ESTIMATES,
@@ -144,9 +144,14 @@ class Job:
         """Return what went wrong in one line; empty if nothing did."""
         if stored.status == "ok":
             return ""
-        reason = stored.reason.splitlines()[0] if stored.reason else ""
         where = f"{self.folder.run.dataset}/{sequence}"
-        return f"{self.row.title} on {where}: {stored.status}: {reason}"
+        return f"{self.row.title} on {where}: {stored.status}: {shorten_reason(stored.reason)}"
+
+
+def shorten_reason(reason: str) -> str:
+    """Return a reason in one line: its first, and the last of what the method printed."""
+    first, *rest = reason.splitlines() or [""]
+    return f"{first} {rest[-1]}" if rest and first.endswith("it said:") else first
 
 
 def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = (),
@@ -188,23 +193,38 @@ def _write_run(path: Path, new: Run, retry: Sequence[Status], is_shared: bool) -
     Raises DatasetError if the folder has estimates of something else.
     """
     estimates = path / ESTIMATES
-    if (path / RUN).exists() and (is_shared or any(estimates.glob("*.zip"))):
+    has_estimates = any(estimates.glob("*.zip"))
+    is_there = (path / RUN).exists()
+    if has_estimates and not is_there and "ok" not in retry:
+        raise DatasetError(
+            f"{path} has estimates, but no {RUN} that says what made them; restore it, delete the "
+            "folder, or discard them by --retry ok" + " without --shard" * is_shared)
+    if has_estimates and not is_there:
+        _discard(estimates)
+    elif is_there and (is_shared or has_estimates):
         old = read_run(path / RUN)
         changed = differences(_identity(old, new), _identity(new, old))
         if changed and "ok" in retry:
-            for file in estimates.glob("*.zip"):
-                file.unlink()
+            _discard(estimates)
         elif changed:
             raise DatasetError(
                 f"{path} holds estimates of something else ({'; '.join(changed)}); choose another "
                 "--results folder, delete this one, or discard them by --retry ok"
                 + " without --shard" * is_shared
             )
+        elif left := len({*old.sequences} - {*new.sequences}):
+            say(f"{path}: {left} sequences of an earlier command are not among those of this one; "
+                "their estimates stay, but are not scored")
         there = [e for e in old.environments if e not in new.environments]
         new = replace(new, environments=(*there, *new.environments))
     if not write_run(path, new, create=is_shared and not (path / RUN).exists()):
         return _write_run(path, new, retry, is_shared)  # another shard has created it
     return new
+
+
+def _discard(estimates: Path) -> None:
+    for file in estimates.glob("*.zip"):
+        file.unlink()
 
 
 @contextmanager
@@ -234,6 +254,7 @@ def describe_run(row: Row, source: str, data: Data, limits: Mapping[str, Any],
         config=info.config, assets=info.assets, sequences=data.sequences, left_out=data.left_out,
         limits=limits, environments=(environment,), settings=declared.settings if declared else {},
         digests=data.digests, attribution=declared.attribution if declared else Attribution(),
+        files=fingerprint_options(source),
     )
 
 
@@ -264,6 +285,8 @@ def _identity(run: Run, other: Run) -> dict[str, Any]:
     return json.loads(dump_json({
         "version": row.version, "training": row.training, "source": method_identity(run.source),
         "config": run.config, "truth": {name: run.digests[name] for name in sorted(common)},
+        "content of the file": {f"--{name}": run.files[name]
+                                for name in sorted(run.files.keys() & other.files.keys())},
     }))
 
 

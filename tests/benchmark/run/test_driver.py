@@ -27,7 +27,7 @@ from gcbench.benchmark.results.rows import Result
 from gcbench.benchmark.results.runs import Results
 from gcbench.benchmark.run.datasets import Selection, from_folders
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
-from gcbench.benchmark.run.jobs import Job
+from gcbench.benchmark.run.jobs import Job, shorten_reason
 from gcbench.renderer.dataset.reader import open_dataset
 
 from ...support import analytic, bench_data
@@ -228,6 +228,33 @@ def test_another_version_does_not_mix(data: Path, tmp_path: Path) -> None:
     with pytest.raises(GcbenchError, match=r'something else .*version: "0" -> "1"'):
         run(data, results, "Good")
     assert run(data, results, "Good", retry=("ok",)).estimated == 3
+
+
+def test_estimates_of_nobody_knows_what_are_refused(data: Path, tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    (folder,) = run(data, results, "Good").runs
+    (folder.path / "run.json").unlink()
+    with pytest.raises(GcbenchError, match=r"has estimates, but no run\.json .*by --retry ok"):
+        run(data, results, "Good")
+    assert run(data, results, "Good", retry=("ok",)).estimated == 3
+
+
+def test_sequences_that_are_no_longer_scored_are_told(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(data, tmp_path, "Good")
+    assert "are not among those" not in capsys.readouterr().err
+    (folder,) = run(data, tmp_path, "Good", limit=2).runs
+    assert folder.run.sequences == ("000000", "000001")
+    assert "1 sequences of an earlier command are not among" in capsys.readouterr().err
+    assert run(data, tmp_path, "Good").estimated == 0
+
+
+def test_what_a_method_printed_last_is_told() -> None:
+    assert shorten_reason("") == ""
+    assert shorten_reason("no estimate within 4 s; it said:\na map\nno map.bin") == (
+        "no estimate within 4 s; it said: no map.bin")
+    assert shorten_reason("ValueError: no\n  at line 3") == "ValueError: no"
 
 
 def test_results_do_not_depend_on_workers(data: Path, tmp_path: Path) -> None:

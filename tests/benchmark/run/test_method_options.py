@@ -88,6 +88,19 @@ def test_an_option_that_no_method_takes_is_refused(
     assert not (tmp_path / "results").exists()
 
 
+def test_estimates_by_other_weights_of_the_same_file_are_refused(
+    data: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "w.safetensors"
+    for option, value in ("weights", (f"Learned={file}",)), ("flow", f"mean+own:{file}"):
+        file.write_bytes(b"one")
+        options(data, tmp_path, "Learned", **{option: value})
+        options(data, tmp_path, "Learned", **{option: value})
+        file.write_bytes(b"two")
+        with pytest.raises(GcbenchError, match=f"content of the file.--{option}: .*--retry ok"):
+            options(data, tmp_path, "Learned", **{option: value})
+
+
 def test_a_request_concerns_the_methods_that_can_follow_it(data: Path, tmp_path: Path) -> None:
     rows = options(data, tmp_path, "Plain", "hold-still", "icp", inputs=("rgb",))
     assert sorted(rows) == ["hold-still", "plain"]
