@@ -24,16 +24,21 @@ _COLORS = np.array([[0, 0, 0], [255, 60, 40], [40, 160, 255], [60, 220, 60], [25
 
 
 def check_outputs(video: Path, outputs: Iterable[Path]) -> None:
-    """Refuse files to write that have no folder, or are the video.
+    """Refuse files to write that have no folder, are one, are the video, or are the same.
 
     Raises:
         ConfigError: If there is one.
     """
-    for path in outputs:
+    outputs = list(outputs)
+    for k, path in enumerate(outputs):
         if not path.absolute().parent.is_dir():
             raise ConfigError(f"{path}: its folder does not exist; make it")
         if path.resolve() == video.resolve():
             raise ConfigError(f"{path}: is the video; name another file")
+        if path.is_dir():
+            raise ConfigError(f"{path}: is a folder; name a file")
+        if path.resolve() in [other.resolve() for other in outputs[:k]]:
+            raise ConfigError(f"{path}: is named for two outputs; name two files")
 
 
 def towards_camera(estimate: Estimate) -> tuple[Estimate, Array]:

@@ -268,7 +268,9 @@ def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path)
     (["--types", "prismatic"], "a joint that slides needs --distance"),
     (["--types", "prismatic", "--distance", "0"], "--distance 0: give 0.01 to 1000 m"),
     (["--distance", "1"], "--distance is for joints that slide"),
-    (["--types", "revolute", "revolute"], "--types names 2 joints; --axes has 1")])
+    (["--types", "revolute", "revolute"], "--types names 2 joints; --axes has 1"),
+    (["--out", "one.csv", "--picture", "./one.csv"], "one.csv: is named for two outputs"),
+    (["--out", ".."], "..: is a folder; name a file")])
 def test_a_command_that_cannot_end_well_does_not_begin(
     ramp: Path, options: list[str], problem: str, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
