@@ -26,8 +26,9 @@ from .images import (
     training_of,
     video_evidence,
 )
+from .input_checks import check_observation
 from .rgb import RgbEvidence, estimate_rgb, find_focal_length, has_square_pixels, see_video
-from .rgbd import depth_video, estimate_rgbd
+from .rgbd import depth_video, estimate_rgbd, is_static
 from .settings import Settings
 
 _DEFAULT = Settings()
@@ -55,7 +56,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "41"
+    version = "42"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 
@@ -106,12 +107,12 @@ class GCPose:
 
         Raises:
             ConfigError: If `object_depth` is not a positive length.
-            MethodError: If the video cannot be used.
+            MethodError: If the video cannot be used, or the observation does not fit together.
         """
         if object_depth is not None and not 0 < object_depth < np.inf:
             raise ConfigError(f"object_depth={object_depth:g}: give a positive length, m")
         with threadpool_limits(1, "blas"):  # on small matrices its threads only wait
-            return self._estimate(observation, object_depth)
+            return self._estimate(check_observation(observation), object_depth)
 
     def find_focal_length(self, observation: Observation) -> float | None:
         """Return the focal length of the camera of a plain video of a door or a drawer, px, by its
@@ -142,7 +143,7 @@ class GCPose:
         """What moves in images alone; None if nothing does."""
         if observation.rgb is None:
             return None
-        still = to_still_video(observation, self.settings.images)
+        still = to_still_video(check_observation(observation), self.settings.images)
         end = replace(self._front_end_of(still.homography is not None), second_flow=None)
         return video_evidence(
             replace(still.observation, depth=None), end, self.settings.images)
@@ -164,6 +165,7 @@ class GCPose:
         if (found is None or found.sigma is None
                 or not np.isfinite([found.displacement, found.sigma]).all()):
             found = self._static(observation, priors)
+        found = self._doubt_rest(found, priors)
         limit = np.where(priors.prismatic, _RELIABLE_SLIDE, _RELIABLE_TURN)
         reliable = None if found.sigma is None else found.sigma[-1] <= limit
         return still.move_back(replace(found, reliable=reliable))
@@ -203,6 +205,17 @@ class GCPose:
                 return estimate_by_fusion(
                     video, seen, priors, self.flow, settings.fusion, settings.rgbd)
         return estimate_rgbd(video, priors, self.flow, settings.rgbd)
+
+    def _doubt_rest(self, found: Estimate, priors: JointPriors) -> Estimate:
+        """Return an estimate with larger deviations if a joint of several hardly moves and no axis
+        is known: one motion does not tell which of two joints makes it."""
+        of, several = self.settings.rgbd, len(priors.prismatic) > 1 and priors.axis_dof == 4
+        if found.sigma is None or not (
+                several and is_static(found.displacement, priors.prismatic, of).any()):
+            return found
+        sigma = np.maximum(found.sigma, of.sigma_unreliable)
+        sigma[0] = 0.0
+        return replace(found, sigma=sigma)
 
     def _static(self, observation: Observation, priors: JointPriors) -> Estimate:
         """Return zero displacements with a large standard deviation."""

@@ -68,7 +68,7 @@ LAYERS = {
     ),
     "gcpose": (
         "numerics networks", "chain images", "estimator", "rgbd", "rgb", "fusion",
-        "paper training learned", "settings", "method", "video", "commands",
+        "paper training learned", "settings input_checks", "method", "video", "commands",
     ),
     "benchmark": ("results", "protocol", "methods report", "run", "commands"),
 }

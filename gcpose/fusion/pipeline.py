@@ -23,6 +23,7 @@ from ..rgbd import (
     DepthVideo,
     RgbdSettings,
     estimate_rgbd,
+    is_unreliable,
     label_frames,
     search_depth,
 )
@@ -49,8 +50,10 @@ def estimate_by_fusion(
     found = thread_map(partial(refine_from, evidence, final), starts)
     found.sort(key=lambda h: h.cost)
     state = found[0].state
+    unreliable = is_unreliable(evidence.depth, evidence.by_depth(found[0]))
+    least = of_depth.sigma_unreliable if unreliable else 0.0
     return Estimate(state.angle, screws_of(state.twist, state.prismatic),
-                    label_frames(depth, state), deviation_by_fusion(found, settings))
+                    label_frames(depth, state), deviation_by_fusion(found, settings, least))
 
 
 def motions_by_images(seen: RgbEvidence, settings: FusionSettings) -> list[Articulation]:
@@ -82,9 +85,11 @@ def refine_from(
     return replace(found, cost=rated.cost + rated.penalty + s.score_depth * found.cost)
 
 
-def deviation_by_fusion(found: list[FusedHypothesis], settings: FusionSettings) -> Array:
+def deviation_by_fusion(
+    found: list[FusedHypothesis], settings: FusionSettings, least: float = 0.0
+) -> Array:
     """Return standard deviations [T J] within which two thirds of the errors lie, of the first of
-    the hypotheses, which are sorted by their scores.
+    the hypotheses, which are sorted by their scores; at least `least` rad or m.
 
     That of other motions about it is added, each weighted by its score.
     """
@@ -92,4 +97,4 @@ def deviation_by_fusion(found: list[FusedHypothesis], settings: FusionSettings) 
     others = [(h.state, h.cost - best.cost) for h in found[1:]]
     spread = s.spread * spread_of_motions(best.state, others, s.excess)
     return calibrate_deviation(
-        best.deviation(), s.factor, np.hypot(s.floor, spread), s.sigma_unknown)
+        best.deviation(), s.factor, np.hypot(max(s.floor, least), spread), s.sigma_unknown)

@@ -158,7 +158,8 @@ def _find_moving(
         moving = part > 0 if part is not None else np.asarray(mask)
         return moving, moving
     found = front_end.foreground(rgb)
-    turns = observation.depth is None and observation.joint_types == ("revolute",)
+    kinds = observation.joint_types
+    turns = observation.depth is None and len(kinds) == 1 and kinds != ("prismatic",)
     if not (front_end.drops_still_texture and turns):
         return found, found
     return leave_out_still_texture(rgb, found, settings), found

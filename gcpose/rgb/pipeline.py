@@ -168,6 +168,8 @@ def object_distance(known: JointPriors, evidence: VideoEvidence) -> float:
     if known.line is None or known.prismatic.all():
         return 1.0
     v, u = np.nonzero(evidence.moving[0])
+    if not len(u):
+        return 1.0
     ray = pinhole.pixel_rays(evidence.intrinsics, [u.mean(), v.mean()])
     found: list[float] = []
     for line in known.line[~known.prismatic]:  # where each axis passes the line of sight

@@ -6,9 +6,11 @@ from .evidence import DepthHypothesis, Labeling, RgbdEvidence
 from .labels import Clouds
 from .pipeline import DepthVideo, depth_video, estimate_rgbd, label_frames, search_depth
 from .residuals import SurfaceResiduals
+from .search import is_static, is_unreliable
 from .settings import RgbdSettings
 
 __all__ = [
     "Clouds", "DepthHypothesis", "DepthVideo", "Labeling", "RgbdEvidence", "RgbdSettings",
-    "SurfaceResiduals", "depth_video", "estimate_rgbd", "label_frames", "search_depth",
+    "SurfaceResiduals", "depth_video", "estimate_rgbd", "is_static", "is_unreliable",
+    "label_frames", "search_depth",
 ]

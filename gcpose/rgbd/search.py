@@ -6,8 +6,11 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..chain import displace_axis, extrapolate_to
+from ...errors import MethodError
+from ...robots.geometry import Array
+from ..chain import Articulation, displace_axis, extrapolate_to
 from ..estimator import align_displacements, refine_in_stages, run_em, select_distinct
 from ..images import Flow
 from ..numerics import thread_map
@@ -30,6 +33,8 @@ def search_hypotheses(evidence: RgbdEvidence, flow: Flow) -> DepthHypothesis:
     tried: list[DepthHypothesis] = []
     for strategy in strategies:
         found = run_strategy(strategy, coarse, flow)
+        if not found:  # flow has no starts for very many joints
+            continue
         if free:
             found = [evidence.label(h, Labeling())
                      for h in evidence.select(found, tuned.relabeled)]
@@ -42,6 +47,9 @@ def search_hypotheses(evidence: RgbdEvidence, flow: Flow) -> DepthHypothesis:
         most = unreliable_share(evidence) if again else poor_share(evidence)
         if is_explained(evidence, best_of(tried, settings), most):
             break
+    if not tried:
+        raise MethodError(f"gcpose with depth finds no start for {len(evidence.priors.parent)} "
+                          "joints; declare fewer")
     return refine_without_flow(evidence, best_of(tried, settings))
 
 
@@ -195,21 +203,27 @@ def hypothesis_cost(hypothesis: DepthHypothesis, settings: RgbdSettings) -> floa
 
     All scored joints move, and motion can often be shared among joints at equal cost.
     """
-    penalty = settings.search.static_penalty * has_static_joint(hypothesis, settings)
+    penalty = settings.search.static_penalty * has_static_joint(hypothesis.state, settings)
     return hypothesis.cost * (1 + penalty)
 
 
-def has_static_joint(hypothesis: DepthHypothesis, settings: RgbdSettings) -> bool:
+def has_static_joint(state: Articulation, settings: RgbdSettings) -> bool:
     """Return whether a joint hardly moves."""
-    arm = np.where(hypothesis.state.prismatic, settings.chain.slide_arm, 1.0)
-    largest = np.abs(hypothesis.state.angle).max(axis=0) / arm
-    return bool(largest.min() < settings.search.static_angle)
+    return bool(is_static(state.angle, state.prismatic, settings).any())
+
+
+def is_static(
+    displacement: Array, prismatic: NDArray[np.bool_], settings: RgbdSettings
+) -> NDArray[np.bool_]:
+    """Return which joints [J] hardly move, for displacements [T J], rad or m."""
+    arm = np.where(prismatic, settings.chain.slide_arm, 1.0)
+    return np.asarray(np.abs(displacement).max(axis=0) / arm < settings.search.static_angle)
 
 
 def is_explained(evidence: RgbdEvidence, hypothesis: DepthHypothesis, most: float) -> bool:
     """Return whether all joints move, and less than a share of the candidates is unexplained."""
     return (evidence.unexplained_share(hypothesis) < most
-            and not has_static_joint(hypothesis, evidence.settings))
+            and not has_static_joint(hypothesis.state, evidence.settings))
 
 
 def is_unreliable(evidence: RgbdEvidence, hypothesis: DepthHypothesis) -> bool:

@@ -45,6 +45,17 @@ def test_exact_depth_gives_the_motion(kind: str, knowledge: str) -> None:
     assert (mine & true).sum() > 0.6 * (mine | true).sum()
 
 
+@pytest.mark.parametrize("pace", [(0.0, 1.0), (1.0, 0.0)])
+def test_a_joint_that_rests_is_reliable_only_with_axes(pace: tuple[float, float]) -> None:
+    """Without axes, one motion does not tell which of two joints makes it."""
+    observation, angle, _, _ = scene("arm", pace=pace)
+    for knowledge in ("axes", "free"):
+        found = GCPose().estimate(told(observation, knowledge))
+        assert found.reliable is not None and found.reliable.all() == (knowledge == "axes")
+        if knowledge == "axes":
+            assert np.abs(found.displacement - angle).max() < np.radians(0.5)
+
+
 def test_an_axis_given_the_other_way_round_turns_the_sign() -> None:
     observation, angle, screw, _ = scene("arm")
     rotate = replace(observation, axis_line=-screw, axis_direction=-screw[:, :3])

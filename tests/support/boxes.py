@@ -42,10 +42,12 @@ def cast(
 Scene = tuple[Observation, np.ndarray, np.ndarray, np.ndarray]
 
 
-def scene(kind: str, new_from_old: np.ndarray = STILL) -> Scene:
+def scene(
+    kind: str, new_from_old: np.ndarray = STILL, pace: tuple[float, ...] = (1.0,)
+) -> Scene:
     """An observation with known lines, the true displacement, screws and parts.
 
-    `new_from_old` moves the camera.
+    `new_from_old` moves the camera, `pace` is a factor of the displacement of each joint.
     """
     world = np.eye(4)
     world[:3, :3], world[:3, 3] = TILT, [0.0, 0.0, 1.3]
@@ -77,6 +79,7 @@ def scene(kind: str, new_from_old: np.ndarray = STILL) -> Scene:
         angle = np.stack([0.5 * time, -0.6 * time**1.3], axis=1)
         boxes = [(0, [0, 0.33, 0], [0.14, 0.04, 0.14]), (1, [0, 0.12, 0], [0.06, 0.16, 0.04]),
                  (2, [0.12, -0.08, 0], [0.2, 0.05, 0.06])]
+    angle = angle * np.array(pace)
     parents = np.array(parent or range(-1, len(screw) - 1))
     motion = part_motions(twists_of(screw, prismatic), angle, parents)
     depth, part = cast(motion, boxes, world)

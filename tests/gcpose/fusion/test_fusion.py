@@ -21,6 +21,7 @@ from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.gcpose.rgbd.labels import Clouds
 from gcbench.gcpose.rgbd.residuals import SurfaceResiduals
 from gcbench.gcpose.rgbd.settings import BundleSettings
+from gcbench.gcpose.settings import Settings
 from gcbench.renderer.types.observation import Observation
 
 from ...support.boxes import scene, told
@@ -104,6 +105,17 @@ def test_one_search_that_finds_the_motion_suffices(
     assert found.screw is not None
     sign = np.where(np.sum(found.screw[:, :3] * screw[:, :3], axis=1) < 0, -1, 1)
     assert np.abs(sign * found.displacement[-1] - angle[-1]).max() < np.radians(8)
+
+
+@pytest.mark.parametrize(("share", "unreliable"), [("1", False), ("0", True)])
+def test_surfaces_that_the_motion_does_not_explain_make_it_unreliable(
+    share: str, unreliable: bool
+) -> None:
+    _, _, observation = noisy_arm()
+    settings = Settings().override({"rgbd.search.unreliable_noisy": share})
+    found = GCPose(settings=settings).estimate(observation)
+    assert found.sigma is not None
+    assert ((found.sigma[1:] >= settings.rgbd.sigma_unreliable) == unreliable).all()
 
 
 def test_it_is_for_several_joints_with_noise_and_unknown_axes() -> None:

@@ -100,12 +100,16 @@ def test_a_door_opens_without_depth() -> None:
     assert estimate.sigma[0] == 0 and estimate.reliable.all()
 
 
-@pytest.mark.parametrize(("most", "covered"), [(0.2, 0.2), (1.0, 0.5)])
-def test_a_shadow_that_passes_does_not_stop_a_door(most: float, covered: float) -> None:
+@pytest.mark.parametrize(("most", "covered", "kind"), [
+    (0.2, 0.2, "revolute"), (0.2, 0.2, "continuous"), (1.0, 0.5, "revolute")])
+def test_a_shadow_that_passes_does_not_stop_a_door(
+    most: float, covered: float, kind: str
+) -> None:
     """Still texture is left out; without that, half of the foreground is at rest."""
     observation = door(0.5)
     assert observation.rgb is not None
-    observation = replace(observation, rgb=with_passing_shadow(observation.rgb))
+    observation = replace(observation, rgb=with_passing_shadow(observation.rgb),
+                          joint_types=(kind,))
     settings = Settings(images=replace(ImageSettings(), max_still_texture=most))
     method = GCPose("dis", settings=settings)
     found = method.estimate(observation)
