@@ -124,7 +124,6 @@ def published_rows() -> str:
         PUBLISHED_ROWS,
         PublishedTruth,
         published_files,
-        published_lines,
         read_row,
     )
     from gcbench.benchmark.report.tables import leaderboard_tables, paper_tables, suite_tables
@@ -132,7 +131,7 @@ def published_rows() -> str:
     truths = dict[str, PublishedTruth]()
     rows = [read_row(path, PUBLISHED_ROWS, truths) for path in published_files(PUBLISHED_ROWS)]
     numbers = sorted(len(row.run.sequences) for row in rows)
-    board = build_leaderboard([], published_lines(PUBLISHED_ROWS))
+    board = build_leaderboard([], PUBLISHED_ROWS)
     out = [f"**So far, rows are measured on {numbers[0]} to {numbers[-1]} sequences of each "
            "dataset.**", ""]
     parts = {"All datasets": suite_tables(board), "Datasets": leaderboard_tables(board),

@@ -167,7 +167,7 @@ def to_latex(tables: Iterable[Table], version: str) -> str:
     """
     out = [f"% Made by gcbench {version}.",
            r"% \usepackage[table]{xcolor} \usepackage{booktabs,graphicx,textcomp}",
-           "% Grey cells: numbers of the GC-Pose paper, whose data are not published."]
+           "% Grey cells: numbers of papers (those of the GC-Pose paper: data not published)."]
     for table in tables:
         out += ["", *_latex_table(table)]
     return "\n".join([*out, ""])

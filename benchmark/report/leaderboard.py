@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...errors import ConfigError, DatasetError
+from ...renderer.runtime import say
 from ...renderer.scene import differences as config_differences
 from ..results import SCORES, Row, RunFolder, find_runs, is_label
 from . import published_numbers as paper
@@ -93,6 +94,8 @@ def read_leaderboard(
         there = "".join(f"; {line}" for line in board.describe_unfinished()[:1])
         raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first{there}")
     further = tuple(cell for file in files for cell in paper.read_published(file))
+    if others := sorted({cell.robot for cell in further} - {line.robot for line in board.lines}):
+        say(f"no results are on {', '.join(others)}; papers' numbers of these are not shown")
     return replace(board, published=board.published + further)
 
 

@@ -134,7 +134,8 @@ def paper_tables(board: Leaderboard) -> list[Table]:
             of = (f" of {suite}" if suite else "") + _say_unit(unit)
             if arms:
                 cells = [p for p in published.get(unit, ()) if p.table == 3]
-                out.append(_by_dataset(arms, cells, f"Robots{of}", unit, 3))
+                out.append(_by_dataset(arms, cells, f"Robots and others{of}" if unit == "m" else
+                                       f"Robots{of}", unit, 3))
             if objects:
                 cells = [p for p in published.get(unit, ()) if p.table == 1]
                 out.append(_by_dataset(objects, cells, f"Articulated objects{of}", unit, 1))
@@ -196,9 +197,9 @@ def _by_dataset(
         cells_of = [p for p in published if p.robot == mine[0][0].robot]
         columns += _reference(mine, cells_of, head)
     limit = "5°" if unit == "deg" else "5 cm"
-    caption = f"In the form of table {number} of the GC-Pose paper. " \
-              f"Error at the last frame in {unit}, mean and standard deviation over all pairs of " \
-              f"sequence and joint, and the share of pairs within {limit}."
+    form = f"In the form of table {number} of the GC-Pose paper. " if unit == "deg" else ""
+    caption = f"{form}Error at the last frame in {unit}, mean and standard deviation over all " \
+              f"pairs of sequence and joint, and the share of pairs within {limit}."
     return _table(title, caption, columns, _order_labels(named))
 
 

@@ -412,6 +412,16 @@ def test_numbers_of_other_papers_stand_beside_ours(tmp_path: Path) -> None:
     assert "Poser" in (tmp_path / "out/tables.tex").read_text()
 
 
+def test_papers_numbers_on_what_nobody_measured_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_results(tmp_path / "r", GCPOSE, 0.01)
+    file = tmp_path / "papers.csv"
+    file.write_text("method,robot,mean\nA,ur5,1\nA,UR5,1\nA,drawer,1\n")
+    read_leaderboard([tmp_path / "r", file])
+    assert "no results are on UR5, drawer;" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("text", "said"), [
     ("method,mean\nA,1", "line 1: the first line names columns"),
     ("method,robot,mean,colour\nA,ur5,1,red", "line 1: the first line names columns"),
