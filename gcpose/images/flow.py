@@ -129,6 +129,4 @@ def row_suffix(**options: str) -> str:
 
 def _without_folders(name: str) -> str:
     kind, *rest = name.split(":")
-    if kind not in ("torchvision", "hf", "hf-metric", "hf-relative"):
-        return kind
     return ":".join([kind, *(Path(r).absolute().name if Path(r).exists() else r for r in rest)])

@@ -135,6 +135,11 @@ def write_checkpoint(
     _write_tensors(folder / _CHECKPOINT, tensors)
 
 
+def has_checkpoint(folder: Path) -> bool:
+    """Return whether a folder holds a run."""
+    return (folder / _CHECKPOINT).exists()
+
+
 def read_checkpoint(
     folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer
 ) -> Checkpoint:

@@ -79,7 +79,8 @@ class TrainConfig:
     them into OUT/data first."""
     out: Path = Path("trained")
     """Folder of the weights, the checkpoint, the log (log.jsonl) and its curves (curves.html); a
-    run that was stopped continues from there."""
+    run that was stopped continues from there. Its --steps and --held-out may change, and how it is
+    computed (--workers, --threads, --device); with other data or options it is refused."""
     start_from: Path | None = None
     """Weights with which a new run begins (a run in OUT continues from its own); default: random
     weights."""

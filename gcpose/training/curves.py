@@ -27,16 +27,23 @@ Curve = Sequence[tuple[int, float]]
 def write_curves(log: Path, page: Path, title: str) -> None:
     """Draw the loss, and each error on held-out data, of a log over the steps."""
     charts: dict[str, dict[str, list[tuple[int, float]]]] = {}
-    for line in log.read_text().splitlines():
-        record: dict[str, Any] = json.loads(line)
-        step, folder = record.pop("step"), Path(record.pop("held_out", "")).name
+    records: list[dict[str, Any]] = [json.loads(line) for line in log.read_text().splitlines()]
+    folders = {str(record["held_out"]) for record in records if "held_out" in record}
+    names = [Path(folder).name for folder in folders]
+    for record in records:
+        step, folder = record.pop("step"), str(record.pop("held_out", ""))
         record.pop("seconds", None)
+        if names.count(Path(folder).name) == 1:
+            folder = Path(folder).name
         if "loss" in record and not folder:
-            charts.setdefault("loss", {}).setdefault("loss", []).append((step, record["loss"]))
+            loss = record["loss"]
+            charts.setdefault("loss", {}).setdefault("loss", []).append(
+                (step, float("nan") if loss is None else loss))
         for name, scores in record.items() if folder else ():
             for metric, value in scores.items():
                 chart = charts.setdefault(f"{metric}, {folder}", {})
-                chart.setdefault(name, []).append((step, float(value)))
+                chart.setdefault(name, []).append(
+                    (step, float("nan") if value is None else float(value)))
     drawn = "\n".join(f"<h2>{escape(name)}</h2>\n{draw_chart(curves)}"
                       for name, curves in charts.items())
     write_atomically(page, _PAGE.format(title=escape(title), width=_WIDTH, charts=drawn).encode())

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import cast
 
+from ...errors import DatasetError
 from ..networks.depth_video import DepthVideoNetwork
 from ..networks.dustnet import DustNet, ScrewDistribution, log_normalizer
 from ..networks.torch_runtime import Tensor, torch
@@ -22,6 +24,14 @@ class DustNetTask(ScrewNetTask):
 
     def make_network(self) -> DepthVideoNetwork:
         return DustNet(self.config.width, self.config.frames)
+
+    def frames_of(self, folder: Path) -> int:
+        """Return the network's number of frames. Raises DatasetError if the videos are shorter."""
+        found = super().frames_of(folder)
+        if found < self.config.frames:
+            raise DatasetError(f"{folder}: its videos have {found} frames; this network needs "
+                               f"{self.config.frames} (--frames)")
+        return found
 
     def criterion(self, network: DepthVideoNetwork, output: Tensor, true: Tensor) -> Tensor:
         return distribution_loss(cast("DustNet", network).distribution(output), true)

@@ -18,14 +18,21 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...errors import ConfigError, DatasetError, MethodError
+from ...errors import ConfigError, DatasetError, GcbenchError, MethodError
 from ...renderer.runtime import address, defer_interrupts, say
 from ...robots.files import lock_folder, remove_leftovers, write_atomically
 from ..networks.torch_runtime import find_device, nn, torch
-from ..networks.weights import Checkpoint, read_checkpoint, write_checkpoint, write_weights
+from ..networks.weights import (
+    Checkpoint,
+    has_checkpoint,
+    read_checkpoint,
+    write_checkpoint,
+    write_weights,
+)
 from .config import TrainConfig
 from .curves import write_curves
 from .data import find_datasets, refuse_test_streams, render_datasets
+from .run_options import check_numbers, keep_options
 from .task import Samples, Scores, TrainingTask
 
 _LOGGED = 20  # steps from one line of the log to the next
@@ -53,7 +60,7 @@ class _Run:
 
     def write(self, at: Checkpoint, **record: Any) -> None:
         """Append a line to the log."""
-        line = json.dumps({"step": at.step, "seconds": round(at.seconds, 1), **record})
+        line = json.dumps(_finite({"step": at.step, "seconds": round(at.seconds, 1), **record}))
         with self.log.open("a") as file:
             file.write(line + "\n")
 
@@ -77,9 +84,10 @@ def train(task: TrainingTask) -> dict[str, Scores]:
         RenderError: If this machine cannot render.
     """
     config = task.config
-    if config.batch < 1 or config.every < 1:
-        raise ConfigError("--batch and --every must be 1 or more")
+    check_numbers(config)
     task.check_options()
+    if not (config.steps or config.held_out):
+        raise ConfigError("--steps 0 measures errors on held-out data; name it with --held-out")
     device = find_device(config.device)
     if config.threads:
         torch.set_num_threads(config.threads)
@@ -92,22 +100,38 @@ def train(task: TrainingTask) -> dict[str, Scores]:
                find_datasets(config.held_out))
     given = find_datasets(config.data)
     refuse_test_streams(given)
-    learned_from = {path.resolve() for path in given}
-    for path in run.held_out:
-        if path.resolve() in learned_from:
-            say(f"{address(path)} is also in --data: its errors are not those of new data")
+    _warn_of_learned(run.held_out, given)
+    if not config.steps and has_checkpoint(config.out) == (config.start_from is not None):
+        raise ConfigError(
+            f"{config.out} has " + ("a run; leave out --start-from to measure it, or name another "
+            "--out" if config.start_from else "no run to measure; name its folder with --out, or "
+            "weights with --start-from"))
     config.out.mkdir(parents=True, exist_ok=True)
     with lock_folder(config.out):
         remove_leftovers(config.out)
+        if config.steps:
+            keep_options(config)
         at = read_checkpoint(config.out, network, run.optimizer)
         _cut_log(run.log, at.step)
         if config.steps:
             data = given
             if not data:
                 data, further = render_datasets(config.out / "data", task.plan_data(), config)
+                _warn_of_learned(run.held_out, data)
                 run.held_out.extend([] if run.held_out else further)
-            at = _train_steps(run, task.open_samples(data, network), at)
+            samples = task.open_samples(data, network)
+            if not at.step:
+                run.measure(at)  # what does not fit is told now, not after the first steps
+            at = _train_steps(run, samples, at)
         return run.measure(at)
+
+
+def _warn_of_learned(held_out: list[Path], data: list[Path]) -> None:
+    """Say which held-out datasets are among those that are learned from."""
+    learned_from = {path.resolve() for path in data}
+    for path in held_out:
+        if path.resolve() in learned_from:
+            say(f"{address(path)} is also learned from: its errors are not those of new data")
 
 
 def _train_steps(run: _Run, samples: Samples, at: Checkpoint) -> Checkpoint:
@@ -183,16 +207,30 @@ def _batches(
         multiprocessing_context="spawn" if config.workers else None,
         prefetch_factor=4 if config.workers else None,
     )
-    for batch in loader:
-        yield [tensor.to(device, non_blocking=True) for tensor in batch]
+    try:
+        for batch in loader:
+            yield [tensor.to(device, non_blocking=True) for tensor in batch]
+    except GcbenchError as error:  # of a worker: PyTorch adds its traceback
+        said = str(error).strip().splitlines()
+        if len(said) == 1:
+            raise
+        raise type(error)(said[-1].partition(": ")[2]) from None
+
+
+def _finite(value: Any) -> Any:
+    """Return a value of JSON with null in place of numbers that are not finite."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _cut_log(path: Path, step: int) -> None:
     """Remove the lines of steps that are repeated, and what a kill has left of a line."""
     kept: list[str] = []
-    for line in path.read_text().splitlines() if path.exists() else ():
+    text = path.read_bytes().decode(errors="replace") if path.exists() else ""
+    for line in text.splitlines():
         try:
-            if json.loads(line)["step"] <= step:
+            if step and json.loads(line)["step"] <= step:
                 kept.append(line + "\n")
         except (ValueError, KeyError, TypeError):
             continue

@@ -94,9 +94,13 @@ class ScrewNetTask(ObjectTask):
             output = videos.motion(seen) if self.config.feature_views else videos(seen)
         return self.criterion(videos, output.float(), screw)
 
+    def frames_of(self, folder: Path) -> int:
+        """Return how many frames of the videos of a held-out dataset the network sees."""
+        return min(self.config.frames, open_dataset(folder).config.frames)
+
     def measure(self, network: nn.Module, folder: Path) -> Scores:
         """Return the mean errors, and the mean motion: the error of an estimate of none."""
-        frames = min(self.config.frames, open_dataset(folder).config.frames)
+        frames = self.frames_of(folder)
         videos = DepthVideos([folder], frames, self.config.seed)
         finder = cast("DepthVideoNetwork", network)
         device = next(network.parameters()).device

@@ -12,6 +12,7 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
 from gcbench.gcpose.training.config import FlowTraining, LossConfig
+from gcbench.gcpose.training.curves import write_curves
 from gcbench.gcpose.training.data import plan_datasets
 from gcbench.gcpose.training.errors import flow_errors
 from gcbench.gcpose.training.pairs import FramePair, Pairs, draw_sample, weigh_pixels
@@ -270,6 +271,74 @@ def test_weights_of_another_run_can_be_gone_on_from(torch, tmp_path: Path) -> No
         train(FlowTask(replace(begun, start_from=tmp_path / "none.safetensors")))
 
 
+def test_a_run_is_not_continued_with_other_options(torch, tmp_path: Path) -> None:
+    """Its weights would say of themselves what is true of the last options only."""
+    from gcbench.gcpose.training.flow_task import FlowTask
+    from gcbench.gcpose.training.loop import train
+
+    folder, other = to_learn_from(tmp_path / "d"), to_learn_from(tmp_path / "e")
+    begun = config(folder, tmp_path / "out", 1)
+    train(FlowTask(begun))
+    weights = (tmp_path / "out/raft.safetensors").read_bytes()
+    for changes, said in (({"data": (other,)}, "data: "), ({"seed": 2}, "seed: 1 -> 2"),
+                          ({"rate": 0.5}, "rate: "), ({"crop": (64, 48)}, "crop: ")):
+        with pytest.raises(GcbenchError, match=f"a run with other options .*{said}.* --out"):
+            train(FlowTask(replace(begun, **changes)))
+    assert (tmp_path / "out/raft.safetensors").read_bytes() == weights
+    free = replace(begun, steps=2, every=7, threads=2, held_out=(other,))
+    train(FlowTask(free))
+    assert (tmp_path / "out/raft.safetensors").read_bytes() != weights
+
+
+def test_what_is_also_learned_from_is_told(
+    torch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from gcbench.gcpose.training.flow_task import FlowTask
+    from gcbench.gcpose.training.loop import train
+
+    folder = to_learn_from(tmp_path / "d")
+    train(FlowTask(config(folder, tmp_path / "out", 1)))
+    assert f"{folder} is also learned from" in capsys.readouterr().err
+
+
+def test_held_out_data_that_do_not_fit_end_a_run_before_its_first_step(
+    torch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from gcbench.gcpose.training.flow_task import FlowTask
+    from gcbench.gcpose.training.loop import train
+
+    def fails(*_: object) -> None:
+        raise GcbenchError("does not fit")
+
+    monkeypatch.setattr(FlowTask, "measure", fails)
+    with pytest.raises(GcbenchError, match="does not fit"):
+        train(FlowTask(config(to_learn_from(tmp_path / "d"), tmp_path / "out", 3)))
+    assert not (tmp_path / "out/checkpoint.safetensors").exists()
+
+
+def test_errors_of_processes_that_prepare_samples_are_one_line(torch, tmp_path: Path) -> None:
+    from gcbench.gcpose.training.flow_task import FlowTask
+    from gcbench.gcpose.training.loop import train
+
+    folder = to_learn_from(tmp_path / "d")
+    (folder / "sequences/000001.zip").write_bytes(b"PK no archive")
+    begun = replace(config(folder, tmp_path / "out", 8), held_out=(), workers=1)
+    with pytest.raises(GcbenchError) as error:
+        train(FlowTask(begun))
+    assert "000001" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_curves_of_folders_of_one_name_are_apart(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    log.write_text("".join(json.dumps(record) + "\n" for record in (
+        {"step": 20, "loss": None},
+        *({"step": step, "held_out": f"{name}/held", "raft": {"epe": step + 1.0}}
+          for step in (20, 40) for name in ("one", "two")))))
+    write_curves(log, tmp_path / "curves.html", "flow")
+    page = (tmp_path / "curves.html").read_text()
+    assert "epe, one/held" in page and "epe, two/held" in page and page.count("<polyline") == 2
+
+
 def test_the_command_measures_weights_without_a_step(
     torch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -338,6 +407,13 @@ def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
         (["flow", "--crop", "100", "100"], "multiples of 16"),
         (["flow", "--data", "nowhere"], "there is no dataset"),
         (["flow", "--device", "abacus"], "cpu works everywhere"),
+        (["flow", "--rate", "nan"], "--rate nan: give a finite number, 0 or more"),
+        (["flow", "--max-gradient", "0"], "--max-gradient 0: nothing would be learned"),
+        (["flow", "--weight-decay", "-1"], "--weight-decay -1: give a finite number"),
+        (["flow", "--workers", "-1"], "--workers must be 0 or more"),
+        (["flow", "--seed", "-1"], "--seed must be 0 or more"),
+        (["flow", "--steps", "0"], "name it with --held-out"),
+        (["flow", "--steps", "0", "--held-out", "."], "there is no dataset"),
     ],
 )
 def test_wrong_options_are_told_in_one_line(

@@ -1,0 +1,69 @@
+"""The options that determine a training run, kept beside its checkpoint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from ...errors import ConfigError
+from ...renderer.runtime import address, dump_json, parse_json
+from ...renderer.scene import differences
+from ...robots.files import write_atomically
+from .config import TrainConfig
+
+_FILE, _FORMAT = "options.json", "gcbench-training/1"
+_FREE = {"out", "held_out", "steps", "epochs", "device", "workers", "threads", "precision", "half",
+         "every", "minutes", "held_out_sequences", "held_out_pairs", "held_out_images"}
+"""Options that may change when a run continues."""
+_MAX_BYTES = 2**20
+
+
+def check_numbers(config: TrainConfig) -> None:
+    """Raise ConfigError if an option of every training is out of range."""
+    for option, least in (("batch", 1), ("every", 1), ("workers", 0), ("threads", 0), ("seed", 0)):
+        if getattr(config, option) < least:
+            raise ConfigError(f"--{option} must be {least} or more")
+    for option in "rate", "weight_decay", "minutes", "max_gradient":
+        value = getattr(config, option)
+        if not (isfinite(value) and value >= 0):
+            raise ConfigError(f"--{option.replace('_', '-')} {value:g}: give a finite number, 0 or "
+                              "more")
+    if not config.max_gradient:
+        raise ConfigError("--max-gradient 0: nothing would be learned; give a number above 0")
+
+
+def keep_options(config: TrainConfig) -> None:
+    """Store the options of a new run in its folder.
+
+    Raises ConfigError if the folder has a run with other options, which cannot be continued: its
+    samples, its rates or its weights would be of two kinds.
+    """
+    path, mine = config.out / _FILE, _tree(config)
+    if path.exists():
+        there = parse_json(path.read_bytes()[:_MAX_BYTES], str(path), _FORMAT)
+        if changes := differences(there, mine):
+            raise ConfigError(
+                f"{config.out} holds a run with other options ({'; '.join(changes)}); give the "
+                "same ones to continue it, or name another --out")
+        return
+    write_atomically(path, dump_json(mine))
+
+
+def _tree(config: TrainConfig) -> dict[str, Any]:
+    values = {f.name: _plain(getattr(config, f.name)) for f in fields(config)
+              if f.name not in _FREE}
+    return {"format": _FORMAT, **values}
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it; a path does not depend on the current folder."""
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Path):
+        return address(value) if "://" in address(value) else str(value.resolve())
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
