@@ -100,7 +100,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
                find_datasets(config.held_out))
     given = find_datasets(config.data)
     refuse_test_streams(given)
-    _warn_of_learned(run.held_out, given)
+    _warn_of_leaks(run.held_out, given)
     if not config.steps and has_checkpoint(config.out) == (config.start_from is not None):
         raise ConfigError(
             f"{config.out} has " + ("a run; leave out --start-from to measure it, or name another "
@@ -117,7 +117,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
             data = given
             if not data:
                 data, further = render_datasets(config.out / "data", task.plan_data(), config)
-                _warn_of_learned(run.held_out, data)
+                _warn_of_leaks(run.held_out, data)
                 run.held_out.extend([] if run.held_out else further)
             samples = task.open_samples(data, network)
             if not at.step:
@@ -126,7 +126,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
         return run.measure(at)
 
 
-def _warn_of_learned(held_out: list[Path], data: list[Path]) -> None:
+def _warn_of_leaks(held_out: list[Path], data: list[Path]) -> None:
     """Say which held-out datasets are among those that are learned from."""
     learned_from = {path.resolve() for path in data}
     for path in held_out:
