@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...errors import ConfigError, DatasetError
-from ...renderer.runtime import say
 from ...renderer.scene import differences as config_differences
 from ..results import SCORES, Row, RunFolder, find_runs, is_label
 from . import published_numbers as paper
@@ -43,6 +42,12 @@ class Leaderboard:
         for k, line in enumerate(self.lines):
             out.setdefault(line.group, []).append(k)
         return out
+
+    @property
+    def robots_without_results(self) -> list[str]:
+        """Robots of the numbers of papers that were given, on which there are no results."""
+        given = {cell.robot for cell in self.published if cell not in paper.PUBLISHED}
+        return sorted(given - {line.robot for line in self.lines})
 
     def describe_unfinished(self) -> list[str]:
         """Return a line for each run without scores."""
@@ -94,8 +99,6 @@ def read_leaderboard(
         there = "".join(f"; {line}" for line in board.describe_unfinished()[:1])
         raise DatasetError(f"no scores in {where}; run `gcbench eval --method NAME` first{there}")
     further = tuple(cell for file in files for cell in paper.read_published(file))
-    if others := sorted({cell.robot for cell in further} - {line.robot for line in board.lines}):
-        say(f"no results are on {', '.join(others)}; papers' numbers of these are not shown")
     return replace(board, published=board.published + further)
 
 

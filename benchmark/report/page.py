@@ -118,6 +118,9 @@ def write_report(
     if progress:
         for line in board.describe_unfinished():
             say(f"not in the report: {line}")
+        if robots := board.robots_without_results:
+            say(f"not in the report: numbers of papers on {', '.join(robots)}, on which there are "
+                "no results")
     found = write_pages(board.lines, found, out, progress)
     figure = draw_figure(board.lines, board.labels, found)
     contents = (

@@ -205,8 +205,9 @@ def published_lines(
         if sequences and dataset not in sequences:
             continue
         row = read_row(path, folder, truths)
-        if sequences and sequences[dataset] < {*row.run.sequences}:
-            row = score_published(_select(row, sequences[dataset]), truths[dataset])
+        chosen = (sequences or {}).get(dataset)
+        if chosen and chosen < {*row.run.sequences}:
+            row = score_published(_select(row, chosen), truths[dataset])
         rows.setdefault(path.parts[-3] + "/" + path.parts[-2], []).append((path, row))
     out: list[Line] = []
     for mine in rows.values():

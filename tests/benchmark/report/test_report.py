@@ -418,8 +418,10 @@ def test_papers_numbers_on_what_nobody_measured_are_told(
     write_results(tmp_path / "r", GCPOSE, 0.01)
     file = tmp_path / "papers.csv"
     file.write_text("method,robot,mean\nA,ur5,1\nA,UR5,1\nA,drawer,1\n")
-    read_leaderboard([tmp_path / "r", file])
-    assert "no results are on UR5, drawer;" in capsys.readouterr().err
+    for progress in True, False:
+        report([tmp_path / "r", file], tmp_path / "out", pictures=False, progress=progress)
+        told = "numbers of papers on UR5, drawer, on which there are no" in capsys.readouterr().err
+        assert told == progress
 
 
 @pytest.mark.parametrize(("text", "said"), [
