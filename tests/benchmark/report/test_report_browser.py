@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from gcbench.benchmark.report.gallery import Picture
-from gcbench.benchmark.report.lines import CURVE_THRESHOLDS, read_leaderboard
+from gcbench.benchmark.report.leaderboard import read_leaderboard
+from gcbench.benchmark.report.lines import CURVE_THRESHOLDS
 from gcbench.benchmark.report.page import report_page
 from gcbench.benchmark.report.tables import format_error
 from gcbench.benchmark.results.rows import Attribution, Row, write_scores
