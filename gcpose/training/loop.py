@@ -110,7 +110,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     with lock_folder(config.out):
         remove_leftovers(config.out)
         if config.steps:
-            keep_options(config)
+            keep_options(config, has_checkpoint(config.out))
         at = read_checkpoint(config.out, network, run.optimizer)
         _cut_log(run.log, at.step)
         if config.steps:

@@ -35,14 +35,14 @@ def check_numbers(config: TrainConfig) -> None:
         raise ConfigError("--max-gradient 0: nothing would be learned; give a number above 0")
 
 
-def keep_options(config: TrainConfig) -> None:
-    """Store the options of a new run in its folder.
+def keep_options(config: TrainConfig, continues: bool) -> None:
+    """Store the options of a run in its folder; `continues` says whether it has made steps.
 
-    Raises ConfigError if the folder has a run with other options, which cannot be continued: its
-    samples, its rates or its weights would be of two kinds.
+    Raises ConfigError if it has done so with other options: its samples, its rates or its weights
+    would be of two kinds.
     """
     path, mine = config.out / _FILE, _tree(config)
-    if path.exists():
+    if continues and path.exists():
         there = parse_json(path.read_bytes()[:_MAX_BYTES], str(path), _FORMAT)
         if changes := differences(there, mine):
             raise ConfigError(

@@ -278,6 +278,8 @@ def test_a_run_is_not_continued_with_other_options(torch, tmp_path: Path) -> Non
 
     folder, other = to_learn_from(tmp_path / "d"), to_learn_from(tmp_path / "e")
     begun = config(folder, tmp_path / "out", 1)
+    with pytest.raises(GcbenchError, match="the disk is gone"):
+        stopped(replace(begun, seed=9), at=0)  # without a step, nothing is continued
     train(FlowTask(begun))
     weights = (tmp_path / "out/raft.safetensors").read_bytes()
     for changes, said in (({"data": (other,)}, "data: "), ({"seed": 2}, "seed: 1 -> 2"),
