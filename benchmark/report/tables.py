@@ -132,13 +132,13 @@ def paper_tables(board: Leaderboard) -> list[Table]:
             arms = [item for item in mine if item[0].robot not in paper.OBJECTS]
             objects = [item for item in mine if item[0].robot in paper.OBJECTS]
             of = (f" of {suite}" if suite else "") + _say_unit(unit)
-            if arms:
-                cells = [p for p in published.get(unit, ()) if p.table == 3]
-                out.append(_by_dataset(arms, cells, f"Robots and others{of}" if unit == "m" else
-                                       f"Robots{of}", unit, 3))
-            if objects:
-                cells = [p for p in published.get(unit, ()) if p.table == 1]
-                out.append(_by_dataset(objects, cells, f"Articulated objects{of}", unit, 1))
+            kinds = [("Robots", arms, 3), ("Articulated objects", objects, 1)]
+            if unit == "m":  # no paper has such a table
+                kinds = [("Datasets", mine, 0)]
+            for kind, items, number in kinds:
+                if items:
+                    cells = [p for p in published.get(unit, ()) if p.table == number]
+                    out.append(_by_dataset(items, cells, f"{kind}{of}", unit, number))
     named = _mark_signs(lines, labels)
     out += [
         _by_joint([named[k] for k in mine],
@@ -197,7 +197,7 @@ def _by_dataset(
         cells_of = [p for p in published if p.robot == mine[0][0].robot]
         columns += _reference(mine, cells_of, head)
     limit = "5°" if unit == "deg" else "5 cm"
-    form = f"In the form of table {number} of the GC-Pose paper. " if unit == "deg" else ""
+    form = f"In the form of table {number} of the GC-Pose paper. " if number else ""
     caption = f"{form}Error at the last frame in {unit}, mean and standard deviation over all " \
               f"pairs of sequence and joint, and the share of pairs within {limit}."
     return _table(title, caption, columns, _order_labels(named))

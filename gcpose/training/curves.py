@@ -38,12 +38,12 @@ def write_curves(log: Path, page: Path, title: str) -> None:
         if "loss" in record and not folder:
             loss = record["loss"]
             charts.setdefault("loss", {}).setdefault("loss", []).append(
-                (step, float("nan") if loss is None else loss))
+                (step, float("nan" if loss is None else loss)))
         for name, scores in record.items() if folder else ():
             for metric, value in scores.items():
                 chart = charts.setdefault(f"{metric}, {folder}", {})
                 chart.setdefault(name, []).append(
-                    (step, float("nan") if value is None else float(value)))
+                    (step, float("nan" if value is None else value)))
     drawn = "\n".join(f"<h2>{escape(name)}</h2>\n{draw_chart(curves)}"
                       for name, curves in charts.items())
     write_atomically(page, _PAGE.format(title=escape(title), width=_WIDTH, charts=drawn).encode())

@@ -86,8 +86,8 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     config = task.config
     check_numbers(config)
     task.check_options()
-    if not (config.steps or config.held_out):
-        raise ConfigError("--steps 0 measures errors on held-out data; name it with --held-out")
+    if not config.steps:
+        _check_measuring(config)
     device = find_device(config.device)
     if config.threads:
         torch.set_num_threads(config.threads)
@@ -101,11 +101,6 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     given = find_datasets(config.data)
     refuse_test_streams(given)
     _warn_of_leaks(run.held_out, given)
-    if not config.steps and has_checkpoint(config.out) == (config.start_from is not None):
-        raise ConfigError(
-            f"{config.out} has " + ("a run; leave out --start-from to measure it, or name another "
-            "--out" if config.start_from else "no run to measure; name its folder with --out, or "
-            "weights with --start-from"))
     config.out.mkdir(parents=True, exist_ok=True)
     with lock_folder(config.out):
         remove_leftovers(config.out)
@@ -124,6 +119,18 @@ def train(task: TrainingTask) -> dict[str, Scores]:
                 run.measure(at)  # what does not fit is told now, not after the first steps
             at = _train_steps(run, samples, at)
         return run.measure(at)
+
+
+def _check_measuring(config: TrainConfig) -> None:
+    """Raise ConfigError unless it is clear which weights are measured on which data."""
+    if not config.held_out:
+        raise ConfigError("--steps 0 measures errors on held-out data; name it with --held-out")
+    if has_checkpoint(config.out) and config.start_from is not None:
+        raise ConfigError(f"{config.out} has a run; leave out --start-from to measure it, or name "
+                          "another --out")
+    if not has_checkpoint(config.out) and config.start_from is None:
+        raise ConfigError(f"{config.out} has no run to measure; name its folder with --out, or "
+                          "weights with --start-from")
 
 
 def _warn_of_leaks(held_out: list[Path], data: list[Path]) -> None:

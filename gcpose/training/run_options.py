@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from math import isfinite
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 from ...errors import ConfigError
 from ...renderer.runtime import address, dump_json, parse_json
 from ...renderer.scene import differences
-from ...robots.files import write_atomically
+from ...robots.files import read_bounded, write_atomically
 from .config import TrainConfig
 
 _FILE, _FORMAT = "options.json", "gcbench-training/1"
@@ -43,7 +42,7 @@ def keep_options(config: TrainConfig, continues: bool) -> None:
     """
     path, mine = config.out / _FILE, _tree(config)
     if continues and path.exists():
-        there = parse_json(path.read_bytes()[:_MAX_BYTES], str(path), _FORMAT)
+        there = parse_json(read_bounded(path, _MAX_BYTES, ConfigError), str(path), _FORMAT)
         if changes := differences(there, mine):
             raise ConfigError(
                 f"{config.out} holds a run with other options ({'; '.join(changes)}); give the "
@@ -64,6 +63,4 @@ def _plain(value: Any) -> Any:
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Path):
         return address(value) if "://" in address(value) else str(value.resolve())
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value

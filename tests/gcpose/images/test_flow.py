@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from gcbench.gcpose.images import FrontEnd, ImageSettings, subtract_background, 
 from gcbench.gcpose.images.flow import Flow, FlowPair, dis_flow, find_flow, fine_dis_flow
 from gcbench.gcpose.images.raft_network import RAFT_WEIGHTS, RaftInference, load_raft
 from gcbench.gcpose.method import GCPose, two_flows_pay
+from gcbench.gcpose.paper.pipeline import FlowOnly
 from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
@@ -97,3 +99,14 @@ def test_a_second_flow_has_its_own_evidence() -> None:
             np.testing.assert_allclose(flow[:, :, :middle, 0], 3)
             np.testing.assert_allclose(flow[:, :, middle:, 0], right)
     assert video.second.moving is video.moving
+
+
+def test_weights_of_ones_own_are_in_the_name_of_the_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run").mkdir()
+    shutil.copy(RAFT_WEIGHTS, tmp_path / "run/mine.safetensors")
+    monkeypatch.chdir(tmp_path)
+    for file in "run/mine.safetensors", str(tmp_path / "run/mine.safetensors"):
+        assert FlowOnly(flow=f"raft:{file}").name == "gcpose-flow flow=raft:mine.safetensors"
+    assert FlowOnly(flow="raft").name == "gcpose-flow flow=raft"

@@ -415,7 +415,7 @@ def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
         (["flow", "--workers", "-1"], "--workers must be 0 or more"),
         (["flow", "--seed", "-1"], "--seed must be 0 or more"),
         (["flow", "--steps", "0"], "name it with --held-out"),
-        (["flow", "--steps", "0", "--held-out", "."], "there is no dataset"),
+        (["flow", "--steps", "0", "--held-out", "."], "raft has no run to measure"),
     ],
 )
 def test_wrong_options_are_told_in_one_line(
