@@ -178,15 +178,16 @@ def _mark_partial(lines: Sequence[Line]) -> list[Line]:
 
 def _name_extents(lines: Sequence[Line], ranked: set[int]) -> tuple[Line, ...]:
     """Return the lines; the user's rows with a line on other sequences than most say how many they
-    have, on all datasets of a suite."""
+    have, on all datasets of a suite. Published lines, and those that lack scores, say it already.
+    """
     def key(line: Line) -> tuple[Row, str]:
         return line.row, line.dataset.rpartition("/")[0]
 
+    own = [k for k, line in enumerate(lines) if not line.extent]
     counts: dict[tuple[Row, str], set[int]] = {}
-    for line in lines:
-        counts.setdefault(key(line), set()).add(len(line.sequences))
-    other = {key(line) for k, line in enumerate(lines)
-             if not line.published and _is_whole(line) and k not in ranked}
+    for k in own:
+        counts.setdefault(key(lines[k]), set()).add(len(lines[k].sequences))
+    other = {key(lines[k]) for k in own if k not in ranked}
     return tuple(
         replace(line, extent=name_count(counts[key(line)]))
         if key(line) in other and not line.extent else line for line in lines)

@@ -264,6 +264,10 @@ def test_published_rows_are_ranked_only_on_the_same_sequences(
     board = read_leaderboard([tmp_path / "same"], published=folder)
     ranks = dict(zip(board.labels, board.ranks, strict=True))
     assert ranks["icp-first · rgbd · axes · published, n = 5"] == 0 and len(board.differences) == 1
+    evaluated("constant-velocity", "few", "0-1")
+    few = read_leaderboard([tmp_path / "same", tmp_path / "few"], published=folder)
+    mine = few.labels.index("constant-velocity · n = 2")
+    assert few.ranks[mine] == 0 and "constant-velocity · published, n = 6" in few.labels
 
 
 @pytest.mark.ci
