@@ -152,7 +152,11 @@ def read_checkpoint(
     if not path.exists():
         return Checkpoint(0, 0.0)
     like = {f"network/{key}": value for key, value in network.state_dict().items()}
-    there = read_tensors(path)
+    try:
+        there = read_tensors(path)
+    except ConfigError as error:
+        raise ConfigError(f"{error}; remove the file to start at step 0 (--start-from keeps the "
+                          "weights), or name another --out") from None
     learned = {name: p for name, p in network.named_parameters() if f"step/{name}" in there}
     like |= {f"{key}/{name}": torch.zeros(()) if key == "step" else p
              for name, p in learned.items() for key in _moments(optimizer)}

@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 
-from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
 from ...robots.geometry import Array, rotation_from_quaternion
 from ..networks.abbatematteo import AXIS, CONFIGURATION, MixtureDensityNetwork
@@ -28,13 +27,6 @@ class AbbatematteoTask(ObjectTask):
     config: AbbatematteoTraining
     name: str = "abbatematteo"
     layers: tuple[str, ...] = ("coordinates",)
-
-    def check_options(self) -> None:
-        super().check_options()
-        if not 0 <= self.config.dropout < 1:
-            raise ConfigError(f"--dropout {self.config.dropout}: give a share from 0 to 1")
-        if not 0 < self.config.gate_gain <= 1000:
-            raise ConfigError(f"--gate-gain {self.config.gate_gain}: give a factor up to 1000")
 
     def make_network(self) -> nn.Module:
         return MixtureDensityNetwork(self.config.width, self.config.dropout)

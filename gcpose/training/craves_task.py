@@ -39,15 +39,10 @@ class CravesTask(TrainingTask):
     unit: str = "pck: share of errors within 0.2 of the keypoints' box; errors in px of the image"
 
     def check_options(self) -> None:
+        super().check_options()
         c = self.config
         if not 16 <= c.width <= 256 or c.width % 16:
             raise ConfigError(f"--width {c.width}: give a multiple of 16 from 16 to 256")
-        if c.steps < -1 or c.epochs < 1 or min(c.images, c.held_out_images) < 1:
-            raise ConfigError("--epochs, --images and --held-out-images must be 1 or more")
-        for option, (low, high) in (("scale", c.scale), ("color", c.color)):
-            if not 0 < low <= high:
-                raise ConfigError(f"--{option} {low:g} {high:g}: give the smaller factor first, "
-                                  "above 0")
 
     def notes(self) -> Mapping[str, str]:
         return {"objects": "owi535"}

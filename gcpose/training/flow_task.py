@@ -32,11 +32,10 @@ class FlowTask(TrainingTask):
     _checks: dict[Path, HeldOutPairs] = field(default_factory=dict)
 
     def check_options(self) -> None:
+        super().check_options()
         crop = self.config.crop
-        if crop[0] % 16 or crop[1] % 16 or min(crop) < 48:
-            raise ConfigError(f"--crop {crop[0]} {crop[1]}: give multiples of 16 from 48")
-        if self.config.steps < 0:
-            raise ConfigError("--steps must be 0 or more")
+        if crop[0] % 16 or crop[1] % 16:
+            raise ConfigError(f"--crop {crop[0]} {crop[1]}: give multiples of 16")
 
     def make_network(self) -> nn.Module:
         return Raft()

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
 from ...renderer.scene import RenderConfig
 from ...robots.appliances import CATEGORIES
@@ -41,17 +40,6 @@ class ForegroundTask(TrainingTask):
     config: ForegroundTraining
     name: str = "foreground"
     unit: str = "iou: %, a mean over the sequences; worst: that of the worst tenth of them"
-
-    def check_options(self) -> None:
-        c = self.config
-        if c.steps < 0 or c.frames < 2:
-            raise ConfigError("--steps must be 0 or more, and --frames 2 or more")
-        if min(c.appliances, c.models, c.held_out_sequences) < 1:
-            raise ConfigError("--appliances, --models and --held-out-sequences must be 1 or more")
-        for option, (low, high) in (("scale", c.scale), ("gain", c.gain), ("gamma", c.gamma)):
-            if not 0 < low <= high:
-                raise ConfigError(f"--{option} {low:g} {high:g}: give the smaller factor first, "
-                                  "above 0")
 
     def make_network(self) -> nn.Module:
         return ForegroundNet(FOREGROUND_CHANNELS)

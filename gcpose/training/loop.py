@@ -32,7 +32,7 @@ from ..networks.weights import (
 from .config import TrainConfig
 from .curves import write_curves
 from .data import find_datasets, refuse_test_streams, render_datasets
-from .run_options import check_numbers, keep_options
+from .run_options import keep_options
 from .task import Samples, Scores, TrainingTask
 
 _LOGGED = 20  # steps from one line of the log to the next
@@ -84,7 +84,6 @@ def train(task: TrainingTask) -> dict[str, Scores]:
         RenderError: If this machine cannot render.
     """
     config = task.config
-    check_numbers(config)
     task.check_options()
     if not config.steps:
         _check_measuring(config)

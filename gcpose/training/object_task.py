@@ -32,23 +32,14 @@ class ObjectTask(TrainingTask):
     """Optional truth that the network learns from."""
 
     def check_options(self) -> None:
+        super().check_options()
         c = self.config
         if not 8 <= c.width <= 64 or c.width % 8:
             raise ConfigError(f"--width {c.width}: give a multiple of 8 from 8 to 64")
         if unknown := sorted(set(c.classes) - set(CATEGORIES)):
             raise ConfigError(f"--classes {unknown[0]}: there are {', '.join(CATEGORIES)}")
-        if c.steps < -1 or c.epochs < 1 or c.frames < 2 or not c.classes:
-            raise ConfigError("--epochs must be 1 or more, --frames 2 or more")
-        if not 0 <= c.dropped < 1:
-            raise ConfigError(f"--dropped {c.dropped}: give a share from 0 to 1")
-        if not 0 <= c.rate_decay <= 1:
-            raise ConfigError(f"--rate-decay {c.rate_decay}: give a share from 0 to 1")
-        if not 0 <= c.views.turn <= 30:
-            raise ConfigError(f"--views.turn {c.views.turn}: give degrees from 0 to 30")
-        if not 0.1 <= c.views.scale[0] <= c.views.scale[1] <= 10:
-            raise ConfigError("--views.scale: give two factors from 0.1 to 10, the lesser first")
-        if not 0 <= c.views.mirror <= 1:
-            raise ConfigError(f"--views.mirror {c.views.mirror}: give a share from 0 to 1")
+        if not c.classes:
+            raise ConfigError(f"--classes: give one or more of {', '.join(CATEGORIES)}")
 
     def notes(self) -> Mapping[str, str]:
         """Return what the network has learned from, also before this run."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +17,6 @@ _FREE = {"out", "held_out", "steps", "epochs", "device", "workers", "threads", "
          "every", "minutes", "held_out_sequences", "held_out_pairs", "held_out_images"}
 """Options that may change when a run continues."""
 _MAX_BYTES = 2**20
-
-
-def check_numbers(config: TrainConfig) -> None:
-    """Raise ConfigError if an option of every training is out of range."""
-    for option, least in (("batch", 1), ("every", 1), ("workers", 0), ("threads", 0), ("seed", 0)):
-        if getattr(config, option) < least:
-            raise ConfigError(f"--{option} must be {least} or more")
-    for option in "rate", "weight_decay", "minutes", "max_gradient":
-        value = getattr(config, option)
-        if not (isfinite(value) and value >= 0):
-            raise ConfigError(f"--{option.replace('_', '-')} {value:g}: give a finite number, 0 or "
-                              "more")
-    if not config.max_gradient:
-        raise ConfigError("--max-gradient 0: nothing would be learned; give a number above 0")
 
 
 def keep_options(config: TrainConfig, continues: bool) -> None:

@@ -34,12 +34,8 @@ class ScrewNetTask(ObjectTask):
     def check_options(self) -> None:
         super().check_options()
         frozen = self.config.freeze_features
-        if not 0 <= frozen <= 1:
-            raise ConfigError(f"--freeze-features {frozen}: give a share from 0 to 1")
         if frozen and self.config.start_from is None:
             raise ConfigError("--freeze-features: give weights with --start-from")
-        if not 0 <= self.config.feature_views <= 100:
-            raise ConfigError(f"--feature-views {self.config.feature_views}: give 0 to 100")
         if self.config.feature_views and frozen < 1:
             raise ConfigError("--feature-views: features that are computed once cannot learn; add "
                               "--freeze-features 1")

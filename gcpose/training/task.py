@@ -13,6 +13,7 @@ from ..networks.torch_runtime import Tensor, nn, torch
 from ..networks.weights import read_weights
 from .config import CravesTraining, ObjectTraining, TrainConfig
 from .data import PlannedDataset
+from .limits import check_numbers
 
 Scores = dict[str, dict[str, float]]
 """Errors on held-out data: by the name of what was measured, and of the metric."""
@@ -56,9 +57,9 @@ class TrainingTask(ABC):
     unit: str = ""
     """Of the errors on held-out data."""
 
-    @abstractmethod
     def check_options(self) -> None:
-        """Raise ConfigError if an option is out of range."""
+        """Raise ConfigError if options are out of range, or do not fit the network."""
+        check_numbers(self.config)
 
     def notes(self) -> Mapping[str, str]:
         """Return what the file of weights says about itself."""

@@ -280,7 +280,7 @@ def test_the_recipe_and_its_options(capsys: pytest.CaptureFixture[str]) -> None:
         ("owi535", "train", ("keypoints",))}
     assert np.allclose([task.rate(x) for x in (0, 0.6, 0.7, 1)], [2.5e-4, 2.5e-4, 2.5e-5, 2.5e-5])
     assert task.count_steps(range(5000)) == 25_000  # type: ignore[arg-type]
-    for wrong, said in (("--width 24", "multiple of 16"), ("--images 0", "must be 1 or more"),
-                        ("--scale 2 1", "smaller factor first")):
+    for wrong, said in (("--width 24", "multiple of 16"), ("--images 0", "of 1 or more"),
+                        ("--scale 2 1", "smaller number first")):
         assert main(["train", "craves", *wrong.split()]) == 2
         assert said in capsys.readouterr().err

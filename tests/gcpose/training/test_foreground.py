@@ -112,9 +112,9 @@ def test_errors_are_measured_beside_those_without_a_network(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--frames 1", "--frames 2 or more"),
+        ("--frames 1", "--frames 1: give a number of 2 or more"),
         ("--models 0", "--models"),
-        ("--gain 1.2 0.7", "smaller factor first"),
+        ("--gain 1.2 0.7", "smaller number first"),
     ],
 )
 def test_wrong_options_are_refused(words: str, said: str) -> None:

@@ -431,11 +431,13 @@ def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
 
 
 @pytest.mark.parametrize(("args", "said"), [
-    ("--views.mirror 2", "share"), ("--views.turn 90", "degrees"), ("--views.scale 2 1", "lesser"),
-    ("--width 20", "multiple of 8"), ("--classes fridge", "there are"), ("--dropped 1", "share"),
-    ("--rate-decay 1.5", "share"), ("--freeze-features 2", "share"),
+    ("--views.mirror 2", "from 0 to 1"), ("--views.turn 90", "from 0 to 30"),
+    ("--views.scale 2 1", "smaller number first"), ("--width 20", "multiple of 8"),
+    ("--classes fridge", "there are"), ("--dropped 1", "from 0 to 0.99"),
+    ("--rate-decay 1.5", "from 0 to 1"), ("--freeze-features 2", "from 0 to 1"),
     ("--feature-views 2", "add --freeze-features 1"),
-    ("--frames 1", "--frames 2 or more"), ("--epochs 0", "--epochs must be"),
+    ("--frames 1", "--frames 1: give a number of 2 or more"),
+    ("--epochs 0", "--epochs 0: give a number of 1"),
 ])
 def test_wrong_options_are_refused(
     args: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
