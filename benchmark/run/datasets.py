@@ -25,7 +25,7 @@ from ...renderer.runtime import command_line, say
 from ...renderer.scene import config_tree, differences
 from ...robots.files import FolderInUseError
 from ..protocol import truth_digest
-from .suite import Suite
+from .suite import Suite, builtin_datasets
 
 SUITES = Path("data") / "suites"
 """Where suites are rendered."""
@@ -77,13 +77,22 @@ def from_folders(
 ) -> list[Data]:
     """Open datasets; two folders of one name get their seeds as a part of the name.
 
+    A folder with a dataset of a built-in suite gets the name that it has there, so that its rows
+    are compared with the published ones.
+
     Raises DatasetError if a folder is not a dataset, or two have the same name and seed, and
     ConfigError if one lacks a selected sequence, or datasets of a suite are selected.
     """
     if selection.datasets:
         raise ConfigError("--datasets chooses from a suite; with --data, name only the folders to "
                           "use")
-    out = [select(folder.resolve().name, folder, selection, allow_model) for folder in folders]
+    of_suites = {name: config_tree(entry.config) for name, entry in builtin_datasets().items()}
+    out: list[Data] = []
+    for folder in folders:
+        data = select(folder.resolve().name, folder, selection, allow_model)
+        tree = config_tree(data.dataset.config)
+        named = [name for name, of_suite in of_suites.items() if of_suite == tree]
+        out.append(replace(data, name=named[0]) if named else data)
     plain = [data.name for data in out]
     out = [replace(data, name=f"{data.name}-seed-{data.dataset.config.seed}")
            if plain.count(data.name) > 1 else data for data in out]  # fmt: skip

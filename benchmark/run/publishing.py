@@ -45,7 +45,7 @@ from ..report import (
 )
 from ..results import Run, RunFolder, Stored, find_runs, read_stored
 from .datasets import ALL, select
-from .suite import SuiteDataset, builtin_suites, read_suite
+from .suite import SuiteDataset, builtin_datasets
 
 _LARGEST = {"displacement": 1e-5, "screw": 1e-4, "origin": 1e-4}
 """Largest difference of published truth to truth that is drawn again: single precision, rad, m."""
@@ -62,18 +62,12 @@ def publish(results: Sequence[Path], folder: Path = PUBLISHED_ROWS) -> list[Path
         DatasetError: If there are no such results, a run is not finished, its data are missing,
             changed or not those of the suite, or its sequences differ in frames or joints.
     """
-    datasets = _suite_datasets()
+    datasets = builtin_datasets()
     runs = [run for run in find_runs(results) if run.run.dataset in datasets]
     if not runs:
         raise DatasetError("no results on a built-in suite to publish; run "
                            "`gcbench eval --suite standard --method NAME` first")
     return [_publish(run, datasets[run.run.dataset], folder) for run in runs]
-
-
-def _suite_datasets() -> dict[str, SuiteDataset]:
-    """Return the datasets of the built-in suites by SUITE/NAME."""
-    return {f"{suite.title}/{dataset.name}": dataset
-            for suite in map(read_suite, builtin_suites()) for dataset in suite.datasets}
 
 
 def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
@@ -264,7 +258,7 @@ def check_published(folder: Path = PUBLISHED_ROWS, draw: int = 2, seed: int = 0)
             problems.append(f"{path}: its scores are not those of its estimates")
     skipped: list[str] = []
     drawn = 0
-    suites = _suite_datasets()
+    suites = builtin_datasets()
     for dataset, truth in sorted(truths.items()):
         if wrong := _config_problem(truth, suites.get(dataset)):
             problems.append(f"{truth_path(folder, dataset)}: {wrong}")

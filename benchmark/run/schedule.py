@@ -54,7 +54,15 @@ def describe_plan(jobs: Sequence[Job], workers: int) -> str:
     text += f", {seconds}" if seconds else ", the time left shows after one sequence of each row"
     if any(job.todo and job.row.method.startswith(_COMPILED) for job in jobs):
         text += "; the first run after an installation compiles, for about half a minute"
+    for name in sorted({job.data.name for job in jobs if _may_be_known(job)}):
+        text += (f"; {name} is of the stream train: a method that has learned from it is not "
+                 "tested by it")
     return text
+
+
+def _may_be_known(job: Job) -> bool:
+    learned = not job.row.training.startswith(("none", "self-supervised"))
+    return learned and job.data.dataset.config.stream == "train"
 
 
 @dataclass

@@ -93,6 +93,12 @@ def builtin_suites() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 
 
+def builtin_datasets() -> dict[str, SuiteDataset]:
+    """Return the datasets of the built-in suites by their names in results, SUITE/NAME."""
+    return {f"{suite.title}/{dataset.name}": dataset
+            for suite in map(read_suite, builtin_suites()) for dataset in suite.datasets}
+
+
 def list_suites() -> list[dict[str, object]]:
     """List the suites that come with gcbench.
 

@@ -60,7 +60,8 @@ def evaluated(
     config = read_suite(suite).datasets[0].config
     provenance = json.loads((data / "dataset.json").read_text())
     (data / "dataset.json").write_text(json.dumps(provenance | {"config": config_tree(config)}))
-    monkeypatch.setattr(publishing, "builtin_suites", lambda: (str(suite),))
+    monkeypatch.setattr(publishing, "builtin_datasets",
+                        lambda: {"small/arm": read_suite(suite).datasets[0]})
     monkeypatch.setattr("gcbench.renderer.generate.render_dataset", lambda *_, **__: None)
 
     def run(method: str, results: str, sequences: str = "", name: str = "small") -> Results:
@@ -182,7 +183,7 @@ def test_the_check_compares_the_configuration_with_the_suite(
     write_record(path, dataclasses.replace(truth, config={}))
     assert len(check_published(folder).problems) == 1
     write_record(path, truth)
-    monkeypatch.setattr(publishing, "builtin_suites", lambda: ("mini",))
+    monkeypatch.setattr(publishing, "builtin_datasets", dict)
     assert check_published(folder).problems == (f"{path}: no built-in suite has this dataset",)
 
 

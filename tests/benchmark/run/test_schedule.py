@@ -50,8 +50,17 @@ def test_the_plan_names_the_time_of_known_methods(jobs: list[Job]) -> None:
     assert describe_plan([foreign], 1) == (
         "plan: 1 row x 3 sequences, the time left shows after one sequence of each row")
     assert "more than 20 s" in describe_plan(jobs, 1)
+    assert "stream train" not in describe_plan([rgb], 1)
     done = dataclasses.replace(rgb, todo=())
     assert describe_plan([done], 1) == "plan: 1 row x 3 sequences, 3 of 3 estimates exist"
+
+
+def test_the_plan_says_that_a_method_may_have_learned_from_the_data(tmp_path: Path) -> None:
+    (data,) = from_folders([bench_data.make_dataset(tmp_path / "arm", 1, stream="train")])
+    for training, said in (("none", False), ("supervised: depth video of arms", True)):
+        row = dataclasses.replace(FOREIGN, training=training)
+        job = prepare_job(describe_run(row, row.name, data, {}), data, tmp_path / training[:4])
+        assert ("arm is of the stream train: a method that has" in describe_plan([job], 1)) == said
 
 
 @pytest.mark.parametrize(("flow", "seconds"), [("raft", 15), ("dis-fine", 10)])

@@ -12,6 +12,7 @@ from gcbench import GcbenchError
 from gcbench.benchmark.run import datasets
 from gcbench.benchmark.run.suite import builtin_suites, parse_suite, read_suite
 from gcbench.renderer import generate
+from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.scene.models import draw_instance
 from gcbench.renderer.scene.sampling import Streams
@@ -187,3 +188,11 @@ def test_the_recipes_are_in_the_wheel() -> None:
     if not any(name.endswith("benchmark/run/suite.py") for name in names):
         pytest.skip("gcbench is installed in place")
     assert any(name.endswith("suites/mini.toml") for name in names)
+
+
+def test_a_folder_with_a_dataset_of_a_suite_has_its_name(tmp_path: Path) -> None:
+    folder = bench_data.make_dataset(tmp_path / "copy")
+    suite = read_suite("standard").datasets[0].config
+    for config, name in ((suite, "standard/ur5"), (replace(suite, seed=1), "copy")):
+        write_provenance(folder, new_provenance(config))
+        assert [data.name for data in datasets.from_folders([folder])] == [name]
