@@ -10,7 +10,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import DatasetError, GcbenchError
-from ...renderer.runtime import say
+from ...renderer.runtime import plural, say
 from ...renderer.show import render_page
 from ...robots.files import remove_leftovers, write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
@@ -248,9 +248,6 @@ def _group(lines: Sequence[Line]) -> dict[str, Any]:
 
 
 def _facts(lines: Sequence[Line]) -> str:
-    def plural(n: int, word: str) -> str:
-        return f"{n} {word}{'' if n == 1 else 's'}"
-
     sequences = {(line.dataset, name) for line in lines for name in line.run.run.sequences}
     return " · ".join([
         plural(len({line.row.name for line in lines}), "method"),

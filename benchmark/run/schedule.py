@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from ...renderer.runtime import plural
 from ..results import Row, Stored
 from .jobs import Job
 
@@ -45,7 +46,7 @@ def describe_plan(jobs: Sequence[Job], workers: int) -> str:
     total = sum(len(job.share) for job in jobs)
     rows = len({job.row for job in jobs})
     sequences = len({(job.data.name, s) for job in jobs for s in job.share})
-    text = f"plan: {_plural(rows, 'row')} x {_plural(sequences, 'sequence')}"
+    text = f"plan: {plural(rows, 'row')} x {plural(sequences, 'sequence')}"
     if todo < total:
         text += f", {total - todo} of {total} estimates exist"
     if not todo:
@@ -54,13 +55,13 @@ def describe_plan(jobs: Sequence[Job], workers: int) -> str:
     text += f", {seconds}" if seconds else ", the time left shows after one sequence of each row"
     if any(job.todo and job.row.method.startswith(_COMPILED) for job in jobs):
         text += "; the first run after an installation compiles, for about half a minute"
-    for name in sorted({job.data.name for job in jobs if _may_be_known(job)}):
+    for name in sorted({job.data.name for job in jobs if _is_of_train(job)}):
         text += (f"; {name} is of the stream train: a method that has learned from it is not "
                  "tested by it")
     return text
 
 
-def _may_be_known(job: Job) -> bool:
+def _is_of_train(job: Job) -> bool:
     learned = not job.row.training.startswith(("none", "self-supervised"))
     return learned and job.data.dataset.config.stream == "train"
 
@@ -107,7 +108,3 @@ def _expected_seconds(row: Row) -> float | None:
     names = row.method, row.method.partition(" ")[0]
     found = (SECONDS_PER_FRAME.get((name, row.inputs, row.knowledge)) for name in names)
     return next(filter(None, found), None)
-
-
-def _plural(n: int, word: str) -> str:
-    return f"{n} {word}{'' if n == 1 else 's'}"

@@ -101,11 +101,17 @@ class DatasetFolder:
         """The configuration; for an older dataset, with its draws"""
         self._provenance = self._read()
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader noted about the model."""
+        return tuple(str(x) for asset in self._provenance.assets for x in asset.get("notes", ()))
+
     def remove_leftovers(self) -> None:
         """Remove what killed processes have left; of other shards, nothing."""
         if self.target:
             return
-        names = self._shard and {f"{sequence_name(i)}.zip" for i in self._shard}
+        names = None if self._shard is None else {
+            f"{sequence_name(i)}.zip" for i in self._shard}
         if names is None:
             remove_leftovers(self.out)
         remove_leftovers(self.out / SEQUENCES_FOLDER, names)
@@ -140,7 +146,7 @@ class DatasetFolder:
         known = self._provenance.counts
         if self._shard is None and known and len(known) == 4 and known["sequences"] == len(paths):
             return {**known}  # nothing was rendered: no file of many needs to be read
-        own = self._shard and {sequence_name(i) for i in self._shard}
+        own = None if self._shard is None else {sequence_name(i) for i in self._shard}
         counts = _count(path for name, path in paths.items() if own is None or name in own)
         if self._shard is None:
             self._write(replace(self._provenance, counts=counts))
@@ -195,11 +201,13 @@ def _compare_config(out: Path, there: Provenance, here: Provenance) -> None:
 def _compare_model(out: Path, dataset: Provenance, asset: Mapping[str, Any]) -> None:
     now = json.loads(dump_json(asset))
     there = dataset.assets[0] if dataset.assets else now
-    # datasets of the first edition have no hashes of meshes and textures
-    if changed := differences(
-            there, {k: v for k, v in now.items() if k != "files" or k in there}):
+    # Notes are words. Datasets of the first edition have no hashes of meshes and textures.
+    names = {*there, *now} - {"notes"} - ({"files"} - {*there})
+    if changed := differences(*({k: v for k, v in asset.items() if k in names}
+                                for asset in (there, now))):
+        files = [change.partition(":")[0].removeprefix("files.") for change in changed]
         raise ConfigError(f"{address(out)} was rendered with other model files "
-                          f"({'; '.join(changed)}); choose another --out folder")
+                          f"({', '.join(files)} changed); choose another --out folder")
 
 
 def _with_environment(dataset: Provenance, one: Mapping[str, Any] | None) -> Provenance:

@@ -15,7 +15,7 @@ from pathlib import Path
 from ...errors import ConfigError, RenderError
 from ..cluster import RayWorkers
 from ..dataset import sequence_name, sequence_paths
-from ..runtime import Bar, Shard, address, cpu_count, frame_bar, say
+from ..runtime import Bar, Shard, address, cpu_count, frame_bar, plural, say
 from ..scene import RenderConfig, resolve
 from ..types import Sequence
 from .dataset_folder import DatasetFolder, open_folder
@@ -42,21 +42,22 @@ class Summary:
     """Draws that were refused, by reason."""
     seconds: float
     """Of this run."""
+    notes: tuple[str, ...] = ()
+    """What the reader decided about the model, such as frozen joints and missing meshes."""
 
     def describe(self) -> str:
         """What a user wants to know after a run, in a few lines."""
         lines = [
-            f"{address(self.dataset)}: {self.sequences} sequences, {self.frames} frames "
-            f"({self.rendered} sequences rendered in {self.seconds:.1f} s)"
+            f"{address(self.dataset)}: {plural(self.sequences, 'sequence')}, "
+            f"{plural(self.frames, 'frame')} ({self.rendered} rendered in {self.seconds:.1f} s)"
         ]
         if self.refused:
             reasons = ", ".join(f"{k} {v}" for k, v in self.refused.items())
-            lines.append(f"draws refused because the motion could not be seen: {reasons}")
+            lines.append(f"draws that were replaced by others, by reason: {reasons}")
         if self.unobservable:
-            lines.append(
-                f"{self.unobservable} sequences are not observable (kept, and marked in "
-                "their meta.json)"
-            )
+            lines.append(f"not observable: {plural(self.unobservable, 'sequence')} (kept, and "
+                         "marked in meta.json)")
+        lines += [f"note: {note}" for note in self.notes]
         return "\n".join(lines)
 
 
@@ -143,9 +144,11 @@ def render_dataset(
     if not isinstance(workers, RayWorkers):
         plan_workers(cpu_count(), workers)  # refuses before anything is written
     wanted = range(n) if isinstance(n, int) else sorted({*n})
-    if not wanted or wanted[0] < 0:
-        raise ConfigError("no sequences to render; give a number of 1 or more, or indices from 0")
-    if wanted[-1] >= _MAX_SEQUENCES:
+    if not wanted and not isinstance(n, Shard):
+        raise ConfigError("no sequences to render; give --n 1 or more")
+    if wanted and wanted[0] < 0:
+        raise ConfigError(f"there is no sequence {wanted[0]}; the first is 0")
+    if wanted and wanted[-1] >= _MAX_SEQUENCES:
         raise ConfigError(f"a dataset has at most {_MAX_SEQUENCES} sequences; make several")
     try:
         with open_folder(out, config, n if isinstance(n, Shard) else None) as folder:
@@ -162,7 +165,8 @@ def render_dataset(
                     folder.remove_leftovers()
             counts = folder.finish()
             seconds = time.monotonic() - started
-            return Summary(dataset=out, rendered=len(todo), seconds=seconds, **counts)
+            return Summary(dataset=out, rendered=len(todo), seconds=seconds, notes=folder.notes,
+                           **counts)
     except OSError as error:
         raise RenderError(f"{error.filename or out}: {error.strerror or error}") from error
 

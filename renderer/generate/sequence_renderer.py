@@ -46,7 +46,11 @@ class SequenceRenderer:
     @property
     def asset(self) -> dict[str, Any]:
         """Where the model or the models came from, for `dataset.json`."""
-        return dataset_asset(self.config, self._source)
+        asset = dataset_asset(self.config, self._source)
+        notes = [f"joint {name!r} can move by {reach:.3g} rad or m only; to be observable, a "
+                 "scored joint must turn by 10 degrees or slide by 0.03 m"
+                 for name, reach in self._sampler.short_joints.items()]
+        return asset | {"notes": [*asset["notes"], *notes]}
 
     def close(self) -> None:
         """Give the GL context back."""

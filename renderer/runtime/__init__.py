@@ -15,7 +15,7 @@ from .object_store import (
     upload_file,
 )
 from .problem import Problem
-from .progress import Bar, frame_bar, say, shard_bar
+from .progress import Bar, frame_bar, plural, say, shard_bar
 from .shards import Shard, parse_shard
 from .streams import named_rng
 from .supervisor import die_with_parent, end_like
@@ -27,6 +27,6 @@ __all__ = [
     "WorkerPool", "WorkerSettings", "address", "cpu_count", "defer_interrupts", "die_with_parent",
     "dump_json", "dump_npy", "end_like", "exists", "find_object", "frame_bar",
     "is_remote", "list_folder", "named_rng", "open_archive", "parse_json", "parse_npz",
-    "parse_shard", "parse_toml", "read_record", "receive_tasks", "say", "shard_bar", "store_file",
-    "to_record", "upload_file",
+    "parse_shard", "parse_toml", "plural", "read_record", "receive_tasks", "say", "shard_bar",
+    "store_file", "to_record", "upload_file",
 ]

@@ -34,6 +34,11 @@ def say(text: str) -> None:
     Bar.write(printable(f"gcbench: {text}"), file=sys.stderr)
 
 
+def plural(n: int, word: str) -> str:
+    """Return a number with its noun, such as "1 frame" or "2 frames"."""
+    return f"{n} {word}{'' if n == 1 else 's'}"
+
+
 def frame_bar(total: int, done: int, visible: bool, what: str = "render") -> Bar:
     """A bar of `total` frames, of which `done` were there before: the rate is without them.
 

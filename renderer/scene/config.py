@@ -1,6 +1,4 @@
-"""The configuration of a dataset: options of `gcbench render`, argument of `render_dataset`, and
-`config` in `dataset.json`.
-"""
+"""The configuration of a dataset: options of `gcbench render`, and `config` in `dataset.json`."""
 
 from __future__ import annotations
 
@@ -82,7 +80,7 @@ class CameraConfig:
     """deg about the world's z; default: all around a robot, -180 180; the front of an object,
     110 250."""
     elevation: Annotated[Range, Bounds(-90, 90)] = (5.0, 50.0)
-    """deg above the horizon."""
+    """deg above the horizon; in a room, 0 where the camera would be below the floor."""
     fov: Annotated[Range, Bounds(1, 170)] = (35.0, 55.0)
     """Vertical field of view, deg."""
     fill: Annotated[Range, Bounds(0.01, 10)] = (0.5, 0.9)
@@ -152,7 +150,7 @@ class TexturesConfig:
     ] = None
     """Probability that a part carries a drawn texture; default: 0, and 1 for `ur5-textured`."""
     kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood")
-    """Procedural kinds to draw from."""
+    """Procedural kinds to draw from, also clutter."""
     folder: str = ""
     """Draw from the images of this folder instead."""
     size: Annotated[int, Bounds(8, 8192)] = 512
@@ -166,14 +164,13 @@ class BackgroundConfig:
     """What the images show behind the robot."""
 
     room: Annotated[float, Bounds(0, 1)] = 0.5
-    """Share of sequences with a room (textured floor and walls, with depth) instead of an image
-    (without depth)."""
+    """Share of sequences with a room (floor and walls, with depth) instead of an image."""
     kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood", "clutter")
-    """Procedural images to draw from; "plain" is one colour."""
+    """Procedural images to draw from, for rooms too; "plain" is one colour."""
     folder: str = ""
     """Draw images from this folder instead."""
     color: Annotated[tuple[float, float, float], Bounds(0, 1, ordered=False)] = (0.85, 0.85, 0.85)
-    """sRGB of the kind "plain", 0..1."""
+    """sRGB of the kind "plain", 0..1; in a room, surfaces differ from it a little."""
     room_size: Annotated[Range, Bounds(0, 1e3)] = (0.2, 1.5)
     """Distance of each wall from the robot and the camera, in units of the robot's reach."""
 
@@ -267,7 +264,7 @@ class RenderConfig:
     flow: Literal["both", "forward", "none"] = "both"
     """Flow images to store. They follow from depth, parts and poses."""
     visibility: bool = True
-    """Store visibility images. They follow from depth, parts and poses."""
+    """Whether visibility images are stored. They follow from depth, parts and poses."""
     samples: Literal[1, 4, 9] = 4
     """Colour samples in a pixel of the RGB image (antialiasing)."""
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
@@ -287,6 +284,7 @@ def resolve(config: RenderConfig) -> RenderConfig:
         ConfigError: if a value is out of range, or a name is unknown.
     """
     from ...robots.catalog import find_robot, is_file, is_object
+    from .images import KINDS, PLAIN
 
     own = draws_of(config.robot)
     of_object = is_object(config.robot)
@@ -294,12 +292,14 @@ def resolve(config: RenderConfig) -> RenderConfig:
     for name, problem in find_invalid_values(config):
         option = name.removeprefix("randomization.").replace("_", "-")
         raise ConfigError(f"--{option} {problem}")
-    for option, names, known in (("layers", config.layers, LAYERS), ("vary", config.vary, FACTORS)):
+    ranges, textures = config.randomization, config.randomization.textures
+    lists = {"layers": (config.layers, LAYERS), "vary": (config.vary, FACTORS),
+             "textures.kinds": (textures.kinds, (*KINDS,)),
+             "background.kinds": (ranges.background.kinds, (*KINDS, PLAIN))}
+    for option, (names, known) in lists.items():
         if unknown := sorted(set(names) - set(known)):
             raise ConfigError(f"--{option} {unknown[0]}: there are {', '.join(known)}")
-    ranges = config.randomization
     azimuth = ranges.camera.azimuth_or_default(of_object)
-    textures = ranges.textures
     if textures.probability is None:
         textures = replace(textures, probability=1.0 if textured else 0.0)
     camera = replace(CameraConfig(**vars(ranges.camera)), azimuth=azimuth)

@@ -60,8 +60,10 @@ def read_config(path: Path, base: RenderConfig | None = None) -> RenderConfig:
     data = read_bounded(path, MAX_JSON, ConfigError)
     if path.suffix == ".toml":
         tree = parse_toml(data, str(path))
-    else:
+    elif path.suffix == ".json":
         tree = parse_json(data, str(path), error=ConfigError)
+    else:
+        raise ConfigError(f"{path}: a configuration file is named .toml or .json")
     if "format" in tree and isinstance(tree.get("config"), dict):
         tree = tree["config"]
     return parse_config(tree, str(path), dataclasses.replace(base or RenderConfig(), twin_of=""))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import ConfigError
 from ...robots.files import read_bounded
-from .images import TextureImage, draw_texture
+from .images import PLAIN, TextureImage, draw_texture
 
 _SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp")
 _MAX_BYTES = 64 << 20
@@ -57,14 +57,21 @@ class ImageFolder:
 
 
 def draw_image(kinds: Sequence[str], images: ImageFolder | None, size: tuple[int, int],
-               rng: np.random.Generator, tileable: bool) -> TextureImage:
+               rng: np.random.Generator, tileable: bool,
+               plain: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> TextureImage:
     """Draw sRGB [h w 3] of `size` (h, w) px: from `images` if given, else of one of `kinds`.
+
+    `plain` is the color of the kind "plain", sRGB 0..1.
 
     Raises ConfigError for an unknown kind, or an unreadable image.
     """
     if images is not None:
         return images.draw(rng, size, tileable)
-    return draw_texture(kinds[int(rng.integers(len(kinds)))], size, rng, tileable)
+    kind = kinds[int(rng.integers(len(kinds)))]
+    if kind == PLAIN:
+        color = np.round(255.0 * np.asarray(plain)).astype(np.uint8)
+        return np.broadcast_to(color, (*size, 3)).copy()
+    return draw_texture(kind, size, rng, tileable)
 
 
 def _read(path: Path) -> TextureImage:

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from ...errors import ConfigError
 
 TextureImage = NDArray[np.uint8]
+PLAIN = "plain"
+"""The kind of a background of one color."""
 Field = NDArray[np.float32]
 _TABLE = 1024  # entries of one period of a colour table
 

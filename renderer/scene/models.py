@@ -116,9 +116,8 @@ def dataset_asset(config: RenderConfig, source: ModelSource) -> dict[str, Any]:
     """Return where the models of a whole dataset come from, for `dataset.json`."""
     if not is_category(config.robot):
         return {**source.asset, "files": source.model.files}
-    notes = ["another instance in each sequence: asset of its meta.json"]
     asset = {"name": config.robot, "source": source.model.source, "licence": source.model.licence,
-             "sha256": "", "notes": notes}
+             "sha256": "", "notes": []}  # each sequence shows another instance
     return asset | {k: v for k, v in source.asset.items() if k == "motion"}
 
 

@@ -91,6 +91,10 @@ def _from_csv(data: bytes) -> tuple[Sequence[str], Array, Array]:
         raise ValueError(f"the first column is {time[:40]!a}")
     if not lines[1:]:
         raise ValueError("there are no rows")
+    for number, line in enumerate(lines[1:], 1):
+        if line.count(",") != len(joints):
+            raise ValueError(f"row {number} has {line.count(',') + 1} values, the header has "
+                             f"{len(joints) + 1}")
     table = np.loadtxt(lines[1:], np.float64, comments=None, delimiter=",", ndmin=2)
     return joints, table[:, 0], table[:, 1:]
 

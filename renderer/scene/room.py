@@ -75,7 +75,7 @@ def draw_room(
     def surface(name: str, mesh: _Mesh, tile: float, pixels: int) -> RoomSurface:
         vertices, faces, normals = mesh
         old, faces, uv = split_by_axis(vertices, faces, tile)
-        image = draw_image(config.kinds, images, (pixels, pixels), rng, tileable=True)
+        image = draw_image(config.kinds, images, (pixels, pixels), rng, True, config.color)
         red, green, blue = rng.uniform(0.7, 1.0, 3).tolist()
         return RoomSurface(name, vertices[old] @ world_from_room.T + origin, faces,
                            normals[old] @ world_from_room.T, uv, image, (red, green, blue),

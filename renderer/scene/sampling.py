@@ -68,8 +68,9 @@ def draw_camera(
 ) -> Camera:
     """Draw a camera on a shell around the robot with points [N 3] m (world) in the first frame.
 
-    The distance makes the projected bounding box fill the drawn share of the image's smaller
-    side; jitter of the look-at point is reduced until the box lies inside the image.
+    The camera is above the plane z = `floor`, m (-inf: anywhere). The distance makes the projected
+    bounding box fill the drawn share of the image's smaller side; jitter of the look-at point is
+    reduced until the box lies inside the image.
     """
     low, high = points.min(0), points.max(0)
     center, size = (low + high) / 2.0, max(float(np.linalg.norm(high - low)), 1e-6)
@@ -82,7 +83,7 @@ def draw_camera(
     away = _direction(azimuth, elevation)
 
     if center[2] + 1.5 * size * away[2] < floor:
-        away = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])  # never below the floor
+        away = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     for scale in (1.0, 0.5, 0.25, 0.0):
         target = center + scale * jitter
         world_from_cam = look_at(target + away, target, float(roll))
@@ -203,6 +204,11 @@ def draw_textures(
     return tuple(out), tile, kinds
 
 
+def shows_room(streams: Streams) -> bool:
+    """Return whether a sequence shows a room: what `draw_background` draws first."""
+    return streams.rng("background").random() < streams.config.randomization.background.room
+
+
 def draw_background(
     rng: np.random.Generator, config: BackgroundConfig, camera: Camera, floor: float,
     center: Array, reach: float,
@@ -213,11 +219,8 @@ def draw_background(
         eye = camera.world_from_cam[:3, 3]
         return None, draw_room(rng, config, floor, center, eye, reach), "room"
     shape = (camera.height, camera.width)
-    if kind == "plain" and not config.folder:
-        gray = np.round(255.0 * np.asarray(config.color)).astype(np.uint8)
-        return np.broadcast_to(gray, (*shape, 3)).copy(), (), kind
     images = ImageFolder(config.folder) if config.folder else None
-    image = draw_image((kind,), images, shape, rng, tileable=False)
+    image = draw_image((kind,), images, shape, rng, False, config.color)
     return image, (), config.folder or kind
 
 

@@ -17,11 +17,19 @@ from numpy.typing import NDArray
 from ...errors import ConfigError
 from ...robots.geometry import Array
 from ...robots.model import Animation, ArticulatedModel, joint_screws
-from ...robots.motion import JointTrajectory
+from ...robots.motion import JointTrajectory, joint_window
 from ..gl import Rasterizer
-from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera, shake_camera
+from ..scene import (
+    Motion,
+    MotionSampler,
+    RenderConfig,
+    Streams,
+    draw_camera,
+    shake_camera,
+    shows_room,
+)
 from ..types import Camera
-from .observability import MIN_ANGLE, JointVisibility, own_motion, subtrees
+from .observability import MIN_ANGLE, MIN_DISTANCE, JointVisibility, own_motion, subtrees
 
 MAX_DRAWS = 100
 """Draws per sequence; after these the best one is kept and marked as not observable."""
@@ -70,10 +78,21 @@ class DrawSampler:
         self._moved = subtrees(model, self._joints)
         self._patterns, self._group = _groups(self._moved)
         longest = np.radians(config.randomization.motion.max_step) * (config.frames - 1)
-        # What no draw can change: a video too short for the least displacement, a fixed motion.
-        self._unavoidable = {"displacement"} if longest < MIN_ANGLE else set[str]()
+        # What no draw can change: a video or a joint too short for the least displacement, a fixed
+        # motion.
+        is_short = longest < MIN_ANGLE or bool(self.short_joints)
+        self._unavoidable = {"displacement"} if is_short else set[str]()
         if isinstance(fixed_motion, JointTrajectory):
             self._unavoidable = {"displacement", "collision"}
+
+    @property
+    def short_joints(self) -> dict[str, float]:
+        """Scored joints whose whole range, rad or m, is too short to be observable."""
+        windows = [joint_window(self.model, int(j)) for j in self._joints]
+        return {name: high - low
+                for name, (low, high), slides in zip(self.scored, windows, self._prismatic,
+                                                     strict=True)
+                if high - low < (MIN_DISTANCE if slides else MIN_ANGLE) * (1 - 1e-9)}
 
     def draw(self, streams: Streams) -> tuple[Draw, dict[str, int]]:
         """The first observable draw, and how many were refused for which reason.
@@ -110,7 +129,8 @@ class DrawSampler:
         rng, config = streams.rng("camera", attempt), self.config.randomization.camera
         camera = draw_camera(
             rng, config, self.config.width, self.config.height,
-            self.motions.outline(motion.posed, framed), motion.floor,
+            self.motions.outline(motion.posed, framed),
+            motion.floor if shows_room(streams) else -np.inf,
         )
         cameras = shake_camera(rng, config, camera, self.config.frames)
         draw = self._render(motion, cameras, keep)

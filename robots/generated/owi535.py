@@ -136,7 +136,8 @@ def _link(name: str, parent: str | None, solids: Solids,
 
 
 def _follower(leader: Joint, name: str, multiplier: float) -> Joint:
-    return replace(leader, name=name, mimic=Mimic(leader.name, multiplier))
+    return replace(leader, name=name, limits=(-np.inf, np.inf),
+                   mimic=Mimic(leader.name, multiplier))
 
 
 def _base() -> Solids:

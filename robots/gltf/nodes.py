@@ -103,6 +103,8 @@ def node_tree(document: GltfDocument) -> NodeTree:
     order = _depth_first(nodes, dict.fromkeys([*(root[n] for n in listed), *roots]))
     twice = [n for n in listed if parent[n] >= 0]
     notes = (f"its scene lists nodes[{twice[0]}], the child of another node",) if twice else ()
+    if len(gltf.scenes) > 1:
+        notes += (f"shows scene {gltf.scene or 0} of {len(gltf.scenes)}; the others are left out",)
     poses = [_pose(node, n) for n, node in enumerate(nodes)]
     translation, rotation, scale, linear, vanished = (
         np.array([p[k] for p in poses], np.float64) for k in range(5))

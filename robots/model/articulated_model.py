@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Array, move_screw
-from .links import JointType, Link, Mimic, resolve_mimics, sort_links
+from .links import JointType, Link, Mimic, resolve_mimics, shared_limits, sort_links
 from .skinning import deform_visual
 from .surface import visuals_of_part
 from .visuals import Visual
@@ -75,7 +75,7 @@ class ArticulatedModel:
     joint_child: NDArray[np.int64]
     """[J] the part that each independent joint moves against its parent: multiplier 1, offset 0."""
     limits: Array
-    """[J 2] rad or m; -inf, inf where a joint has none."""
+    """[J 2] rad or m, of the joint and of those that mimic it; -inf, inf where there are none."""
     visuals: tuple[Visual, ...]
     animations: tuple[Animation, ...] = ()
     morph_weights: Array = field(default_factory=lambda: np.zeros(0))
@@ -103,8 +103,9 @@ class ArticulatedModel:
 
         Parts are sorted depth first from the root, siblings in the order of `links`; independent
         joints stand in the order of `links`. Mimics are resolved through chains; a mimic joint
-        that nothing moves becomes fixed at its offset, which `notes` record. The surfaces of a
-        link become visuals, those of equal material joined.
+        that nothing moves becomes fixed at its offset, which `notes` record. A joint stays within
+        the limits of those that mimic it. The surfaces of a link become visuals, those of equal
+        material joined.
 
         Args:
             name: Name of the model.
@@ -120,6 +121,7 @@ class ArticulatedModel:
         free = [link for link in links if link.joint.type is not _FIXED and not link.joint.mimic]
         number = {link.joint.name: j for j, link in enumerate(free)}
         mimics = resolve_mimics([link.joint for link in links])
+        limits, ignored = shared_limits([link.joint for link in links], mimics)
         drivers = [mimics.get(joint.name, Mimic(joint.name)) for joint in joints]
         moves = np.array([joint.type is not _FIXED and driver.multiplier != 0.0
                           and driver.joint in number
@@ -143,11 +145,11 @@ class ArticulatedModel:
             offset=np.where(moves, [d.offset for d in drivers], 0.0),
             joint_names=tuple(number),
             joint_child=np.array([index[link.name] for link in free], np.int64),
-            limits=np.array([link.joint.limits for link in free], np.float64).reshape(-1, 2),
+            limits=np.array([limits[name] for name in number], np.float64).reshape(-1, 2),
             visuals=tuple(v for p, x in enumerate(parts)
                           for v in visuals_of_part(p, x.surfaces, digests)),
             notes=tuple(f"joint {joints[p].name!r} mimics {drivers[p].joint!r}, "
-                        "which does not move it: frozen" for p in frozen))
+                        "which does not move it: frozen" for p in frozen) + ignored)
 
     @cached_property
     def joint_types(self) -> tuple[JointType, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike
 from ...errors import ModelError
 from ..geometry import Array, prismatic_motion, revolute_motion, transform
 from .surface import TriangleSurface
+
+_EQUAL = 1e-6
+"""rad or m; limits that differ by less are equal: files round them."""
 
 
 class JointType(str, Enum):
@@ -160,6 +163,34 @@ def resolve_mimics(joints: Sequence[Joint]) -> dict[str, Mimic]:
             resolved[name] = Mimic(first.joint, mimic.multiplier * first.multiplier,
                                    mimic.multiplier * first.offset + mimic.offset)
     return resolved
+
+
+def shared_limits(
+    joints: Sequence[Joint], mimics: Mapping[str, Mimic]
+) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
+    """Return the limits (rad or m) of each joint that drives others, within which they all stay.
+
+    `mimics` are those that `resolve_mimics` returns. Limits of a mimic joint that leave its driver
+    no range are left out, which the second result notes.
+    """
+    limits = {joint.name: joint.limits for joint in joints if joint.mimic is None}
+    notes: list[str] = []
+    for joint in joints:
+        if joint.name not in mimics or joint.type in (JointType.FIXED, JointType.CONTINUOUS):
+            continue
+        mimic = mimics[joint.name]
+        if mimic.joint not in limits or mimic.multiplier == 0.0:
+            continue
+        low, high = limits[mimic.joint]
+        ends = sorted((end - mimic.offset) / mimic.multiplier for end in joint.limits)
+        narrow = (ends[0] if ends[0] > low + _EQUAL else low,
+                  ends[1] if ends[1] < high - _EQUAL else high)
+        if narrow[1] - narrow[0] > _EQUAL or narrow == (low, high):
+            limits[mimic.joint] = narrow
+        else:
+            notes.append(f"limits of joint {joint.name!r} are ignored: it mimics {mimic.joint!r}, "
+                         "which could not move within them")
+    return limits, tuple(notes)
 
 
 def list_names(names: Collection[str], count: int = 12) -> str:

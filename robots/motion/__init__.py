@@ -9,12 +9,13 @@ from .trajectory import (
     MotionRanges,
     default_scored_joints,
     joint_indices,
+    joint_window,
     retract_slides,
     sample_trajectory,
 )
 
 __all__ = [
     "ChainAxes", "CollisionChecker", "JointTrajectory", "MotionRanges", "chain_rotations",
-    "default_scored_joints", "fit_chain_angles", "joint_indices", "retract_slides",
+    "default_scored_joints", "fit_chain_angles", "joint_indices", "joint_window", "retract_slides",
     "sample_trajectory",
 ]

@@ -229,7 +229,9 @@ def _numbers(
             raise ModelError(f"{what} should be {' or '.join(map(str, allowed))} numbers")
         for word in words:
             if not NUMBER.fullmatch(word) or not math.isfinite(float(word)):
-                raise ModelError(f"{what} is not a finite number: {word[:40]!r}")
+                fix = '; for a joint without limits, give type="continuous" or no limit' * (
+                    element.tag == "limit")
+                raise ModelError(f"{what} is not a finite number: {word[:40]!r}{fix}")
             if abs(float(word)) > largest:
                 raise ModelError(f"{what} is larger than {largest:g}")
         out[key] = " ".join(words)

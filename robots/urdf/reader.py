@@ -39,6 +39,7 @@ _LARGEST_LIMIT = 1000.0
 """rad or m; files that mean "no limit" write larger numbers."""
 _UNLIMITED = (-np.inf, np.inf)
 _SMALLEST, _LARGEST = 1e-4, 1e3
+_UNUSUAL = 50.0  # m; larger robots are rare, and files in mm are common
 """m: a model whose bounding box is outside was written in another unit."""
 
 
@@ -71,7 +72,10 @@ def load_urdf(
         model, visuals=tuple(visuals), source=path.name, sha256=hashlib.sha256(data).hexdigest(),
         notes=tuple(dict.fromkeys([*document.notes, *model.notes, *notes, *library.notes])))
     model = model if scale == 1.0 else scale_model(model, scale)
-    _check_size(path, model)
+    size = _checked_size(path, model)
+    if size > _UNUSUAL:
+        note = f"the model is {size:.3g} m large; if it is not in metres, add --scale FACTOR"
+        model = replace(model, notes=(*model.notes, note))
     return model
 
 
@@ -88,7 +92,8 @@ def _links(document: UrdfDocument, scale: float) -> list[Link]:
                              f"there are {list_names(names)}")
         if j.child in by_child:
             raise ModelError(f"link {j.child!r} is the child of two joints, "
-                             f"{by_child[j.child].name!r} and {j.name!r}; a link has one parent")
+                             f"{by_child[j.child].name!r} and {j.name!r}; a link has one parent: "
+                             "gcbench reads trees; leave out the joint that closes a chain")
         by_child[j.child] = j
     return [*(Link(name) for name in names if name not in by_child),
             *(Link(j.child, j.parent, pose_or_identity(j.origin), _joint(j, scale, document.notes))
@@ -139,11 +144,15 @@ def _mimic(joint: UrdfJoint) -> Mimic | None:
                  0.0 if mimic.offset is None else float(mimic.offset))
 
 
-def _check_size(path: Path, model: ArticulatedModel) -> None:
-    """Refuse a model whose bounding box at joint value zero tells of a wrong unit."""
+def _checked_size(path: Path, model: ArticulatedModel) -> float:
+    """Return the size, m, of a model's bounding box at joint value zero; 0 if nothing is drawn.
+
+    Raises ModelError if it tells of a wrong unit.
+    """
     if not model.visuals:
-        return
+        return 0.0
     size = rest_size(model)
     if not _SMALLEST <= size <= _LARGEST:
         raise ModelError(f"{path}: is {size:g} m large, outside {_SMALLEST:g} to {_LARGEST:g} m; "
                          "add --scale FACTOR, or set the `scale` of its meshes")
+    return size

@@ -24,6 +24,7 @@ from gcbench.renderer.scene.config import (
     resolve,
 )
 from gcbench.renderer.scene.config_files import config_tree, parse_config, read_config
+from gcbench.renderer.scene.images import KINDS, PLAIN
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -114,9 +115,13 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
 def configs(draw: st.DrawFn) -> RenderConfig:
     config = draw(st.sampled_from([RenderConfig(), RenderConfig(randomization=STUDIO)]))
     known = {"layers": LAYERS, "vary": FACTORS}
+    kinds = {"randomization.textures.kinds": (*KINDS,),
+             "randomization.background.kinds": (*KINDS, PLAIN)}
     for name, hint in draw(st.lists(st.sampled_from([*fields(RenderConfig)]), max_size=6)):
         if name in known:
             value = tuple(draw(st.lists(st.sampled_from(known[name]), unique=True)))
+        elif name in kinds:
+            value = tuple(draw(st.lists(st.sampled_from(kinds[name]), min_size=1, max_size=3)))
         elif name in ("robot", "twin_of"):
             names = ["ur5", "ur5-textured", "microwave", "x/y.urdf"]
             value = draw(st.sampled_from([*names, "", "own"] if name == "twin_of" else names))
@@ -190,6 +195,20 @@ def test_no_kind_to_draw_from_is_refused() -> None:
     ranges = RandomizationConfig(textures=TexturesConfig(kinds=()))
     with pytest.raises(ConfigError, match=r"--textures\.kinds is empty: name a kind"):
         resolve(RenderConfig(randomization=ranges))
+
+
+@pytest.mark.parametrize(("option", "wrong"), [
+    ("textures", "foo"), ("textures", "plain"), ("background", "foo")])
+def test_an_unknown_kind_is_refused_before_a_sequence_draws_it(option: str, wrong: str) -> None:
+    config = set_field(RenderConfig(), f"randomization.{option}.kinds", ("noise", wrong))
+    with pytest.raises(ConfigError, match=rf"^--{option}\.kinds {wrong}: there are noise, checker"):
+        resolve(config)
+
+
+def test_a_configuration_file_has_a_suffix_that_tells_its_format(tmp_path: Path) -> None:
+    (tmp_path / "config.txt").write_text("frames = 3")
+    with pytest.raises(ConfigError, match=r"config\.txt: a configuration file is named \.toml or"):
+        read_config(tmp_path / "config.txt")
 
 
 def test_what_was_not_given_stays_open_until_the_robot_is_known() -> None:

@@ -117,6 +117,12 @@ def test_surfaces_are_sound(seed: int) -> None:
         assert np.isfinite(s.uv).all()
 
 
+def test_surfaces_of_the_kind_plain_have_one_color() -> None:
+    surfaces = _room(0, BackgroundConfig(kinds=("plain",), color=(1.0, 0.5, 0.0)))
+    assert {tuple(np.unique(s.texture.reshape(-1, 3), axis=0).ravel()) for s in surfaces} == {
+        (255, 128, 0)}
+
+
 def test_the_room_is_a_function_of_the_generator() -> None:
     for s, t in zip(_room(3), _room(3), strict=True):
         assert s.vertices.tobytes() == t.vertices.tobytes()

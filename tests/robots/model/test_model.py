@@ -147,6 +147,24 @@ def test_a_multiplier_of_zero_freezes_the_part_at_its_offset(tmp_path: Path) -> 
     assert sum("frozen" in note for note in m.notes) == 2
 
 
+@pytest.mark.parametrize(("rule", "limits", "expected"), [
+    (Mimic("a", 5.0), (-0.1, 0.1), (-0.02, 0.02)), (Mimic("a", -2.0, 1.0), (0.0, 2.0), (-0.5, 0.5)),
+    (Mimic("a"), (-9.0, 9.0), (-1.5, 1.5)), (Mimic("a"), (-1.5000001, 1.4999999), (-1.5, 1.5)),
+    (Mimic("a"), (0.0, 0.0), None), (Mimic("a"), (3.0, 4.0), None),
+])
+def test_a_joint_stays_within_the_limits_of_those_that_mimic_it(
+    rule: Mimic, limits: tuple[float, float], expected: tuple[float, float] | None
+) -> None:
+    turns = JointType.REVOLUTE
+    model = ArticulatedModel.from_links("arm", [
+        Link("base"), Link("one", "base", joint=Joint("a", turns, limits=(-1.5, 1.5))),
+        Link("two", "one", joint=Joint("b", turns, limits=limits, mimic=rule)),
+        Link("three", "two", joint=Joint("c", turns, limits=limits, mimic=Mimic("b")))])
+    np.testing.assert_allclose(model.limits, [expected or (-1.5, 1.5)], rtol=1e-12)
+    assert len(model.notes) == (0 if expected else 2)
+    assert all("could not move within them" in note for note in model.notes)
+
+
 def arm(mimics: dict[str, Mimic | None]) -> ArticulatedModel:
     """Hinges on one base, by name."""
     return ArticulatedModel.from_links("arm", [Link("base"), *(
