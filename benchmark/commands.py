@@ -29,7 +29,8 @@ def evaluate(args: Sequence[str]) -> tuple[object, int]:
     To continue an interrupted run, run the same command again. Each method runs in a separate
     process with a time limit. If it raises, hangs, crashes or returns an invalid estimate, that
     sequence is scored as no motion. At the end, a page of these results is written to
-    RESULTS/report (not by a shard). The exit code is 1 if no estimate succeeded.
+    RESULTS/report (not by a shard). The exit code is 1 if no estimate succeeded, or a method could
+    not be run to its end.
 
     Examples:
       gcbench eval --method gcpose
@@ -80,6 +81,7 @@ def _describe(results: "Results", pages: Sequence[Path], json: bool) -> tuple[ob
     code = 0 if results.usable or not results.failures else 1  # a shard may have no sequences
     if code:
         print("gcbench: no sequence was estimated", file=sys.stderr)
+    code = 1 if results.ended_early else code
     if json:
         return {
             "leaderboard": leaderboard_records(board), "estimated": results.estimated,

@@ -48,7 +48,7 @@ def submit(args: Sequence[str]) -> tuple[object, int]:
     """
     from .cluster import SubmitConfig, submit_shards, wait_for_shards
     from .generate import options as of_render
-    from .runtime import command_line, say
+    from .runtime import command_line, plural, say
 
     @dataclass(frozen=True)
     class Submit(command_line.OutputOptions, SubmitConfig):
@@ -70,13 +70,15 @@ def submit(args: Sequence[str]) -> tuple[object, int]:
         say(failures)
     record = {"jobs": [job.job_id for job in jobs.jobs], "cluster": jobs.cluster,
               "logs": jobs.logs, "ok": not failures if config.wait else None}
-    ended = f"{len(jobs.jobs)} shards have ended" + ", not all well" * bool(failures)
+    count = len(jobs.jobs)
+    ended = f"{plural(count, 'shard')} {'has' if count == 1 else 'have'} ended"
+    ended += ", not all well" * bool(failures)
     text = ended if config.wait else jobs.describe()
     return record if config.json else text, 1 if failures else 0
 
 
 def verify(
-    dataset: Path, /, workers: int = os.cpu_count() or 1, sequences: str = "", shard: str = "",
+    dataset: Path, /, workers: int = 0, sequences: str = "", shard: str = "",
     merge: bool = False, reports: Path | None = None, allow_model: bool = False,
     quiet: bool = False, json: bool = False,
 ) -> tuple[object, int]:
@@ -95,7 +97,7 @@ def verify(
 
     Args:
         dataset: Folder of a dataset, or one sequence (ZIP or folder).
-        workers: Processes that check sequences side by side.
+        workers: Processes that check sequences side by side. 0: one for each core.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
         shard: Check a share of the sequences, such as 3/64, and write what is found to a file.
             auto: as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say.
@@ -106,7 +108,9 @@ def verify(
         json: Print the result as one JSON document.
     """
     from .. import merge_verification, verify_dataset, verify_shard
+    from .runtime import cpu_count
 
+    workers = workers or cpu_count()
     if bool(shard) + merge + bool(sequences) > 1:
         raise ConfigError("--shard, --merge and --sequences exclude each other; give one of them")
     if reports and not (shard or merge):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
 import time
@@ -18,6 +17,7 @@ from .. import __version__
 from ..errors import GcbenchError
 from ..robots.catalog import CATALOG, is_local
 from ..robots.files import cache_folder
+from .runtime import cpu_count
 
 PACKAGES = ("numpy", "opencv-python-headless", "zlib-ng", "scikit-robot-pyrender", "PyOpenGL",
             "trimesh", "yourdfpy", "python-fcl", "pygltflib")
@@ -55,7 +55,7 @@ def doctor() -> Diagnosis:
         True
     """
     machine = (f"gcbench {__version__}, Python {platform.python_version()}, "
-               f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores")
+               f"{platform.system()} {platform.machine()}, {cpu_count()} cores")
     drawing = [*_devices()]
     try:
         drawing.append(f"ok    {_draw()}")

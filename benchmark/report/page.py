@@ -10,7 +10,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import DatasetError, GcbenchError
-from ...renderer.runtime import plural, say
+from ...renderer.runtime import plural, require_local, say
 from ...renderer.show import render_page
 from ...robots.files import remove_leftovers, write_atomically
 from ..protocol import PCP5, PCP_DEGREES, pcp_thresholds
@@ -100,6 +100,7 @@ def report(
         >>> [path.name for path in gb.report("results", "report", progress=False)]
         ['index.html', 'leaderboard.md', 'leaderboard.csv', 'tables.tex', 'tables.csv']
     """
+    require_local(Path(out), "--out")
     if isinstance(results, Results):
         board = build_leaderboard(results.runs)
     else:

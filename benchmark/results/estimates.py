@@ -151,7 +151,7 @@ def dump_stored(stored: Stored) -> bytes:
     tree = {
         "format": _FORMAT,
         "status": stored.status,
-        "reason": stored.reason[-MAX_REASON:],
+        "reason": stored.reason[-MAX_REASON:].encode(errors="backslashreplace").decode(),
         "seconds": stored.seconds,
         "peak_memory": stored.peak_memory,
     }

@@ -178,6 +178,8 @@ class Results:
     failures: tuple[str, ...] = ()
     """One line for each estimate that failed, now or earlier, and for each method that did not
     run to its end."""
+    ended_early: tuple[str, ...] = ()
+    """One line for each method that did not run to its end; they are among the failures."""
     unfinished: tuple[str, ...] = ()
     """One line for each run that is not scored, because other shards have not ended."""
 

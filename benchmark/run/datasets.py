@@ -21,7 +21,7 @@ from ...renderer.dataset import (
     sequence_name,
     sequence_paths,
 )
-from ...renderer.runtime import command_line, say
+from ...renderer.runtime import command_line, require_local, say
 from ...renderer.scene import config_tree, differences
 from ...robots.files import FolderInUseError
 from ..protocol import truth_digest
@@ -116,6 +116,7 @@ def from_suite(
     """
     from ...renderer.generate import render_dataset
 
+    require_local(folder, "--suites")
     out: list[Data] = []
     for entry in suite.choose(selection.datasets).datasets:
         name, path = f"{suite.title}/{entry.name}", folder / suite.title / entry.name

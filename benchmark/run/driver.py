@@ -17,7 +17,7 @@ from typing import Literal
 
 from ...errors import ConfigError, MethodError, printable
 from ...renderer.cluster import ExecutorOptions, RayCluster, RayWorkers, connect_to_ray
-from ...renderer.runtime import Bar, cpu_count, defer_interrupts, parse_shard, say
+from ...renderer.runtime import Bar, cpu_count, defer_interrupts, parse_shard, require_local, say
 from ...renderer.scene import check_model_paths
 from ...renderer.types import Inputs, Knowledge
 from ..methods import (
@@ -146,6 +146,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         True
     """
     limits = _limits(config)
+    require_local(config.results, "--results")
     workers = config.choose_workers(config.workers or None)
     if not isinstance(workers, RayWorkers):
         return _evaluate(config, limits, None, progress)
@@ -190,6 +191,7 @@ def _evaluate(
         estimated=sum(len(job.todo) for job in estimated),
         usable=sum(len(job.share) for job in estimated) - len(failures),
         failures=(*map(shorten_reason, refused.values()), *failures),
+        ended_early=tuple(map(shorten_reason, refused.values())),
         unfinished=tuple(job.describe_rest() for job in estimated if job not in complete),
     )
 
@@ -308,7 +310,7 @@ def _estimate(
                 with closing(estimate(source, mine, limits, cluster)) as answers:
                     _follow(answers, mine, clock, bar)
             except MethodError as error:
-                refused[source] = f"{source}: {error}"
+                refused[source] = f"{source}: {str(error).removeprefix(f'{source}: ')}"
                 say(refused[source])
     if len(refused) == len({job.folder.run.source for job in jobs}):
         raise MethodError("; ".join(refused.values()))
@@ -344,5 +346,5 @@ def _bar(total: int, done: int, visible: bool) -> Bar:
         return Bar(
             total=total, initial=done, unit="sequence", desc="estimate", disable=not visible,
             bar_format="{desc}: {percentage:3.0f}% {n_fmt}/{total_fmt} [{elapsed}{postfix}]",
-            file=sys.stderr, dynamic_ncols=True,
+            file=sys.stderr, dynamic_ncols=True, mininterval=0.1 if sys.stderr.isatty() else 10.0,
         )  # fmt: skip

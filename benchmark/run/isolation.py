@@ -31,6 +31,8 @@ START_LIMIT = 600.0
 """Time limit for loading a method, s."""
 _LIFETIME = 200
 """Sequences per process, because methods may leak memory."""
+_MOST_FAILED_LOADS = 3
+"""In a row, of a method that loaded before."""
 _MAX_ANSWER = 2**28
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _WAIT_BRIEFLY = {"GOMP_SPINCOUNT": "1000"}
@@ -81,7 +83,7 @@ def run_method(
     A failure is yielded as a stored estimate too. Closing the iterator ends all processes.
     `observe` reads the observation of a task in this process; its large arrays come from the
     function given to it. Tasks may be appended to `todo` between two that are yielded. Raises
-    MethodError if the method cannot be loaded.
+    MethodError if the method cannot be loaded; once it has been, only after several attempts.
     """
     sender = Sender(limits.workers)
     reader = _Reader(lambda task: observe(task, sender.allocate), todo, limits.workers)
@@ -89,6 +91,7 @@ def run_method(
                             _receive)
     started: set[Task] = set()
     problems: dict[Task, str] = {}
+    was_ready, failed_loads = False, 0
     with closing(reader), closing(pool.events()) as events:
         for event in events:
             worker, task = event.worker, event.worker.task
@@ -96,8 +99,12 @@ def run_method(
                 how = f"the method's process {event.content}"
                 said = worker.last_output()
                 if task is None:
+                    failed_loads += 1
+                    if was_ready and failed_loads < _MOST_FAILED_LOADS:
+                        continue  # such as a lack of memory, which may pass
                     late = f"{source}: a process did not load within {START_LIMIT:g} s"
-                    raise MethodError(late if event.kind == "late" else f"{source}: {how}{said}")
+                    raise MethodError(late if event.kind == "late" else
+                                      f"{source}: {how} while it loaded{said}")
                 if event.kind == "died":
                     yield task, _failure("crashed", problems.get(task, how) + said)
                 else:
@@ -107,13 +114,15 @@ def run_method(
             kind, content = event.content[:1], event.content[1:]
             if kind == PROBLEM:  # the last message of a process
                 text = content.decode(errors="replace")
-                if task is None:
+                if task is not None:
+                    problems[task] = text
+                elif not was_ready:
                     raise MethodError(text)
-                problems[task] = text
             elif kind == STARTED and task is not None and task not in started:
                 started.add(task)
                 worker.allow(limits.timeout)
             elif kind in (READY, DONE):
+                was_ready, failed_loads = True, 0
                 worker.release()
                 if task is not None:
                     yield task, content

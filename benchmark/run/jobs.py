@@ -149,9 +149,16 @@ class Job:
 
 
 def shorten_reason(reason: str) -> str:
-    """Return a reason in one line: its first, and the last of what the method printed."""
+    """Return a reason in one line: its first, and the last of what the method printed.
+
+    Of a segmentation fault, the place in the method's code is the first that names a file.
+    """
     first, *rest = reason.splitlines() or [""]
-    return f"{first} {rest[-1]}" if rest and first.endswith("it said:") else first
+    said = [line.strip() for line in rest if not line.startswith("Extension modules:")]
+    places = [line for line in said if line.startswith("File ")]
+    is_fault = any(line.startswith("Fatal Python error:") for line in said)
+    told = places[:1] if is_fault and places else said[-1:]
+    return " ".join([first, *told]) if first.endswith("it said:") else first
 
 
 def prepare_job(new: Run, data: Data, results: Path, retry: Sequence[Status] = (),

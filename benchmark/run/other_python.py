@@ -39,6 +39,8 @@ _START = (
 """Files in the current folder hide no module; the version also comes from a Python that is too old
 for the rest."""
 _OLDEST = (3, 8)
+_MOST_LINES = 50
+"""Lines that a script may print before it runs Python, such as those of `module load`."""
 _NOT_PASSED = ("PYTHONPATH", "PYTHONHOME", "PWD", "OLDPWD")
 """Environment variables that belong to this Python, or name the current folder."""
 _MAX_HEADER, _MAX_ARRAYS = 2**20, 2**28  # bytes
@@ -119,14 +121,16 @@ class OtherPython:
         return standalone.Attempt(answer.status, answer.reason, seconds, answer.peak_memory, value)
 
     def _check_version(self, python: str) -> None:
-        """Read the line with which every Python begins."""
-        line = b""
-        while not line.endswith(b"\n") and len(line) < 200:
-            line += self._read(1)
-        said = line.decode(errors="replace").strip()
-        version = re.fullmatch(_HELLO + r"(\d{1,3})\.(\d{1,3})\.\d{1,3}", said)
+        """Read the line with which every Python begins, after lines of a script that runs it."""
+        version, said, first = None, "", ""
+        for _ in range(_MOST_LINES):
+            said = self._read_line(may_end=bool(first))
+            version = re.fullmatch(_HELLO + r"(\d{1,3})\.(\d{1,3})\.\d{1,3}", said)
+            if version is not None or not said:
+                break
+            first = first or said
         if version is None:
-            raise MethodError(f"--python {python}: not a Python interpreter; it said {said!a}")
+            raise MethodError(f"--python {python}: not a Python interpreter; it said {first!a}")
         if (int(version[1]), int(version[2])) < _OLDEST:
             raise MethodError(f"--python {python}: Python {said[len(_HELLO):]} is too old; methods "
                               f"need {_OLDEST[0]}.{_OLDEST[1]} or newer")
@@ -158,17 +162,34 @@ class OtherPython:
             found[name] = np.frombuffer(self._read(size), dtype).reshape(shape)
         return found
 
-    def _read(self, size: int) -> bytearray:
-        """Read from the process, or end as it did; a copy of it may keep its pipe open."""
+    def _read_line(self, may_end: bool) -> str:
+        """Read a line that is not empty; if the process `may_end`, return "" where it has."""
+        line = b""
+        while not line.strip() or not line.endswith(b"\n"):
+            piece = self._read(1, may_end)
+            line += piece
+            if not piece or len(line) > 200:
+                break
+        return line.decode(errors="replace").strip()
+
+    def _read(self, size: int, may_end: bool = False) -> bytearray:
+        """Read from the process, or end as it did; a copy of it may keep its pipe open.
+
+        If it `may_end`, return what there is.
+        """
         assert self._process.stdout is not None
         pipe, out = self._process.stdout.fileno(), bytearray()
         while len(out) < size:
             ended = self._process.poll() is not None
             if select.select([pipe], [], [], 0 if ended else 0.2)[0]:
                 piece = os.read(pipe, min(size - len(out), 2**20))
-                if not piece:
+                if not piece and not may_end:
                     end_like(self._process.wait())
+                if not piece:
+                    break
                 out += piece
+            elif ended and may_end:
+                break
             elif ended:
                 end_like(self._process.wait())
         return out

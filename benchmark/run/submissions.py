@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, DatasetError
-from ...renderer.runtime import ArraySpec, parse_npz, to_record
+from ...renderer.runtime import ArraySpec, parse_npz, require_local, to_record
 from ...renderer.types import Estimate
 from ...robots.files import read_bounded, write_atomically
 from ...robots.geometry import Array
@@ -146,6 +146,7 @@ def score(
 def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
     """Score predictions; like `score`, with all options. A template has no runs."""
     file, results = config.predictions, config.results
+    require_local(results, "--results")
     if file.exists() == config.template:
         raise DatasetError(f"{file}: {'exists' if config.template else 'no such file'}")
     if config.limit < 0:

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError, MethodError
-from ...renderer.runtime import address, defer_interrupts, say
+from ...renderer.runtime import address, defer_interrupts, require_local, say
 from ...robots.files import lock_folder, remove_leftovers, write_atomically
 from ..networks.torch_runtime import find_device, nn, torch
 from ..networks.weights import (
@@ -84,6 +84,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
         RenderError: If this machine cannot render.
     """
     config = task.config
+    require_local(config.out, "--out")
     task.check_options()
     if not config.steps:
         _check_measuring(config)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ...errors import ConfigError, RenderError, suggestion
+from ..runtime import require_local
 from .shard_job import ShardJob
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def submit_shards(command: Sequence[str], config: SubmitConfig) -> Submission:
         RenderError: If the scheduler takes no job.
     """
     _check(command, config)
+    require_local(config.logs, "--logs")
     options = list(command)
     if not any(word.partition("=")[0] == "--workers" for word in options):
         options += ["--workers", str(config.cpus)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Generator
@@ -47,7 +48,8 @@ def wait_for_shards(submission: Submission, progress: bool = True) -> str:
             notes = [f"{running} running"] + [f"{len(failed)} failed"] * bool(failed)
             bar.set_postfix_str(", ".join(notes), refresh=False)
             bar.update(len(jobs) - len(left) - bar.n)
-            bar.refresh()
+            if sys.stderr.isatty():
+                bar.refresh()
             if not left:
                 return _describe_failures(submission, sorted(failed))
             time.sleep(_EVERY[submission.cluster])

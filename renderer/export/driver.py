@@ -19,7 +19,7 @@ from ... import __version__
 from ...errors import ConfigError, GcbenchError, RenderError, StorageError
 from ...robots.files import LOCK, lock_folder
 from ..dataset import Dataset, open_dataset, select_sequences, sequence_paths
-from ..runtime import dump_json, frame_bar, open_archive
+from ..runtime import dump_json, frame_bar, open_archive, require_local
 from .journal import Journal
 from .writer import Writer
 
@@ -98,6 +98,7 @@ def write_export(
     tells this export from others of the dataset. Raises ConfigError if `out` exists, and
     GcbenchError if it cannot be written.
     """
+    require_local(out, "--out")
     if out.exists() or out.is_symlink():
         raise ConfigError(f"{out} is there already; choose another --out, or delete it")
     part = out.with_name(f".{out.name}.part")

@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError
+from ...errors import ConfigError, DatasetError
 from ...robots.files import (
     LOCK,
     cache_folder,
@@ -219,7 +219,11 @@ def _with_environment(dataset: Provenance, one: Mapping[str, Any] | None) -> Pro
 def _count(paths: Iterable[Path]) -> dict[str, Any]:
     """The counts of sequences; several are read at a time, for storage that answers late."""
     with ThreadPoolExecutor(_READERS) as pool:
-        return sequence_counts(pool.map(read_meta, paths))
+        try:
+            return sequence_counts(pool.map(read_meta, paths))
+        except DatasetError as error:
+            raise DatasetError(f"{error}; delete it, and the same command renders it again"
+                               ) from error
 
 
 def _with_old_draws(out: Path, config: RenderConfig) -> RenderConfig:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,12 +17,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ...errors import DatasetError, GcbenchError, StorageError
+from ...errors import ConfigError, DatasetError, GcbenchError, StorageError
 from ...robots.files import create_atomically, read_bounded, write_atomically
 from .range_cache import cached_range
 
 _PACKAGES = {"s3:": "'gcbench[cloud]'", "gs:": "gcsfs", "az:": "adlfs"}
 """What to install for each kind of address."""
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")
 _OPTIONS: dict[str, dict[str, Any]] = {"s3:": {"config_kwargs": {
     "connect_timeout": 5, "read_timeout": 15, "retries": {"max_attempts": 0}}}}
 """Arguments of the file systems. Attempts are made here, not there."""
@@ -45,13 +47,30 @@ _Answer = TypeVar("_Answer")
 
 
 def is_remote(path: Path) -> bool:
-    """Whether a path is an address in object storage."""
-    return next(iter(path.parts), "") in _PACKAGES
+    """Whether a path is an address in object storage.
+
+    Raises ConfigError if it is an address of another kind.
+    """
+    kind = next(iter(path.parts), "")
+    if kind in _PACKAGES:
+        return True
+    if _SCHEME.fullmatch(kind) and not path.exists():
+        raise ConfigError(f"{address(path)}: no address that gcbench reads; there are "
+                          f"{', '.join(f'{name}//' for name in _PACKAGES)} and paths of files")
+    return False
+
+
+def require_local(path: Path, option: str) -> None:
+    """Raise ConfigError if a folder to write to, named by `option`, is an address."""
+    if is_remote(path):
+        raise ConfigError(f"{option} {address(path)}: only datasets can be in object storage; name "
+                          "a folder, and copy it there afterwards")
 
 
 def address(path: Path) -> str:
     """Return a path as a user writes it."""
-    return f"{path.parts[0]}//{'/'.join(path.parts[1:])}" if is_remote(path) else str(path)
+    kind, *rest = path.parts or ("",)
+    return f"{kind}//{'/'.join(rest)}" if _SCHEME.fullmatch(kind) else str(path)
 
 
 @dataclass(frozen=True)

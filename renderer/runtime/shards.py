@@ -72,18 +72,33 @@ def parse_shard(text: str, n: int) -> Shard:
         raise ConfigError(f"--shard {text[:60]!a}: give INDEX/COUNT, such as 3/64, or auto")
     for index, count in _SCHEDULERS:
         if index in os.environ:
-            return Shard(n, _index(index), int(match[1]) if match[1] else _number(count))
+            return Shard(n, *_own_share(index, count, int(match[1] or 0)))
     names = ", ".join(index for index, _ in _SCHEDULERS)
     raise ConfigError(f"--shard {text}: no scheduler has set one of {names}; give INDEX/COUNT")
 
 
-def _index(name: str) -> int:
-    """The index in a variable; array jobs of Slurm may start at any number."""
-    first, step = ("SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_STEP")
+def _own_share(name: str, of_count: str, given: int) -> tuple[int, int]:
+    """The index in a variable, and the number of shards: `given`, or (if 0) in another variable.
+
+    An array of Slurm may start at 1, and have steps. Part of an array that is queued again has
+    other variables than the whole, from which its shards cannot be told.
+    """
+    count = given or _number(of_count)
     if not name.startswith("SLURM"):
-        return _number(name)
-    start = _number(first) if first in os.environ else 0
-    return (_number(name) - start) // (_number(step) if step in os.environ else 1)
+        return _number(name), count
+
+    def read(end: str, default: int) -> int:
+        variable = f"SLURM_ARRAY_TASK_{end}"
+        return _number(variable) if variable in os.environ else default
+
+    first, step, tasks = read("MIN", 0), max(1, read("STEP", 1)), read("COUNT", count)
+    last = read("MAX", first + (count - 1) * step)
+    if first > 1 or tasks != count or last != first + (count - 1) * step:
+        raise ConfigError(
+            f"--shard auto: tasks {first} to {last} ({tasks} in all) are not an array of {count} "
+            f"shards; to repeat a part of an array, give --shard ${name}/COUNT, with the COUNT of "
+            "the whole array")
+    return (_number(name) - first) // step, count
 
 
 def _number(name: str) -> int:

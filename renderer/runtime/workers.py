@@ -32,10 +32,11 @@ from typing import Any, Generic, Literal, TypeVar
 
 from ...errors import ConfigError
 from .interrupt import defer_interrupts
+from .worker_output import WorkerLog, output_folder
 
 _Task = TypeVar("_Task")
 _Received = TypeVar("_Received")
-_LAST_OUTPUT = 2000  # bytes
+_LOOK_AT_LOGS = 0.25  # s
 _LONGEST_WAIT = 3600.0  # s
 _is_worker = False
 
@@ -68,7 +69,7 @@ class Worker(Generic[_Task]):
 
     process: SpawnProcess
     connection: Connection
-    log: Path | None
+    log: WorkerLog | None
     deadline: float
     task: _Task | None = None
     """What it works on."""
@@ -87,13 +88,8 @@ class Worker(Generic[_Task]):
 
     def last_output(self) -> str:
         """Return what the process printed last, on lines of their own; only of foreign code."""
-        with suppress(OSError):
-            if self.log is not None:
-                with self.log.open("rb") as file:
-                    file.seek(max(0, self.log.stat().st_size - _LAST_OUTPUT))
-                    said = file.read().decode(errors="replace").strip()
-                    return f"; it said:\n{said}" if said else ""
-        return ""
+        said = "" if self.log is None else self.log.end()
+        return f"; it said:\n{said}" if said else ""
 
 
 @dataclass(frozen=True)
@@ -136,13 +132,13 @@ class WorkerPool(Generic[_Task]):
             raise ConfigError("a script starts worker processes while one of them imports it; "
                               'put its calls of gcbench below `if __name__ == "__main__":`')
         resource_tracker.ensure_running()  # its start would undo defer_interrupts
-        with tempfile.TemporaryDirectory(prefix="gcbench-") as logs:
+        with output_folder() as logs:
             try:
                 while self.todo or self._busy():
                     while len(self._workers) < min(
                         self.settings.workers, len(self.todo) + self._busy()
                     ):
-                        self._workers.append(self._start(Path(logs)))
+                        self._workers.append(self._start(logs))
                     for event in self._next_events():
                         if event.kind != "message":
                             self._workers.remove(event.worker)
@@ -164,10 +160,11 @@ class WorkerPool(Generic[_Task]):
     def _next_events(self) -> Generator[Event[_Task]]:
         """Wait for the next message, death or deadline."""
         limit = min(worker.deadline for worker in self._workers) - time.monotonic()
-        ready = wait(
-            [worker.connection for worker in self._workers], max(0.0, min(limit, _LONGEST_WAIT))
-        )
+        most = _LOOK_AT_LOGS if self.settings.foreign else _LONGEST_WAIT
+        ready = wait([worker.connection for worker in self._workers], max(0.0, min(limit, most)))
         for worker in list(self._workers):
+            if worker.log is not None:
+                worker.log.shorten()
             if worker.connection in ready:
                 try:
                     yield Event(worker, "message", self._receive(worker.connection))
@@ -188,9 +185,8 @@ class WorkerPool(Generic[_Task]):
             return
         worker.task, worker.is_idle = self.todo.popleft(), False
         worker.allow(self.settings.start_limit)
-        with suppress(OSError):
-            if worker.log is not None:
-                os.truncate(worker.log, 0)
+        if worker.log is not None:
+            worker.log.clear()
         with suppress(OSError):  # it is dead, which the next receive finds
             self._send(worker.connection, worker.task)
 
@@ -198,8 +194,8 @@ class WorkerPool(Generic[_Task]):
         s = self.settings
         log = None
         if s.foreign:
-            log = logs / str(next(self._number)) / "output"
-            log.parent.mkdir()
+            log = WorkerLog(logs / str(next(self._number)) / "output")
+            log.path.parent.mkdir()
         context: SpawnContext = multiprocessing.get_context("spawn")
         with hide_main(), defer_interrupts(), _variables(s.environment), _arguments(not s.foreign):
             mine, its = context.Pipe()
@@ -299,7 +295,7 @@ def receive_tasks(
 
 
 def _main(
-    connection: Connection, target: str, arguments: tuple[Any, ...], log: Path | None,
+    connection: Connection, target: str, arguments: tuple[Any, ...], log: WorkerLog | None,
     memory: int | None,
 ) -> None:
     """The main function of the process."""
@@ -310,26 +306,13 @@ def _main(
         from .supervisor import supervise
 
         os.setsid()  # Ctrl-C does not reach it
-        _redirect_output(log)
-        os.environ["TMPDIR"], tempfile.tempdir = str(log.parent), None
+        log.redirect()
+        os.environ["TMPDIR"], tempfile.tempdir = str(log.path.parent), None
         supervise(connection, memory, _wait_for_parent)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     module, _, function = target.partition(":")
     with suppress(EOFError, BrokenPipeError):  # the parent closed the connection
         getattr(import_module(module), function)(connection, *arguments)
-
-
-def _redirect_output(log: Path) -> None:
-    """Send stdout and stderr, of C libraries too, into a file that the parent may truncate."""
-    import faulthandler
-
-    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os.dup2(file, 1)
-    os.dup2(file, 2)
-    os.close(file)
-    faulthandler.enable()  # prints where a segmentation fault happened
 
 
 def _wait_for_parent() -> None:

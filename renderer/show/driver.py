@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import ConfigError
 from ..dataset import DATASET_FILE, Dataset, open_dataset, open_sequence, select_sequences
-from ..runtime import address, exists
+from ..runtime import address, exists, require_local
 from . import video as film
 from .dataset_pages import Models, write_dataset_pages
 from .page import write_page
@@ -82,7 +82,10 @@ def show(
         (gif, lambda to: film.write_gif(sequence, to)),
         (mp4, lambda to: film.write_mp4(sequence, to)),
     ]
-    return [job(Path(to)) for to, job in jobs if to]
+    targets = [(Path(to), job) for to, job in jobs if to]
+    for to, _ in targets:
+        require_local(to, "output")
+    return [job(to) for to, job in targets]
 
 
 def _dataset_at(path: Path) -> Dataset | None:

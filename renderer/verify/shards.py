@@ -21,7 +21,7 @@ from ... import __version__
 from ...errors import ConfigError, DatasetError, GcbenchError, StorageError
 from ...robots.files import remove_leftovers, write_atomically
 from ..dataset import Dataset, open_dataset
-from ..runtime import address, dump_json, open_archive, parse_shard
+from ..runtime import address, dump_json, open_archive, parse_shard, require_local
 from ..scene import config_tree
 from .checks import CheckResult, VerifyReport, merge_checks
 from .driver import dataset_checks, sequence_files, shared_reference, verify_files
@@ -249,4 +249,7 @@ def _digest(file: Path) -> str:
 
 
 def _folder(dataset: Dataset, reports: str | Path | None) -> Path:
-    return Path(reports) if reports else Path(f"{dataset.path.absolute().name}-verify")
+    if reports:
+        require_local(Path(reports), "--reports")
+        return Path(reports)
+    return Path(f"{dataset.path.absolute().name}-verify")

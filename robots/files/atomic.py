@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import re
 import shutil
+import socket
 import tempfile
 import time
 from collections.abc import Callable, Container, Generator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from secrets import token_hex
 
@@ -20,7 +23,8 @@ _STALE = 24 * 3600.0
 """s: age of the scratch folder of a killed process."""
 _LOCKED = 1.0
 """s: age at which a running process has locked its scratch folder."""
-_TEMPORARY = re.compile(r"\.(?P<name>.+?)(\.[0-9a-f]{16})?\.(?P<pid>\d+)\.tmp")
+_TEMPORARY = re.compile(
+    r"\.(?P<name>.+?)(\.(?P<host>[0-9a-f]{8})[0-9a-f]{8})?\.(?P<pid>\d+)\.tmp")
 
 
 @contextmanager
@@ -107,8 +111,9 @@ def scratch_folder(parent: Path) -> Generator[Path]:
     """
     parent.mkdir(parents=True, exist_ok=True)
     for old in parent.iterdir():
-        if is_free(old):
-            shutil.rmtree(old, ignore_errors=True)
+        with suppress(FileNotFoundError):  # its owner has just finished
+            if _age(old) > _LOCKED and is_free(old):
+                shutil.rmtree(old, ignore_errors=True)
     work = Path(tempfile.mkdtemp(dir=parent))
     try:
         with lock_folder(work):
@@ -117,11 +122,16 @@ def scratch_folder(parent: Path) -> Generator[Path]:
         shutil.rmtree(work, ignore_errors=True)
 
 
+def _age(path: Path) -> float:
+    """Return the time, s, since a file or folder was changed."""
+    return time.time() - path.stat().st_mtime
+
+
 def _remove_old_scratch(folder: Path) -> None:
     """Delete scratch folders of killed processes: by their locks; by age where there are none."""
     for part in folder.glob("*.part"):
         with suppress(FileNotFoundError):  # its owner has just finished
-            age = time.time() - part.stat().st_mtime
+            age = _age(part)
             if age > _STALE or (age > _LOCKED and is_free(part)):
                 shutil.rmtree(part, ignore_errors=True)
 
@@ -129,19 +139,31 @@ def _remove_old_scratch(folder: Path) -> None:
 def remove_leftovers(folder: Path, names: Container[str] | None = None) -> None:
     """Delete the temporary files in `folder` of processes that no longer run.
 
-    With `names`, only those of the files of these names.
+    With `names`, only those of the files of these names. Those of processes of another machine or
+    container are deleted when they are old.
     """
     for path in folder.glob(".*.tmp"):
         match = _TEMPORARY.fullmatch(path.name)
-        if (match and (names is None or match["name"] in names)
-                and not is_alive(int(match["pid"]))):
-            path.unlink(missing_ok=True)
+        if match is None or not (names is None or match["name"] in names):
+            continue
+        with suppress(FileNotFoundError):  # its owner has just finished
+            is_here = match["host"] in (None, _host())
+            if not is_alive(int(match["pid"])) if is_here else _age(path) > _STALE:
+                path.unlink()
 
 
 def temporary_name(path: Path) -> Path:
-    """Return a name in the same folder that holds the process id; no reader takes its suffix."""
-    # in containers on several machines, processes have the same numbers
-    return path.parent / f".{path.name}.{token_hex(8)}.{os.getpid()}.tmp"
+    """Return a name in the same folder that tells its process; no reader takes its suffix."""
+    return path.parent / f".{path.name}.{_host()}{token_hex(4)}.{os.getpid()}.tmp"
+
+
+@cache
+def _host() -> str:
+    """Return 8 hexadecimal digits of this machine and container, where a process has one number."""
+    space = ""
+    with suppress(OSError):  # not on Linux
+        space = str(Path("/proc/self/ns/pid").readlink())
+    return hashlib.sha256(f"{socket.gethostname()} {space}".encode()).hexdigest()[:8]
 
 
 def is_alive(pid: int) -> bool:

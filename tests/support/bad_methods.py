@@ -280,6 +280,22 @@ class ExitsAtStart(Good):
         raise SystemExit(0)
 
 
+class DiesTwice(_Accident):
+    """Dies at the second sequence, and as often as TIMES says when it is loaded again."""
+
+    name = "dies-twice"
+
+    def __init__(self) -> None:
+        died = Path(os.environ["CALLS"] + "-died")
+        if died.exists() and len(died.read_text()) <= int(os.environ["TIMES"]):
+            self.accident(Estimate(np.zeros((1, 1))))
+
+    def accident(self, estimate: Estimate) -> Estimate:
+        with Path(os.environ["CALLS"] + "-died").open("a") as file:
+            file.write("x")
+        os._exit(9)
+
+
 class NoMethod:
     name = "no-method"
 

@@ -254,6 +254,11 @@ def test_what_a_method_printed_last_is_told() -> None:
     assert shorten_reason("") == ""
     assert shorten_reason("no estimate within 4 s; it said:\na map\nno map.bin") == (
         "no estimate within 4 s; it said: no map.bin")
+    fault = ("Fatal Python error: Segmentation fault\n\nThread 0x1 (most recent call first):\n"
+             '  File "m.py", line 7 in estimate\n  File "run.py", line 9 in serve\n\n'
+             "Extension modules: numpy (total: 1)")
+    assert shorten_reason(f"the process was killed by SIGSEGV; it said:\n{fault}") == (
+        'the process was killed by SIGSEGV; it said: File "m.py", line 7 in estimate')
     assert shorten_reason("ValueError: no\n  at line 3") == "ValueError: no"
 
 

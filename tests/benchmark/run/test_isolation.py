@@ -68,6 +68,20 @@ def test_a_method_that_cannot_start_leaves_the_others_alone(
         run(data, tmp_path / "results", name)
 
 
+@pytest.mark.parametrize(("times", "estimated", "code"), [("2", 3, 0), ("9", 2, 1)])
+def test_a_method_that_has_run_is_loaded_again(
+    data: Path, tmp_path: Path, times: str, estimated: int, code: int,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("TIMES", times)
+    results = tmp_path / "results"
+    assert main(["eval", "--method", f"{METHODS}:DiesTwice", f"{METHODS}:Good", "--data", str(data),
+                 "--results", str(results), "--workers", "1"]) == code
+    assert len([*results.glob("dies-twice*/**/estimates/*.zip")]) == estimated
+    said = f"{METHODS}:DiesTwice: the method's process exited with 9 while it loaded"
+    assert (said in capsys.readouterr().out) == bool(code)
+
+
 def test_a_method_may_say_who_made_it(data: Path, tmp_path: Path) -> None:
     first, second = (run(data, tmp_path / "results", name).runs[0]
                      for name in ("Attributed", "Good"))

@@ -166,6 +166,8 @@ def test_a_method_that_cannot_be_loaded_is_told(
 
 @pytest.mark.parametrize(("text", "reason"), [
     ("echo gcbench-method 3.7.17", "Python 3.7.17 is too old; methods need 3.8 or newer"),
+    ("echo one; echo; echo two", "not a Python interpreter; it said 'one'"),
+    ("yes", "not a Python interpreter; it said 'y'"),
     ("echo Usage: tool", "not a Python interpreter; it said 'Usage: tool'"),
     ("echo docker: no such image >&2; exit 125", "exited with 125 while it loaded; it said:\ndock"),
 ])
@@ -175,6 +177,14 @@ def test_what_is_no_interpreter_is_told(
     with pytest.raises(MethodError) as error:
         run(data, tmp_path / "results", script(tmp_path / "python", text), "Here")
     assert reason in str(error.value)
+
+
+def test_a_script_may_print_before_it_runs_python(
+    data: Path, tmp_path: Path, python: Path
+) -> None:
+    text = f'echo module load done; echo; exec {python} "$@"'
+    outcome = run(data, tmp_path / "results", script(tmp_path / "wrapper", text), "Here")
+    assert outcome.usable == outcome.estimated > 0
 
 
 def test_no_interpreter_and_no_numpy_are_told(data: Path, tmp_path: Path) -> None:

@@ -417,6 +417,7 @@ def test_training_lowers_the_loss(torch, tmp_path: Path) -> None:
         (["flow", "--iterations", "0"], "--iterations 0: give a number from 1 to 100"),
         (["flow", "--held-out-pairs", "0"], "--held-out-pairs 0: give a number of 1 or more"),
         (["flow", "--warm-up", "2"], "--warm-up 2: give a number from 0 to 0.99"),
+        (["flow", "--out", "s3://b/out"], "--out s3://b/out: only datasets can be in object"),
         (["flow", "--steps", "-1"], "--steps -1: give 0 or more"),
         (["flow", "--loss.bias", "inf"], "--loss.bias inf: give a number of 0 or more"),
         (["flow", "--recipe.texture-probability", "2"], "give a number from 0 to 1"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -108,6 +109,7 @@ def test_nothing_stays_in_the_cache_but_what_was_read(
         folder.mkdir(parents=True)
         (folder / "half").touch()
     (killed / ".lock").touch()
+    os.utime(killed, (0, 0))
     with lock_folder(running):
         render(place, n=1)
     assert [*(tmp_path / "scratch").iterdir()] == [running]
@@ -445,6 +447,36 @@ def test_addresses_are_paths() -> None:
     assert address(Path("data/ur5")) == "data/ur5"
     assert json.loads(to_json({"dataset": path})) == {"dataset": "s3://videos/a/b"}
     assert not object_store.is_remote(Path("/s3:/videos")) and not exists(Path("/s3:/videos"))
+
+
+@pytest.mark.parametrize("text", ["gcs://b/ds", "S3://b/ds", "file:///data", "https://a.b/c"])
+def test_other_addresses_are_refused(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", "--robot", "owi535", "--n", "1", "--out", text]) == 2
+    assert "no address that gcbench reads; there are s3://, gs://, az:// and" in (
+        capsys.readouterr().err)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("command", [
+    "eval --method hold-still --data {data} --results s3://b/r",
+    "eval --method hold-still --suite mini --suites s3://b/s",
+    "score --predictions {data}/no.csv --data {data} --results s3://b/r",
+    "export {data} --format coco --out s3://b/out", "show {data} --out s3://b/out",
+    "show {data} --gif s3://b/a.gif", "verify {data} --shard 0/1 --reports s3://b/out",
+    "report {data} --out s3://b/out",
+    "submit --executor local --logs s3://b/logs -- render --robot owi535 --n 2",
+])
+def test_only_datasets_are_written_to_addresses(
+    command: str, local: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(command.format(data=local).split()) == 2
+    assert "only datasets can be in object storage; name a folder" in capsys.readouterr().err
+    assert not [*tmp_path.iterdir()]
 
 
 def test_local_datasets_need_no_fsspec(local: Path) -> None:

@@ -288,16 +288,20 @@ def test_a_writer_that_fails_leaves_nothing(
 
 
 def test_leftovers_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
-    from gcbench.robots.files.atomic import remove_leftovers
+    from gcbench.robots.files.atomic import remove_leftovers, temporary_name
 
     child = subprocess.Popen([sys.executable, "-c", ""])
     child.wait()
     dead = tmp_path / f".000001.zip.{child.pid}.tmp"
     alive = tmp_path / f".000002.zip.{os.getpid()}.tmp"
-    for leftover in (dead, alive):
+    mine, other = temporary_name(tmp_path / "3.zip"), ".4.zip.0123456789abcdef"
+    gone = tmp_path / mine.name.replace(f".{os.getpid()}.", f".{child.pid}.")
+    elsewhere, old = tmp_path / f"{other}.{child.pid}.tmp", tmp_path / f"{other}.1.tmp"
+    for leftover in (dead, alive, mine, gone, elsewhere, old):
         leftover.touch()
+    os.utime(old, (0, 0))
     remove_leftovers(tmp_path)
-    assert list(tmp_path.iterdir()) == [alive]
+    assert {*tmp_path.iterdir()} == {alive, mine, elsewhere}
 
 
 # -- hostile and broken files -----------------------------------------------------------------

@@ -27,6 +27,12 @@ def _no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
             monkeypatch.delenv(name)
 
 
+def slurm(index: int, first: int, last: int, tasks: int) -> dict[str, str]:
+    """The variables of a task of an array."""
+    values = {"ID": index, "MIN": first, "MAX": last, "COUNT": tasks, "STEP": 1}
+    return {f"SLURM_ARRAY_TASK_{name}": str(value) for name, value in values.items()}
+
+
 @pytest.mark.usefixtures("_no_scheduler")
 @pytest.mark.parametrize(("variables", "text", "index", "count"), [
     ({}, "3/64", 3, 64),
@@ -34,6 +40,7 @@ def _no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     ({"SLURM_ARRAY_TASK_ID": "4", "SLURM_ARRAY_TASK_COUNT": "8"}, "auto", 4, 8),
     ({"SLURM_ARRAY_TASK_ID": "7", "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_ARRAY_TASK_MIN": "1",
       "SLURM_ARRAY_TASK_STEP": "2"}, "auto", 3, 4),
+    (slurm(8, 1, 8, 8), "auto/8", 7, 8),
     ({"AWS_BATCH_JOB_ARRAY_INDEX": "0", "AWS_BATCH_JOB_ARRAY_SIZE": "2"}, "auto", 0, 2),
     ({"JOB_COMPLETION_INDEX": "5"}, "auto/6", 5, 6),
     ({"RANK": "1", "WORLD_SIZE": "2"}, "auto", 1, 2),
@@ -54,6 +61,9 @@ def test_schedulers_say_the_shard(
     ({"JOB_COMPLETION_INDEX": "5"}, "auto", "number of shards is unknown; give auto/COUNT"),
     ({"RANK": "x", "WORLD_SIZE": "2"}, "auto", "RANK is 'x', no number"),
     ({"RANK": "3", "WORLD_SIZE": "2"}, "auto", "shard 3/2"),
+    (slurm(5, 5, 6, 2), "auto/8", r"tasks 5 to 6 \(2 in all\) are not an array of 8 shards;"),
+    (slurm(5, 5, 5, 1), "auto", r"give --shard \$SLURM_ARRAY_TASK_ID/COUNT"),
+    (slurm(7, 0, 7, 2), "auto", "are not an array of 2 shards"),
 ])
 def test_wrong_shards_are_one_line(
     variables: dict[str, str], text: str, message: str, monkeypatch: pytest.MonkeyPatch

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from typing import Any
 
 import pytest
 from gcbench.renderer.runtime import WorkerPool, WorkerSettings
+from gcbench.robots.files import lock_folder
 from gcbench.robots.files.atomic import is_alive
 
 
@@ -49,6 +51,26 @@ def test_every_task_is_done_once_by_processes_of_a_lifetime() -> None:
     lives = Counter(pid for _, pid in done)
     assert max(lives.values()) <= 3
     assert all(gone(pid) for pid in lives)
+
+
+def test_of_what_foreign_code_prints_the_end_is_kept() -> None:
+    sizes = [int(size) for task, _, size in run(["shout"], foreign=True) if task is not None]
+    assert len(sizes) == 1 and sizes[0] < 3 * 2**20
+
+
+def test_folders_of_pools_that_were_killed_are_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    killed, running = (tmp_path / f"gcbench-{os.getuid()}" / name for name in ("killed", "running"))
+    for folder in (killed, running):
+        folder.mkdir(parents=True)
+        (folder / "half").touch()
+        (folder / ".lock").touch()
+        os.utime(folder, (0, 0))
+    with lock_folder(running):
+        assert len([*run(["a"], foreign=True)]) == 2
+        assert [*killed.parent.iterdir()] == [running]
 
 
 @pytest.mark.parametrize("foreign", [False, True])
