@@ -141,6 +141,8 @@ def find_robot(name: str) -> CatalogEntry:
         return GeneratedRobot(
             name=name, maker="gcbench", title="random object", joints=0, scored=(), licence="MIT",
             builder="generated.random_chains:random_object", number=int(match[1]))
+    if Path(name).exists():
+        raise ModelError(f"{name} is no model; name a .urdf, .glb or .gltf file")
     meant = suggestion(name, [*(e.name for e in CATALOG), *GENERATED])
     raise ModelError(f"no robot {name!r}{meant}; there are {', '.join(e.name for e in CATALOG)}, "
                      f"{OBJECT_FORMS}, random:NUMBER, rd:NAME (robot_descriptions), and any path "

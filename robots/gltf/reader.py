@@ -105,7 +105,8 @@ class _Reader:
         visuals = self._rigid_visuals(meshes, parts, channels, stretched, animations)
         visuals += self._skinned_visuals(meshes, parts, channels, bones)
         if not visuals:
-            raise ModelError("has nothing to draw: its meshes hold no triangles")
+            raise ModelError("; ".join(["has nothing to draw: its meshes hold no triangles",
+                                        *self.document.notes]))
         part = parts.part_of_node
         links = _links(parts)
         complete = partial(replace, visuals=tuple(visuals), animations=animations,

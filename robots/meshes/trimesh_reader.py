@@ -55,7 +55,8 @@ def read_with_trimesh(
             mesh.vertices, mesh.faces,
             # reading `vertex_normals` may compute them; only those of the file are used
             mesh.vertex_normals if "vertex_normals" in mesh._cache else None, # pyright: ignore[reportPrivateUsage]
-            getattr(mesh.visual, "uv", None), materials[key], _vertex_color(mesh))
+            getattr(mesh.visual, "uv", None), materials[key],
+            _vertex_color(mesh, asset, reader))
         if made is not None:
             found.append(made if np.array_equal(matrix, np.eye(4)) else move_surface(made, matrix))
     return found
@@ -97,11 +98,15 @@ def _alpha_of_mtl(extra: dict[str, Any]) -> float:
     return alpha if 0.0 < alpha <= 1.0 else 1.0
 
 
-def _vertex_color(mesh: Any) -> tuple[float, float, float, float] | None:
+def _vertex_color(
+    mesh: Any, asset: Asset, reader: AssetReader
+) -> tuple[float, float, float, float] | None:
     kind = getattr(mesh.visual, "kind", None)
     if kind not in ("vertex", "face"):
         return None
     colors = mesh.visual.vertex_colors if kind == "vertex" else mesh.visual.face_colors
+    if np.ptp(colors, axis=0).any():
+        reader.note(f"{asset.path.name}: colors of vertices or faces become one, their mean")
     return mean_color(np.asarray(colors, np.uint8)[:, None, :])
 
 

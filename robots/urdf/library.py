@@ -44,5 +44,5 @@ class MeshLibrary(AssetReader):
             else:
                 found = read_with_trimesh(data, suffix[1:], asset, self)
         if not found:
-            raise ModelError(f"{asset.path}: holds no triangles")
+            raise ModelError(f"{asset.path}: holds no triangles, or ends early")
         return tuple(found)

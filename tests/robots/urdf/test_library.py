@@ -237,8 +237,12 @@ def test_gltf_extensions_that_change_the_data_are_refused_by_name(tmp_path: Path
 
 def test_vertex_colours_are_the_last_resort(tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_text(ply_ascii(colored=True))
-    (s,) = library(tmp_path).surfaces("a.ply")
-    assert s.material is None and s.vertex_color == (1, 0, 0, 1)
+    meshes = library(tmp_path)
+    (s,) = meshes.surfaces("a.ply")
+    assert s.material is None and s.vertex_color == (1, 0, 0, 1) and not meshes.notes
+    (tmp_path / "b.ply").write_text(ply_ascii(colored=True).replace("255 0 0", "0 0 255", 1))
+    meshes.surfaces("b.ply")
+    assert [*meshes.notes] == ["b.ply: colors of vertices or faces become one, their mean"]
 
 
 def test_large_textures_are_made_smaller(tmp_path: Path) -> None:
