@@ -36,7 +36,7 @@ def submit(args: Sequence[str]) -> tuple[object, int]:
 
     What follows -- is a command that has the option --shard. The jobs share its folder. A job that
     is pre-empted or reaches its time limit is queued again and continues. To continue a submission
-    that ended early, submit the same command again. Needs `pip install 'gcbench[cluster]'`.
+    that ended early, submit the same command again. Needs `pip install '.[cluster]'`.
 
     Examples:
       gcbench submit --shards 64 --cpus 8 -- render --robot ur5 --n 100000 --out /shared/ur5

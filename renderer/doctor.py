@@ -124,4 +124,4 @@ def _packages() -> Iterator[str]:
         try:
             yield f"ok    {name} {version(name)}"
         except PackageNotFoundError:
-            yield f"none  {name}: pip install 'gcbench[{extra}]' if you want it"
+            yield f"none  {name}: pip install '.[{extra}]' if you want it"

@@ -13,7 +13,7 @@ try:
     import torch.nn.functional as F  # noqa: N812
     from torch import Tensor, nn
 except ImportError as error:
-    raise MethodError("a network needs PyTorch: pip install 'gcbench[learn]'") from error
+    raise MethodError("a network needs PyTorch: pip install '.[learn]'") from error
 
 __all__ = ["F", "Tensor", "find_device", "nn", "pad_image", "torch", "unit_range", "warp_image"]
 

@@ -145,7 +145,7 @@ def connect_to_ray(workers: RayWorkers) -> Generator[RayCluster]:
         import ray
     except ImportError as error:
         raise ConfigError(
-            f"--executor ray needs {error.name}: pip install 'gcbench[cluster]'") from error
+            f"--executor ray needs {error.name}: pip install '.[cluster]'") from error
     if ray.is_initialized():
         yield _describe(ray, workers)
         return

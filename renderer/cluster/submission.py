@@ -142,7 +142,7 @@ def _open_executor(config: SubmitConfig) -> AutoExecutor:
         import submitit
     except ImportError as error:
         raise ConfigError(
-            f"gcbench submit needs {error.name}: pip install 'gcbench[cluster]'") from error
+            f"gcbench submit needs {error.name}: pip install '.[cluster]'") from error
     cluster = None if config.executor == "auto" else config.executor
     try:
         config.logs.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,7 @@ try:
     from torch.utils.data import Dataset as TorchBase
     from torch.utils.data import default_collate
 except ImportError as error:
-    raise GcbenchError("tensors need PyTorch: pip install 'gcbench[learn]'") from error
+    raise GcbenchError("tensors need PyTorch: pip install '.[learn]'") from error
 
 IMAGES = ("rgb", "depth", "part", "flow", "flow_backward", "visibility")
 STATE = ("times", "intrinsics", "cam_from_world")

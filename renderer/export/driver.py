@@ -83,7 +83,7 @@ def export_dataset(
         kind = getattr(import_module(f".{module}", __package__), name)
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"the format {format} needs {error.name}: pip install 'gcbench[export]'") from error
+            f"the format {format} needs {error.name}: pip install '.[export]'") from error
     origin = {"dataset": {"config": data.info.config, "generator": data.info.generator}}
     return write_export(kind, data, names, out, {"format": format, **origin}, progress)
 

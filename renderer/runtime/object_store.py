@@ -21,7 +21,7 @@ from ...errors import ConfigError, DatasetError, GcbenchError, StorageError
 from ...robots.files import create_atomically, read_bounded, write_atomically
 from .range_cache import cached_range
 
-_PACKAGES = {"s3:": "'gcbench[cloud]'", "gs:": "gcsfs", "az:": "adlfs"}
+_PACKAGES = {"s3:": "'.[cloud]'", "gs:": "gcsfs", "az:": "adlfs"}
 """What to install for each kind of address."""
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")
 _OPTIONS: dict[str, dict[str, Any]] = {"s3:": {"config_kwargs": {

@@ -52,7 +52,7 @@ def partnet_folder(number: str, directory: Path | None = None, download: bool = 
                          f"{number}/{URDF}, or {TOKEN} to your token to download it")
     if find_spec("sapien") is None:
         raise ModelError(f"{missing}, and sapien, which downloads it, is not installed; run "
-                         "`pip install 'gcbench[sapien]'`")
+                         "`pip install '.[sapien]'`")
     try:
         from sapien.asset import download_partnet_mobility  # pyright: ignore
 

@@ -168,7 +168,7 @@ def need_extras(file: Path) -> None:
     if re.search(r"(?m)^(import|from) torch\b", text):
         pytest.importorskip("torch", reason="PyTorch is in the extra learn")
     if "--executor ray" in text:
-        pytest.importorskip("ray", reason="no ray: pip install 'gcbench[cluster]'")
+        pytest.importorskip("ray", reason="no ray: pip install '.[cluster]'")
 
 
 def modes_of(page: Path) -> set[str]:

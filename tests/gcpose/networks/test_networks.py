@@ -223,7 +223,7 @@ except GcbenchError as error:
     print(error)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stdout == "a network needs PyTorch: pip install 'gcbench[learn]'\n", done.stderr
+    assert done.stdout == "a network needs PyTorch: pip install '.[learn]'\n", done.stderr
 
 
 def test_depth_none_is_none() -> None:

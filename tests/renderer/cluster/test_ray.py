@@ -41,7 +41,7 @@ except GcbenchError as error:
     sys.exit(str(error))
 """
 needs_ray = pytest.mark.skipif(
-    not importlib.util.find_spec("ray"), reason="no ray: pip install 'gcbench[cluster]'")
+    not importlib.util.find_spec("ray"), reason="no ray: pip install '.[cluster]'")
 
 
 # -- the options ------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def test_without_ray_the_error_names_the_extra(
     out = tmp_path / "out"
     assert main([*RENDER, "--n", "1", "--out", str(out), "--executor", "ray"]) == 2
     assert capsys.readouterr().err == (
-        "gcbench: --executor ray needs ray: pip install 'gcbench[cluster]'\n")
+        "gcbench: --executor ray needs ray: pip install '.[cluster]'\n")
     assert not out.exists()
 
 

@@ -30,7 +30,7 @@ from gcbench.renderer.cluster.shard_job import ShardJob
 ShardJob(("render", "--robot", "owi535", "--n", "500", "--out", sys.argv[1]), 1)(0)
 """
 needs_submitit = pytest.mark.skipif(
-    not importlib.util.find_spec("submitit"), reason="no submitit: pip install 'gcbench[cluster]'")
+    not importlib.util.find_spec("submitit"), reason="no submitit: pip install '.[cluster]'")
 
 
 def submit(*args: str, environment: dict[str, str] | None = None) -> subprocess.Popen[str]:
@@ -83,7 +83,7 @@ def test_without_submitit_the_error_names_the_extra(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "submitit", None)
-    with pytest.raises(ConfigError, match=r"needs submitit: pip install 'gcbench\[cluster\]'"):
+    with pytest.raises(ConfigError, match=r"needs submitit: pip install '\.\[cluster\]'"):
         submit_shards(["render"], SubmitConfig(logs=tmp_path))
 
 

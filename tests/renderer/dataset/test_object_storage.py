@@ -437,7 +437,7 @@ def test_missing_credentials_are_one_line(
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "fsspec", None)
     object_store._file_system.cache_clear()
-    with pytest.raises(gb.GcbenchError, match=r"pip install 'gcbench\[cloud\]'"):
+    with pytest.raises(gb.GcbenchError, match=r"pip install '\.\[cloud\]'"):
         gb.open_dataset("s3://videos/data")
 
 

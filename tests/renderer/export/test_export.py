@@ -259,7 +259,7 @@ def test_a_missing_package_is_named(
     for name in [n for n in sys.modules if n.startswith("pycocotools")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pycocotools", None)
-    with pytest.raises(GcbenchError, match=r"coco needs pycocotools: pip install 'gcbench\[export"):
+    with pytest.raises(GcbenchError, match=r"coco needs pycocotools: pip install '\.\[export"):
         export_dataset(dataset.path, "coco", tmp_path / "out", progress=False)
 
 

@@ -234,7 +234,7 @@ def test_without_sapien_it_says_what_to_install(
     monkeypatch.setattr(partnet, "find_spec", lambda _: None)
     monkeypatch.setenv(partnet.TOKEN, "s3cret")
     monkeypatch.setenv(partnet.DATASET_VARIABLE, str(tmp_path))
-    with pytest.raises(GcbenchError, match=r"pip install 'gcbench\[sapien\]'"):
+    with pytest.raises(GcbenchError, match=r"pip install '\.\[sapien\]'"):
         load_robot("partnet:1")
 
 
