@@ -121,7 +121,7 @@ class LightsConfig:
     intensity: Annotated[Range, Bounds(0, 1e3)] = (2.0, 5.0)
     """Sum over all lights (radiance factor, as in pyrender)."""
     warmth: Annotated[Range, Bounds(-1, 1)] = (-0.15, 0.15)
-    """Colour of each light: positive is red, negative is blue."""
+    """Color of each light: positive is red, negative is blue."""
     ambient: Annotated[Range, Bounds(0, 1e3)] = (0.15, 0.4)  # Light from all directions.
     shadows: bool = False
     """Shadows of directional lights (about twice the time)."""
@@ -134,7 +134,7 @@ class MaterialsConfig:
     probability: Annotated[float, Bounds(0, 1)] = 1.0
     """Probability that a material is changed."""
     hue: Annotated[float, Bounds(0, 1)] = 0.03
-    """Hue shift of up to this share of the colour circle."""
+    """Hue shift of up to this share of the color circle."""
     value: Annotated[Range, Bounds(0, 100)] = (0.8, 1.2)
     """Factor on the brightness."""
     roughness: Annotated[Range, Bounds(0, 1)] = (0.35, 0.9)  # 0 mirrors, 1 is matt.
@@ -166,7 +166,7 @@ class BackgroundConfig:
     room: Annotated[float, Bounds(0, 1)] = 0.5
     """Share of sequences with a room (floor and walls, with depth) instead of an image."""
     kinds: tuple[str, ...] = ("noise", "checker", "stripes", "wood", "clutter")
-    """Procedural images to draw from, for rooms too; "plain" is one colour."""
+    """Procedural images to draw from, for rooms too; "plain" is one color."""
     folder: str = ""
     """Draw images from this folder instead."""
     color: Annotated[tuple[float, float, float], Bounds(0, 1, ordered=False)] = (0.85, 0.85, 0.85)
@@ -266,7 +266,7 @@ class RenderConfig:
     visibility: bool = True
     """Whether visibility images are stored. They follow from depth, parts and poses."""
     samples: Literal[1, 4, 9] = 4
-    """Colour samples in a pixel of the RGB image (antialiasing)."""
+    """Color samples in a pixel of the RGB image (antialiasing)."""
     randomization: RandomizationConfig = field(default_factory=RandomizationConfig)
 
     @property
