@@ -12,6 +12,9 @@ from ..errors import MethodError
 from ..renderer.types import Observation
 
 _KINDS = ("revolute", "continuous", "prismatic")
+_TYPES = {"u": "uint8 (0 to 255)", "f": "floats", "b": "booleans", "biu": "integers",
+          "fiu": "real numbers"}
+"""Words for sets of kinds of data types."""
 _UNIT = 1e-3
 """Largest difference of the length of an axis from 1."""
 
@@ -30,6 +33,8 @@ def check_observation(observation: Observation) -> Observation:
     images = o.depth if o.rgb is None else o.rgb
     if images is None:
         return o
+    _check_array("depth" if o.rgb is None else "rgb", images)
+    _check("times", o.times, (np.shape(o.times) or (len(images),))[:1], "fiu")
     size = (len(o.times), *np.shape(images)[1:3])
     known: list[tuple[str, NDArray[Any] | None, str, tuple[int, ...]]] = [
         ("rgb", o.rgb, "u", (*size, 3)), ("depth", o.depth, "f", size),
@@ -42,7 +47,7 @@ def check_observation(observation: Observation) -> Observation:
         if array is not None:
             _check(name, array, shape, kinds)
     if o.rgb is not None and o.rgb.dtype != np.uint8:
-        raise MethodError(f"gcpose needs rgb of uint8, not {o.rgb.dtype}")
+        raise MethodError(f"gcpose needs rgb as uint8 (0 to 255), not {o.rgb.dtype}")
     if o.part is not None and o.part.max() > o.n_joints:
         raise MethodError(f"gcpose needs parts 0 to {o.n_joints}, not {o.part.max()}")
     if o.depth is None or np.isfinite(o.depth).all():
@@ -79,7 +84,7 @@ def _check_axes(o: Observation) -> None:
 
 
 def _check_camera(o: Observation) -> None:
-    k = np.asarray(o.intrinsics)
+    k = o.intrinsics
     _check("intrinsics", k, (3, 3), "fiu")
     if not (np.isfinite(k).all() and min(k[0, 0], k[1, 1]) > 0):
         raise MethodError("gcpose needs finite intrinsics with focal lengths above 0")
@@ -92,8 +97,20 @@ def _check_camera(o: Observation) -> None:
             raise MethodError("gcpose needs a finite cam_from_world")
 
 
-def _check(name: str, array: NDArray[Any], shape: tuple[int, ...], kinds: str) -> None:
-    if np.shape(array) != shape or np.asarray(array).dtype.kind not in kinds:
-        raise MethodError(
-            f"gcpose needs {name} of shape {list(shape)}, not {np.asarray(array).dtype} "
-            f"{list(np.shape(array))}")
+def _check(
+    name: str, array: NDArray[Any] | None, shape: tuple[int, ...], kinds: str
+) -> None:
+    if array is None:
+        raise MethodError(f"gcpose needs {name} {list(shape)}; they are missing")
+    _check_array(name, array)
+    if array.shape != shape:
+        raise MethodError(f"gcpose needs {name} of shape {list(shape)}, not {array.dtype} "
+                          f"{list(array.shape)}")
+    if array.dtype.kind not in kinds:
+        raise MethodError(f"gcpose needs {name} as {_TYPES[kinds]}, not {array.dtype}")
+
+
+def _check_array(name: str, array: object) -> None:
+    if not isinstance(array, np.ndarray):
+        raise MethodError(f"gcpose needs {name} as one NumPy array, not {type(array).__name__}; "
+                          "numpy.stack makes one of a list")
