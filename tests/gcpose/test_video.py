@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -250,7 +251,10 @@ def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path)
     text = tmp_path / "text.mp4"
     text.write_text("no video")
     for path, problem in ((tmp_path / "no.mp4", "no such file"), (text, "convert it to MP4"),
-                          (tmp_path, "no such file")):
+                          (tmp_path, r"is a folder; make a video of its images, .*ffmpeg -i %03d"),
+                          (Path("https://example.org/door.mp4"), "download the video first"),
+                          (write_video(tmp_path / "one.mp4", np.zeros((1, 48, 64, 3), np.uint8)),
+                           "one.mp4: the video has one frame; two are needed")):
         with pytest.raises(ConfigError, match=problem):
             read_frames(path, 4)
     for start, end in ((np.nan, 1.0), (0.0, np.nan), (-1.0, 1.0), (2.0, 1.0), (np.inf, np.inf)):
@@ -295,6 +299,41 @@ def frames() -> VideoFrames:
     """Images of 1280 x 960 px that are reduced by two."""
     return VideoFrames(np.zeros((3, 480, 640, 3), np.uint8), np.arange(3), np.arange(3.0),
                        (1280, 960), (0, 0, 1280, 960))
+
+
+def grow_box(data: bytes, names: str, more: bytes) -> bytes:
+    """Return an MP4 file with more bytes at the end of the last of these nested boxes."""
+    start, size, outermost = 0, 0, data.rindex(b"moov")
+    for name in names.split():
+        start = data.index(name.encode(), outermost) - 4
+        size = struct.unpack_from(">I", data, start)[0]
+        data = data[:start] + struct.pack(">I", size + len(more)) + data[start + 4 :]
+    return data[: start + size] + more + data[start + size :]
+
+
+def test_times_are_those_of_the_file(ramp: Path) -> None:
+    """The first 10 frames of 30 last 0.1 s each, the others 0.05 s."""
+    data = grow_box(ramp.read_bytes(), "moov trak mdia minf stbl stts", bytes(8))
+    start = data.index(b"stts") + 4
+    _, number, count, ticks = struct.unpack_from(">4I", data, start)
+    assert (number, count) == (1, 30)
+    varied = struct.pack(">6I", 0, 2, 10, ticks, 20, ticks // 2)
+    ramp.write_bytes(data[:start] + varied + data[start + len(varied) :])
+    video = read_frames(ramp, 30)
+    assert video.times == pytest.approx(np.r_[np.arange(10) / 10, 1 + np.arange(20) / 20])
+    part = read_frames(ramp, 30, 0.85, 1.2)
+    assert part.number.tolist() == [9, 10, 11, 12, 13, 14]
+    assert part.times == pytest.approx([0.9, 1.0, 1.05, 1.1, 1.15, 1.2])
+
+
+@pytest.mark.parametrize(("wide", "high", "size"), [(2, 1, (1280, 960)), (1, 2, (320, 960))])
+def test_pixels_are_made_square(ramp: Path, wide: int, high: int, size: tuple[int, int]) -> None:
+    shape = struct.pack(">I4s2I", 16, b"pasp", wide, high)
+    data = grow_box(ramp.read_bytes(), "moov trak mdia minf stbl stsd mp4v", shape)
+    ramp.write_bytes(data)
+    video = read_frames(ramp, 3, side=240)
+    assert video.size == size
+    assert video.scale == pytest.approx([240 / min(size)] * 2)
 
 
 def test_the_camera_and_the_base_are_those_of_the_reduced_images() -> None:
