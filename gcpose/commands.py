@@ -3,34 +3,37 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 JointType = Literal["revolute", "prismatic"]
-_SHADOW_IS_LEFT_OUT = (
-    "texture that stays where it is, as in a shadow, was left out of what seems to move: the joint "
-    "is not reliable. Look at --picture, and leave the shadow out by --region")
 
 
 def estimate(
     video: Path, /, fov: float | None = None, axes: tuple[float, ...] = (),
     types: tuple[JointType, ...] = (), distance: float | None = None,
-    base: tuple[float, float] | None = None, frames: int = 32, start: float = 0.0,
-    end: float = math.inf, region: tuple[int, int, int, int] | None = None, still: bool = False,
-    foreground: str = "", out: Path | None = None,
-    picture: Path | None = None, quiet: bool = False, json: bool = False,
+    base: Annotated[tuple[float, float] | None, "U V"] = None, frames: int = 32,
+    start: float = 0.0, end: float = math.inf,
+    region: Annotated[tuple[int, int, int, int] | None, "U V WIDTH HEIGHT"] = None,
+    still: bool = False, foreground: str = "", out: Path | None = None,
+    picture: Path | None = None, no_picture: bool = False, quiet: bool = False,
+    json: bool = False,
 ) -> tuple[object, int]:
     """Estimate how the joints in your own video move, by GC-Pose.
 
     The camera must stand still or nearly so: if it is held by hand, the frames are aligned with the
     first. The straight edges of a door or a drawer show the field of view and the direction of its
-    axis. If they do not, the command says which option to give. Other joints need both. An axis is
-    given at the first frame, in the camera's frame: x points to the right, y down, z forward. A
-    joint turns about it by the right-hand rule, or slides along it. Plain video has no scale, so a
-    joint that slides needs its distance from the camera. Writes a table (CSV): the displacement of
-    each joint since the first frame, deg or m, and its standard deviation.
+    axis. If they do not, the command says which option to give. Joints without straight edges need
+    --fov and --axes. An axis is given at the first frame, in the camera's frame: x points to the
+    right, y down, z forward. A joint turns about it by the right-hand rule, or slides along it.
+    Plain video has no scale, so a joint that slides needs its distance from the camera.
+
+    Writes a table (CSV): the displacement of each joint since the first frame, deg or m, and its
+    standard deviation, which leaves out the error of a field of view that was found. Also writes a
+    picture (PNG): look at it, because only it shows whether a person was taken for the object.
+    "Not reliable" means: do not use this number.
 
     Examples:
-      gcbench estimate door.mp4 --picture door.png
+      gcbench estimate door.mp4
       gcbench estimate door.mp4 --fov 42
       gcbench estimate lever.mp4 --fov 42 --axes 0 -0.94 -0.34
       gcbench estimate drawer.mp4 --types prismatic --distance 1.4
@@ -39,7 +42,7 @@ def estimate(
 
     Args:
         video: MP4, MOV, MKV, WebM or AVI.
-        fov: Vertical field of view of the camera, deg. Default: by the edges of a door or a drawer.
+        fov: Vertical field of view of the camera, deg. Default: found from straight edges.
         axes: Direction of each joint's axis, three numbers each, from the base outward. Default:
             one joint, with the axis that the edges of a door show; that of a drawer is also shown
             by its motion.
@@ -48,7 +51,7 @@ def estimate(
         distance: How far what moves is from the camera at the first frame, along the line of sight
             of the middle of the image, m. For joints that slide.
         base: Pixel (u, v) where the base of an arm stands.
-        frames: Number of evenly spaced frames to use.
+        frames: Largest number of frames to use, evenly spaced. Fast turns need many.
         start: Time of the first frame, s.
         end: Time of the last frame, s.
         region: Part of the images to use, px: the pixel (u, v) of its upper left corner, its width
@@ -60,7 +63,9 @@ def estimate(
             `network` and `background` take all that moves for the object.
             Default: `no-people` for one joint, `network` for several.
         out: CSV to write. Default: the name of the video, in the current folder.
-        picture: PNG to write: some frames with the estimated parts in color.
+        picture: PNG to write: some frames with the estimated parts in color. Default: the name of
+            the table, with .png.
+        no_picture: Write no picture.
         quiet: Show no progress: print the result and errors only.
         json: Print the result as one JSON document.
     """
@@ -70,9 +75,8 @@ def estimate(
     from .method import GCPose
     from .settings import Settings
 
-    files.check_distance(distance, types)
-    out = out or Path(video.stem + ".csv")
-    files.check_outputs(video, filter(None, (out, picture)))
+    files.check_joints(axes, types, fov, distance)
+    out, picture = files.name_outputs(video, out, picture, no_picture=no_picture)
     one_joint = len(axes) <= 3
     images = ImageSettings(still_share=0.0) if still else ImageSettings()
     method = GCPose(foreground=foreground or ("no-people" if one_joint else "network"),
@@ -85,28 +89,26 @@ def estimate(
         say(f"{video}: {len(seen.rgb)} frames; the estimate takes about a minute, of an arm more"
             + ", and the search for the field of view another" * search)
     if fov is None:
-        fov = files.find_field_of_view(method, seen, axes, types)
+        fov = files.find_field_of_view(method, seen, types)
     observation = files.observe_video(seen, fov, axes, types, base)
     if not quiet and (
             motion := find_camera_motion(seen.rgb, observation.intrinsics, images)):
         say(f"{video}: the camera moves, by up to {motion.shift:.0f} px. Its motion is taken out, "
             f"to within {motion.error:.1f} px; a camera on a stand gives smaller errors")
-    axis = files.find_axes(method, observation)
+    axis = files.find_axes(method, observation, fov_found=search)
     found = method.estimate(observation, distance)
+    files.check_motion(found)
     if axis is None:
         found, axis = files.towards_camera(found)
     found, share = files.doubt_still_texture(seen, found, images)
-    joints = files.summarize_estimate(found, axis, observation.joint_types)
-    if not quiet:
-        if share > images.max_still_texture:
-            say(f"{video}: {share:.0%} of the texture of what seems to move stays where it is, as "
-                "in a shadow: no joint is reliable. Look at --picture, and leave it out by "
-                "--region")
-        elif not all(j["reliable"] for j in joints) and method.finds_shadows(observation):
-            say(f"{video}: {_SHADOW_IS_LEFT_OUT}")
+    reasons = files.explain_doubts(method, observation, found, share)
+    joints = files.summarize_estimate(seen, found, axis, observation.joint_types, reasons)
     files.write_table(out, seen, found, observation.joint_types)
     if picture:
         files.draw_parts(picture, seen, found)
+        if not quiet:
+            say(f"{video}: look at {picture}. All that has color was taken for the object: if a "
+                "person or a shadow has color, do not use the numbers")
     if json:
         return {"table": out, "fov": fov, "joints": joints}, 0
     lines = files.describe_joints(joints)

@@ -133,6 +133,10 @@ class GCPose:
         axis = RgbEvidence(video, unknown, self.settings.rgb).with_axis_by_edges().axis_by_edges
         return None if axis is None else axis.direction
 
+    def sees_motion(self, observation: Observation) -> bool:
+        """Return whether anything is seen to move on plain video."""
+        return self._video(observation) is not None
+
     def finds_shadows(self, observation: Observation) -> bool:
         """Return whether texture that stays where it is, under a shadow, is left out of one part
         that turns on plain video. Its turn is not reliable then."""

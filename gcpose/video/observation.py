@@ -12,15 +12,26 @@ from ...robots.geometry import Array
 from ..method import GCPose
 from .frames import VideoFrames
 
+NOTHING_MOVES = (
+    "nothing is seen to move; choose a part of the video in which it does (--start, --end), or the "
+    "part of the images where it is (--region)")
 _MIDDLE_FOV = 50.0  # deg; where the search begins if none is given
 
 
-def check_distance(distance: float | None, types: Sequence[str]) -> None:
-    """Refuse a distance, m, that is out of range, missing, or not used by joints of these types.
+def check_joints(
+    axes: Sequence[float], types: Sequence[str], fov: float | None, distance: float | None
+) -> None:
+    """Refuse several joints without axes or without a field of view, and a distance, m, that is out
+    of range, missing, or not used by joints of these types.
 
     Raises:
-        ConfigError: If it is.
+        ConfigError: If there is one.
     """
+    if len(types) > 1 and not axes:
+        raise ConfigError(f"--types names {len(types)} joints; give three numbers of --axes for "
+                          "each joint")
+    if len(axes) >= 6 and fov is None:
+        raise ConfigError("several joints need --fov")
     slides = "prismatic" in types
     if slides and distance is None:
         raise ConfigError("a joint that slides needs --distance: how far what moves is from the "
@@ -76,29 +87,30 @@ def observe_video(
         axis_direction=direction / length[:, None] if len(direction) else None)
 
 
-def find_field_of_view(
-    method: GCPose, video: VideoFrames, axes: Sequence[float], types: Sequence[str]
-) -> float:
+def find_field_of_view(method: GCPose, video: VideoFrames, types: Sequence[str]) -> float:
     """Return the vertical field of view of a video of a door or a drawer, by its straight edges,
     deg.
 
     Raises:
-        ConfigError: If they do not tell it, or if `axes` are of several joints.
+        ConfigError: If they do not tell it, or if nothing moves.
     """
-    focal = None
-    if len(axes) <= 3:
-        focal = method.find_focal_length(observe_video(video, _MIDDLE_FOV, types=types))
+    observation = observe_video(video, _MIDDLE_FOV, types=types)
+    focal = method.find_focal_length(observation)
     if focal is None:
+        if not method.sees_motion(observation):
+            raise ConfigError(NOTHING_MOVES)
         raise ConfigError("no straight edges show the field of view; give --fov")
     return float(np.degrees(2 * np.arctan(video.size[1] * video.scale[1] / 2 / focal)))
 
 
-def find_axes(method: GCPose, observation: Observation) -> Array | None:
+def find_axes(method: GCPose, observation: Observation, *, fov_found: bool) -> Array | None:
     """Return the directions [J 3] of the axes: those that are known, or that which the straight
     edges of a door show; None for one that slides, whose estimate tells it.
 
+    `fov_found`: the edges have shown the field of view, too.
+
     Raises:
-        ConfigError: If they do not tell it.
+        ConfigError: If they do not tell it, or if nothing moves.
     """
     if observation.axis_direction is not None:
         return observation.axis_direction
@@ -106,5 +118,9 @@ def find_axes(method: GCPose, observation: Observation) -> Array | None:
         return None
     axis = method.find_axis(observation)
     if axis is None:
-        raise ConfigError("no straight edges show where the axis points; give --axes")
+        if not method.sees_motion(observation):
+            raise ConfigError(NOTHING_MOVES)
+        raise ConfigError("no straight edges show where the axis points; give --axes" + (
+            "" if fov_found else
+            ", or another --fov (without --fov, the edges may show it)"))
     return axis[None]

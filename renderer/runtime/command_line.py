@@ -50,9 +50,10 @@ def parse_options(
     if args is _SHOW_TARGET:
         raise _TargetShown(target)
     asked = next((k for k, arg in enumerate(args) if arg in ("-h", "--help")), None)
-    if asked is None:
-        return _parse(args, name, target, default)
     shown = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")  # of another, boxes are ASCII
+    if asked is None:
+        with redirect_stdout(shown):
+            return _parse(args, name, target, default)
     with _columns(), redirect_stdout(shown), suppress(SystemExit):
         _parse(["--help"], name, target, default)
     about = inspect.cleandoc(doc or "").partition("\n\nArgs:")[0]
@@ -103,10 +104,25 @@ def _one_line(box: str) -> str:
     text = " ".join(" ".join(lines[1:]).split())
     text = re.split(r" ?─{3,}| Got errors:", text)[0].rstrip(" .")
     text = re.sub(r"^Missing from gcbench .*?: (\S+).*", r"give \1", text)
+    text = _say_numbers(text, lines)
     text = text.replace("Unrecognized options", "unknown").replace("Expected 1 values", "Give one")
     meant = re.findall(r"(?m)^ {6}(--\S+)", "\n".join(lines).partition("Perhaps you meant:")[2])
     hint = f" (perhaps you meant {', '.join(meant)})" if meant else ""
     return text[:1].lower() + text[1:] + hint
+
+
+def _say_numbers(text: str, lines: list[str]) -> str:
+    """Return an error on the numbers of an option with the numbers that it needs."""
+    commas = re.fullmatch(
+        r"Error parsing (--\S+): .* arguments: \[(?=.*\d,)([-+.\de,' ]+)\]", text)
+    if commas:
+        given = re.sub("[', ]+", " ", commas[2]).strip()
+        return f"{commas[1]}: give numbers with spaces and no commas: {given}"
+    needs = re.search(
+        r"Argument helptext:\s+(--\S+) ([A-Z]+(?: [A-Z]+)+)\s*\n", "\n".join(lines))
+    if needs and "no type matching" in text:
+        return f"{needs[1]} needs {len(needs[2].split())} numbers: {needs[2]}"
+    return text
 
 
 def run_command(
@@ -120,15 +136,18 @@ def run_command(
         return function(args)
     import tyro
 
-    quiet = tyro.conf.arg(help_behavior_hint="")
-
     def bind(*positional: Any, **options: Any) -> Callable[[], tuple[object, int]]:
         return functools.partial(function, *positional, **options)
 
-    parameters = [
-        p if p.default is not None else p.replace(annotation=Annotated[p.annotation, quiet])
-        for p in inspect.signature(function).parameters.values()
-    ]
+    def explain(p: inspect.Parameter) -> inspect.Parameter:
+        """Return a parameter with what the help shows: a text in Annotated names its values."""
+        if p.default is not None:
+            return p
+        values, = getattr(p.annotation, "__metadata__", (None,))
+        arg = tyro.conf.arg(metavar=values, help_behavior_hint="")
+        return p.replace(annotation=Annotated[p.annotation, arg])
+
+    parameters = [explain(p) for p in inspect.signature(function).parameters.values()]
     bind.__doc__ = function.__doc__
     bind.__annotations__ = {p.name: p.annotation for p in parameters}
     vars(bind)["__signature__"] = inspect.Signature(parameters)

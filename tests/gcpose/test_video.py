@@ -7,6 +7,7 @@ import json
 import struct
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,12 +15,19 @@ import pytest
 from gcbench.__main__ import main
 from gcbench.errors import ConfigError
 from gcbench.gcpose.images import ImageSettings
+from gcbench.gcpose.method import GCPose
 from gcbench.gcpose.video import (
     VideoFrames,
+    check_outputs,
+    describe_joints,
     doubt_still_texture,
     draw_parts,
+    explain_doubts,
     observe_video,
     read_frames,
+    reliability,
+    summarize_estimate,
+    write_table,
 )
 from gcbench.renderer.types.observation import Estimate
 from numpy.typing import NDArray
@@ -83,6 +91,31 @@ def test_a_door_in_a_video_opens(
 
 
 @pytest.mark.ci
+def test_the_command_asks_to_look_at_a_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rgb, options = opening_door()
+    write_video(tmp_path / "door.mp4", rgb)
+    assert main(["estimate", "door.mp4", *options]) == 0
+    assert "door.mp4: look at door.png" in capsys.readouterr().err
+    assert Path("door.png").exists()
+    Path("door.png").unlink()
+    assert main(["estimate", "door.mp4", *options, "--no-picture"]) == 0
+    assert "look at" not in capsys.readouterr().err and not Path("door.png").exists()
+
+
+def test_a_line_names_the_last_and_the_largest_displacement_and_the_reason() -> None:
+    turn = np.radians([[0.0], [-31.3], [-0.13]])
+    found = Estimate(turn, sigma=np.radians([[0], [1], [4]]), reliable=np.array([False]))
+    joints = summarize_estimate(frames(), found, np.array([[0.0, 1, 0]]), ["revolute"], ["dark"])
+    assert json.loads(json.dumps(joints))[0]["reason"] == "dark"
+    assert describe_joints(joints) == [
+        "joint 1: -0.13 deg at the last frame (largest: -31.30 deg at 1.00 s), standard deviation "
+        "4.00 deg, not reliable: dark"]
+
+
+@pytest.mark.ci
 def test_a_drawer_in_a_video_slides_towards_the_camera(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -104,17 +137,18 @@ def test_a_drawer_in_a_video_slides_towards_the_camera(
     assert {row["unit"] for row in rows} == {"m"}
 
 
-def test_a_drawer_that_stands_still_is_an_error(
+def test_a_video_in_which_nothing_moves_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     seen = drawer(0.0)
     assert seen.rgb is not None
     write_video(tmp_path / "still.mp4", np.repeat(seen.rgb[:1], 6, axis=0))
-    assert main(["estimate", "still.mp4", "--fov", "40", "--types", "prismatic", "--distance", "1",
-                 "--quiet"]) == 2
-    assert "gcbench: nothing is seen to slide; choose " in capsys.readouterr().err
-    assert not Path("still.csv").exists()
+    for options in (["--fov", "40", "--types", "prismatic", "--distance", "1"],
+                    ["--fov", "40", "--axes", "0", "1", "0"], ["--fov", "40"], []):
+        assert main(["estimate", "still.mp4", *options, "--quiet"]) == 2
+        assert "gcbench: nothing is seen to move; choose " in capsys.readouterr().err
+        assert not Path("still.csv").exists()
 
 
 @pytest.mark.ci
@@ -143,8 +177,8 @@ def test_what_no_straight_edges_show_must_be_given(
     monkeypatch.chdir(tmp_path)
     rgb, (_, fov, *axes) = opening_door()
     write_video(tmp_path / "door.mp4", rgb)
-    for options, missing in ((["--fov", fov], "--axes"), (axes, "--fov"), ([], "--fov"),
-                             ([*axes, "1", "0", "0"], "--fov")):
+    another = "--axes, or another --fov (without --fov, the edges may show it)"
+    for options, missing in ((["--fov", fov], another), (axes, "--fov"), ([], "--fov")):
         assert main(["estimate", "door.mp4", *options]) == 2
         *_, last = capsys.readouterr().err.splitlines()
         assert last.startswith("gcbench: no straight edges show ")
@@ -170,7 +204,7 @@ def test_what_moves_beside_the_region_does_not_count(
     for used, reliable in (([], False), (region, True)):
         assert main(["estimate", "door.mp4", *options, *used, "--json"]) == 0
         joint = json.loads(capsys.readouterr().out)["joints"][0]
-        assert joint["reliable"] == reliable
+        assert joint["reliable"] == reliable and (joint["reason"] is None) == reliable
         assert joint["displacement"] == pytest.approx(np.degrees(0.5), abs=2.5)
 
 
@@ -195,9 +229,26 @@ def test_a_shadow_that_is_left_out_is_told(
     rgb, options = opening_door()
     write_video(tmp_path / "door.mp4", with_passing_shadow(rgb))
     assert main(["estimate", "door.mp4", *options, "--foreground", "network"]) == 0
-    told = capsys.readouterr()
-    assert "was left out of what seems to move" in told.err
-    assert "not reliable" in told.out
+    reason = "texture that stays where it is, as in a shadow, was left out of what seems to move"
+    assert f", not reliable: {reason}" in capsys.readouterr().out
+    assert main(["estimate", "door.mp4", *options, "--foreground", "network", "--quiet",
+                 "--json"]) == 0
+    assert reason in json.loads(capsys.readouterr().out)["joints"][0]["reason"]
+
+
+def test_a_joint_that_is_not_reliable_has_one_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    method, seen = GCPose(foreground="background"), observe_video(frames(), 50)
+    found = Estimate(np.zeros((3, 1)), reliable=np.array([False]))
+
+    def reason(still_share: float = 0.0) -> str | None:
+        return explain_doubts(method, seen, found, still_share)[0]
+
+    assert explain_doubts(method, seen, replace(found, reliable=np.array([True])), 0.5) == [None]
+    assert str(reason(0.5)).startswith("50% of the texture of what seems to move stays")
+    assert reason() == "its standard deviation is large"
+    motion = SimpleNamespace(is_sure=lambda _: False)
+    monkeypatch.setattr(reliability, "find_camera_motion", lambda *_: motion)
+    assert str(reason(0.5)).startswith("the camera moves, and its motion is not known well")
 
 
 @pytest.mark.parametrize("dark", [1.0, 0.6])
@@ -247,60 +298,6 @@ def test_frames_are_evenly_spaced_and_reduced(ramp: Path) -> None:
     assert read_frames(ramp, 100, 0.5, 1.0).number.tolist() == [5, 6, 7, 8, 9, 10]
 
 
-def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path) -> None:
-    text = tmp_path / "text.mp4"
-    text.write_text("no video")
-    for path, problem in ((tmp_path / "no.mp4", "no such file"), (text, "convert it to MP4"),
-                          (tmp_path, r"is a folder; make a video of its images, .*ffmpeg -i %03d"),
-                          (Path("https://example.org/door.mp4"), "download the video first"),
-                          (write_video(tmp_path / "one.mp4", np.zeros((1, 48, 64, 3), np.uint8)),
-                           "one.mp4: the video has one frame; two are needed")):
-        with pytest.raises(ConfigError, match=problem):
-            read_frames(path, 4)
-    for start, end in ((np.nan, 1.0), (0.0, np.nan), (-1.0, 1.0), (2.0, 1.0), (np.inf, np.inf)):
-        with pytest.raises(ConfigError, match="give 0 or more, the smaller one first"):
-            read_frames(ramp, 4, start, end)
-    with pytest.raises(ConfigError, match=r"has 1 frames between 2\.9 and 3 s; .* --start"):
-        read_frames(ramp, 4, start=2.9)
-
-
-@pytest.mark.parametrize(("options", "problem"), [
-    (["--out", "no/a.csv"], "no/a.csv: its folder does not exist"),
-    (["--picture", "no/a.png"], "no/a.png: its folder does not exist"),
-    (["--out", "ramp.mp4"], "ramp.mp4: is the video"),
-    (["--frames", "1"], "--frames 1: give 2 to 1000"),
-    (["--types", "prismatic"], "a joint that slides needs --distance"),
-    (["--types", "prismatic", "--distance", "0"], "--distance 0: give 0.01 to 1000 m"),
-    (["--distance", "1"], "--distance is for joints that slide"),
-    (["--types", "revolute", "revolute"], "--types names 2 joints; --axes has 1"),
-    (["--out", "one.csv", "--picture", "./one.csv"], "one.csv: is named for two outputs"),
-    (["--out", ".."], "..: is a folder; name a file")])
-def test_a_command_that_cannot_end_well_does_not_begin(
-    ramp: Path, options: list[str], problem: str, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(ramp.parent)
-    assert main(["estimate", ramp.name, "--fov", "40", "--axes", "0", "1", "0", *options]) == 2
-    assert problem in capsys.readouterr().err
-    assert not Path("ramp.csv").exists()
-
-
-@pytest.mark.parametrize("playlist", [
-    "ffconcat version 1.0\nfile ramp.mp4\n",
-    "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\nramp.mp4\n#EXT-X-ENDLIST\n"])
-def test_a_playlist_that_names_other_files_is_refused(ramp: Path, playlist: str) -> None:
-    path = ramp.with_name("list.mp4")
-    path.write_text(playlist)
-    with pytest.raises(ConfigError, match="is not a video"):
-        read_frames(path, 4)
-
-
-def frames() -> VideoFrames:
-    """Images of 1280 x 960 px that are reduced by two."""
-    return VideoFrames(np.zeros((3, 480, 640, 3), np.uint8), np.arange(3), np.arange(3.0),
-                       (1280, 960), (0, 0, 1280, 960))
-
-
 def grow_box(data: bytes, names: str, more: bytes) -> bytes:
     """Return an MP4 file with more bytes at the end of the last of these nested boxes."""
     start, size, outermost = 0, 0, data.rindex(b"moov")
@@ -334,6 +331,91 @@ def test_pixels_are_made_square(ramp: Path, wide: int, high: int, size: tuple[in
     video = read_frames(ramp, 3, side=240)
     assert video.size == size
     assert video.scale == pytest.approx([240 / min(size)] * 2)
+
+
+def test_what_cannot_be_read_is_an_error_of_one_line(ramp: Path, tmp_path: Path) -> None:
+    text = tmp_path / "text.mp4"
+    text.write_text("no video")
+    for path, problem in ((tmp_path / "no.mp4", "no such file"), (text, "convert it to MP4"),
+                          (tmp_path, r"is a folder; make a video of its images, .*ffmpeg -i %03d"),
+                          (Path("https://example.org/door.mp4"), "download the video first"),
+                          (write_video(tmp_path / "one.mp4", np.zeros((1, 48, 64, 3), np.uint8)),
+                           "one.mp4: the video has one frame; two are needed")):
+        with pytest.raises(ConfigError, match=problem):
+            read_frames(path, 4)
+    for start, end in ((np.nan, 1.0), (0.0, np.nan), (-1.0, 1.0), (2.0, 1.0), (np.inf, np.inf)):
+        with pytest.raises(ConfigError, match="give 0 or more, the smaller one first"):
+            read_frames(ramp, 4, start, end)
+    with pytest.raises(ConfigError, match=r"has 1 frames between 2\.9 and 3 s; .* --start"):
+        read_frames(ramp, 4, start=2.9)
+
+
+@pytest.mark.parametrize(("options", "problem"), [
+    (["--out", "no/a.csv"], "no/a.csv: its folder does not exist"),
+    (["--picture", "no/a.png"], "no/a.png: its folder does not exist"),
+    (["--out", "ramp.mp4"], "ramp.mp4: is the video"),
+    (["--frames", "1"], "--frames 1: give 2 to 1000"),
+    (["--types", "prismatic"], "a joint that slides needs --distance"),
+    (["--types", "prismatic", "--distance", "0"], "--distance 0: give 0.01 to 1000 m"),
+    (["--distance", "1"], "--distance is for joints that slide"),
+    (["--types", "revolute", "revolute"], "--types names 2 joints; --axes has 1"),
+    (["--out", "one.csv", "--picture", "./one.csv"], "one.csv: is named for two outputs"),
+    (["--out", ".."], "..: is a folder; name a file"),
+    (["--out", "/proc/a.csv"], "/proc/a.csv: cannot be written"),
+    (["--out", "/dev/null"], "/dev/null: is no file that can be replaced"),
+    (["--out", "own.csv"], "own.csv: exists, and is not of `gcbench estimate`; name another file ("
+                           "--out)"),
+    (["--picture", "own.png"], "own.png: exists, and is not of `gcbench estimate`"),
+    (["--picture", "x.jpg"], "--picture x.jpg: give a name that ends in .png"),
+    (["--picture", "x.png", "--no-picture"], "--picture and --no-picture: give one"),
+    (["--region", "0", "0", "900"], "--region needs 4 numbers: U V WIDTH HEIGHT"),
+    (["--axes", "0,1,0"], "--axes: give numbers with spaces and no commas: 0 1 0")])
+def test_a_command_that_cannot_end_well_does_not_begin(
+    ramp: Path, options: list[str], problem: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(ramp.parent)
+    for name in ("own.csv", "own.png"):
+        Path(name).write_text("mine")
+    assert main(["estimate", ramp.name, "--fov", "40", "--axes", "0", "1", "0", *options]) == 2
+    assert problem in capsys.readouterr().err
+    assert not Path("ramp.csv").exists() and not Path("ramp.png").exists()
+    assert Path("own.csv").read_text() == Path("own.png").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("options", "problem"), [
+    (["--axes", "0", "1", "0", "1", "0", "0"], "several joints need --fov"),
+    (["--types", "revolute", "revolute"], "give three numbers of --axes for each joint")])
+def test_several_joints_need_their_axes_and_a_field_of_view(
+    ramp: Path, options: list[str], problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["estimate", str(ramp), *options]) == 2
+    assert problem in capsys.readouterr().err
+
+
+def test_outputs_of_an_earlier_estimate_are_replaced(tmp_path: Path) -> None:
+    estimate = Estimate(np.zeros((3, 1)), part=np.zeros((3, 480, 640), np.uint8),
+                        sigma=np.zeros((3, 1)))
+    table, picture = tmp_path / "door.csv", tmp_path / "door.png"
+    write_table(table, frames(), estimate, ["revolute"])
+    draw_parts(picture, frames(), estimate)
+    check_outputs(tmp_path / "door.mp4", table, picture)
+
+
+@pytest.mark.parametrize("playlist", [
+    "ffconcat version 1.0\nfile ramp.mp4\n",
+    "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\nramp.mp4\n#EXT-X-ENDLIST\n"])
+def test_a_playlist_that_names_other_files_is_refused(ramp: Path, playlist: str) -> None:
+    path = ramp.with_name("list.mp4")
+    path.write_text(playlist)
+    with pytest.raises(ConfigError, match="is not a video"):
+        read_frames(path, 4)
+
+
+def frames() -> VideoFrames:
+    """Images of 1280 x 960 px that are reduced by two."""
+    return VideoFrames(np.zeros((3, 480, 640, 3), np.uint8), np.arange(3), np.arange(3.0),
+                       (1280, 960), (0, 0, 1280, 960))
 
 
 def test_the_camera_and_the_base_are_those_of_the_reduced_images() -> None:
