@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill the generated sections of a page, and drop the notes to the tests."""
-    markdown = re.sub(r"(?m)^<!-- test: .*? -->\n", "", markdown)
+    """Fill the generated sections of a page, and drop the notes to the tests and on GitHub."""
+    markdown = re.sub(r"(?m)^(<!-- test: .*? -->|\*On GitHub, .*\*\n)\n", "", markdown)
     if "<!-- commands -->" in markdown:
         markdown = markdown.replace("<!-- commands -->", command_reference())
     if "<!-- published rows -->" in markdown:
@@ -91,7 +91,7 @@ def command_section(name: str, text: str) -> str:
 
 
 def _prose(text: str) -> str:
-    return re.sub(r"(?<![`\w/])(--[a-z][\w.-]*)", r"`\1`", text.strip()).replace("<", "&lt;")
+    return re.sub(r"(?<![`\w/])(--[a-z](?:[\w.-]*\w)?)", r"`\1`", text.strip()).replace("<", "&lt;")
 
 
 def _options(body: str) -> list[tuple[str, str, str]]:

@@ -289,6 +289,14 @@ def test_the_reference_has_every_command_and_option(hooks: ModuleType) -> None:
             assert len(re.split(r"(?<!\\)\|", row)) == 5, row
 
 
+@pytest.mark.parametrize("page", [
+    "benchmark/leaderboard.md", "reference/cli.md", "examples/index.md", "reference/api.md"])
+def test_a_generated_page_says_on_github_what_it_lacks(hooks: ModuleType, page: str) -> None:
+    text = (DOCS / page).read_text()
+    assert "`make docs` builds it" in text.split("\n\n")[1]
+    assert "On GitHub" not in hooks.on_page_markdown(text)
+
+
 def test_the_leaderboard_shows_every_published_row(hooks: ModuleType) -> None:
     page = hooks.on_page_markdown((DOCS / "benchmark/leaderboard.md").read_text())
     lines = published_lines(PUBLISHED_ROWS)
