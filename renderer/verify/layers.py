@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 from ...robots.geometry import Array
 from ..types import VISIBLE, Sequence
 from .checks import CheckResult, check, check_share, merge_checks
-from .frames import FLAT, METRES, VerifiedFrame, decode_frame, deforming_numbers
+from .frames import FLAT, METRES, PixelBlock, VerifiedFrame, decode_frame, deforming_numbers
 
 _UNIT = 1e-4  # of a normal's length; its code alone is good for 3e-5
 _ANGLE = 0.06  # rad between a normal and the plane through the depths around it
 _FINE = 0.1  # share of pixels at which facets finer than that plane may differ by more
+_SMOOTH = 0.02  # of a normal's length, between neighbours on a surface without facets
+_TURN = 1e-3  # of a normal's length, where neighbours are equal
+_ASTRAY = 0.01  # share of pixels whose normal may turn otherwise; in renders it was 0.0006 at most
 _FOLDS = 0.03  # share of pixels at which a surface folds between the pixels
 _SIDE = 5  # px of the window of that plane
 
@@ -24,7 +27,7 @@ def verify_layers(sequence: Sequence) -> list[CheckResult]:
     if sequence.normal is None and sequence.coordinates is None:
         return checks
     size = (sequence.meta.height, sequence.meta.width)
-    before: tuple[VerifiedFrame, Array] | None = None
+    before: dict[str, tuple[VerifiedFrame, Array]] = {}
     rays = _rays(sequence)
     for t in range(sequence.meta.frames):
         frame = decode_frame(sequence, t)
@@ -37,13 +40,12 @@ def verify_layers(sequence: Sequence) -> list[CheckResult]:
             if not checks[-1].ok:
                 return list(merge_checks(checks))
             flat = image.reshape(-1, 3)
-            if name == "normal":
-                checks += _normals(frame, flat, rays)
-                continue
-            checks += _coordinates(frame, flat, rays)
-            if before is not None:
-                checks += _check_kept(*before, frame, flat)
-            before = frame, flat
+            examine = _normals if name == "normal" else _coordinates
+            checks += examine(frame, flat, rays)
+            if name in before and sequence.flow is not None and sequence.visibility is not None:
+                compare = _check_turned if name == "normal" else _check_kept
+                checks += compare(*before[name], frame, flat)
+            before[name] = frame, flat
     return list(merge_checks(checks))
 
 
@@ -81,11 +83,15 @@ def _normals(frame: VerifiedFrame, normal: Array, rays: Array) -> list[CheckResu
     usable = np.flatnonzero(flat)
     cosine = np.einsum("ni,ni->n", plane[usable], normal[usable]) / np.linalg.norm(
         normal[usable], axis=1)
-    angle = np.arccos(np.clip(cosine, -1, 1))
-    checks.append(check_share(
-        "normal: of the plane that depth makes", angle > _ANGLE + uncertain[usable], _FINE,
-        lambda i: frame.name(int(usable[i]))))
-    return checks
+    off = np.arccos(np.clip(cosine, -1, 1)) > _ANGLE + uncertain[usable]
+    # Of the whole image, a room would hide what is wrong on the parts before it.
+    on_part = frame.part[usable] > 0
+    parts = usable[on_part]
+    return [*checks,
+            check_share("normal: of the plane that depth makes", off, _FINE,
+                        lambda i: frame.name(int(usable[i]))),
+            check_share("normal: of the plane that depth makes on parts", off[on_part], _FINE,
+                        lambda i: frame.name(int(parts[i])), spare_chance=True)]
 
 
 def _planes(frame: VerifiedFrame) -> tuple[Array, NDArray[np.bool_], Array]:
@@ -152,20 +158,53 @@ def _coordinates(frame: VerifiedFrame, local: Array, rays: Array) -> list[CheckR
 def _check_kept(frame: VerifiedFrame, local: Array, there: VerifiedFrame, local_there: Array
           ) -> list[CheckResult]:
     """A point keeps its coordinates [N 3] where the forward flow of its frame leads."""
+    pixel, around = _follow_flow(frame, there)
+    found = local_there[around.index]
+    mean = np.einsum("bm,bmi->mi", around.weight, found)
+    error = np.linalg.norm(mean - local[pixel], axis=1)
+    # Less than a pixel's step on the surface: where it folds within the four pixels, they differ.
+    astray = (error > 0.75 * _spread(found, mean) + 1e-4 * np.linalg.norm(mean, axis=1)
+              + frame.sequence.meta.depth_unit)
+    return [check_share("coordinates: kept where the flow leads", astray, _FOLDS,
+                        lambda i: frame.name(int(pixel[i])))]
+
+
+def _check_turned(frame: VerifiedFrame, normal: Array, there: VerifiedFrame, normal_there: Array
+                  ) -> list[CheckResult]:
+    """A normal [N 3] turns with its rigid part, where the surface is smooth in both frames."""
+    (pixel, around), s, t = _follow_flow(frame, there), frame.sequence.state, frame.t
+    part, found = frame.part[pixel], normal_there[around.index]
+    mean = np.einsum("bm,bmi->mi", around.weight, found)
+    spread = _spread(found, mean)
+    smooth = ~np.isin(part, deforming_numbers(frame.sequence)) & (spread < _SMOOTH)
+    for side in (-0.5, 0.5):  # the pixels above and to the left, and those below and to the right
+        beside = frame.around(frame.positions(pixel) + side, part)
+        bend = _spread(normal[beside.index], normal[pixel])
+        smooth &= beside.same.all(axis=0) & (bend < _SMOOTH)
+        spread += bend
+    before, after = (s.cam_from_world[k, :3, :3] @ s.world_from_part[k, :, :3, :3]
+                     for k in (t, t + 1))
+    turn = (after @ np.linalg.inv(before))[part - 1]
+    error = np.linalg.norm(mean - np.einsum("mij,mj->mi", turn, normal[pixel]), axis=1)
+    astray, places = (error > spread + _TURN)[smooth], pixel[smooth]
+    return [check_share("normal: kept where the flow leads", astray, _ASTRAY,
+                        lambda i: frame.name(int(places[i])), spare_chance=True)]
+
+
+def _follow_flow(frame: VerifiedFrame, there: VerifiedFrame) -> tuple[NDArray[np.intp], PixelBlock]:
+    """The pixels [M] of parts that are seen where the forward flow leads, and the pixels there, all
+    of the part and without an edge."""
     sequence, t = frame.sequence, frame.t
-    if sequence.flow is None or sequence.visibility is None:
-        return []
+    assert sequence.flow is not None and sequence.visibility is not None
     flow = sequence.flow[t].reshape(-1, 2).astype(np.float64)
     seen = sequence.visibility[t].ravel() == VISIBLE
     pixel = np.flatnonzero(seen & np.isfinite(flow).all(axis=1) & (frame.part > 0))
-    around = there.around(frame.positions(pixel) + flow[pixel].T, frame.part[pixel])
-    smooth = around.far - around.near < FLAT * around.near
-    inner = np.flatnonzero(around.same.all(axis=0) & smooth)
-    found = local_there[around.index[:, inner]]
-    mean = np.einsum("bm,bmi->mi", around.weight[:, inner], found)
-    spread = np.linalg.norm(found - mean, axis=-1).max(axis=0)
-    error = np.linalg.norm(mean - local[pixel[inner]], axis=1)
-    # Less than a pixel's step on the surface: where it folds within the four pixels, they differ.
-    astray = error > 0.75 * spread + 1e-4 * np.linalg.norm(mean, axis=1) + sequence.meta.depth_unit
-    return [check_share("coordinates: kept where the flow leads", astray, _FOLDS,
-                  lambda i: frame.name(int(pixel[inner[i]])))]
+    target, part = frame.positions(pixel) + flow[pixel].T, frame.part[pixel]
+    around = there.around(target, part)
+    whole = around.same.all(axis=0) & (around.far - around.near < FLAT * around.near)
+    return pixel[whole], there.around(target[:, whole], part[whole])
+
+
+def _spread(around: Array, middle: Array) -> Array:
+    """[M] the largest distance of vectors [4 M 3] from a middle [M 3]."""
+    return np.asarray(np.linalg.norm(around - middle, axis=-1).max(axis=0), np.float64)

@@ -227,6 +227,7 @@ def test_layers_pass_verify_and_cover_what_they_say(
     if name == "bar":
         assert samples["coordinates: of a triangle that is seen there"] > 1000
     if name == "crane":
+        assert samples["normal: kept where the flow leads"] > 500
         assert samples["coordinates: of the point that depth tells"] > 1000
         assert samples["track: rides on its part"] == 60 * 4
         assert sequence.meta.asset["notes"][-1] == "the model has no keypoints: that layer is empty"
@@ -290,6 +291,13 @@ CORRUPTIONS = {
     "normals of the world": (
         lambda s: images("normal", lambda n: n @ s.state.cam_from_world[0, :3, :3])(s),
         "normal: of the plane that depth makes"),
+    "normals of the frame before": (
+        lambda s: replace(s, normal=[s.normal[0], s.normal[2], s.normal[1], s.normal[3]]),
+        "normal: kept where the flow leads"),
+    "normals of parts turned, before a room": (
+        lambda s: replace(s, normal=[np.where(part[..., None] > 0, tilted(normal), normal)
+                                     for normal, part in zip(s.normal, s.part, strict=True)]),
+        "normal: of the plane that depth makes on parts"),
     "normals not unit": (images("normal", lambda n: n * 1.001), "normal: unit"),
     "a normal lost": (images("normal", put((60, 80, 0), np.nan)),
                       "normal: known where it should be"),
