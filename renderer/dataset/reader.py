@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import operator
 import re
 import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from typing import SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +30,9 @@ _NAME = re.compile(r"(\d{6,})(\.zip)?")
 class Dataset:
     """A folder of sequences, those that existed when it was opened, in order.
 
-    `dataset[0]` opens the first sequence and `dataset["000007"]` the one with that name; images
-    are decoded when they are indexed. No file stays open: processes may share a pickled dataset.
+    `dataset[0]` opens the first sequence and `dataset["000007"]` the one with that name, if
+    `"000007" in dataset`; images are decoded when they are indexed. No file stays open: processes
+    may share a pickled dataset.
     """
 
     path: Path
@@ -74,20 +77,33 @@ class Dataset:
     def __iter__(self) -> Iterator[Sequence]:
         return (self[name] for name in self.names)
 
-    def __getitem__(self, key: int | str) -> Sequence:
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is a sequence with a name."""
+        return name in self._names
+
+    def __getitem__(self, key: SupportsIndex | str) -> Sequence:
         """Return the sequence at a position, or with a name.
 
         Raises:
             IndexError: if there is no such position.
+            TypeError: if the key is neither a whole number nor a name.
             DatasetError: if there is no such name, or the file is damaged.
         """
-        name = self.names[key] if isinstance(key, int) else key
-        if name not in self._names:
-            there = f"{self.names[0]} to {self.names[-1]}" if self.names else "none"
-            raise DatasetError(f"{address(self.path)} has no sequence {name!r}; there are: {there}")
+        name = key if isinstance(key, str) else self.names[operator.index(key)]
+        if name not in self:
+            raise DatasetError(f"{address(self.path)} has no sequence {name!r}; "
+                               f"there are {describe_names(self.names)}")
         path = self.path / SEQUENCES_FOLDER / f"{name}.zip"
         is_zip = is_remote(path) or path.exists()
         return open_sequence(path if is_zip else path.with_suffix(""))
+
+
+def describe_names(names: tuple[str, ...]) -> str:
+    """Return "000000 to 000002", with gaps "2 from 000005 to 000007"; "none" of no names."""
+    if not names:
+        return "none"
+    whole = int(names[-1]) - int(names[0]) == len(names) - 1
+    return f"{'' if whole else f'{len(names)} from '}{names[0]} to {names[-1]}"
 
 
 def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
@@ -150,6 +166,6 @@ def select_sequences(dataset: Dataset, text: str) -> list[str]:
         if not found:
             item = "-".join(map(str, dict.fromkeys((wanted[0], wanted[-1]))))
             raise ConfigError(f"{address(dataset.path)} has no sequence {item}; there are "
-                              f"{dataset.names[0]} to {dataset.names[-1]}")
+                              f"{describe_names(dataset.names)}")
         numbers.update(dict.fromkeys(sorted(found)))
     return [there[k] for k in numbers]

@@ -7,8 +7,10 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, SupportsIndex
 
 import numpy as np
 
@@ -43,7 +45,8 @@ class TensorItems:
     [F H W] m, "part" [F H W] int32, "flow" and "flow_backward" [G 2 H W] px with NaN where unknown
     ("flow_backward" of step g is from frame g+1), "visibility" [G H W], "normal" and "coordinates"
     [F 3 H W] (if asked for), "sequence" and "frame" (the first), and the arrays of `State` in
-    `state`, those of T frames cut to F.
+    `state`, those of T frames cut to F. `track_query` counts the frames of the sequence, also in a
+    pair.
 
     By default, all items of one image size have equal shapes, also of several robots. Arrays of
     joints, parts and points have not: batches of them need `collate_fn=pad_collate`.
@@ -71,8 +74,10 @@ class TensorItems:
             transform: Applied to each item.
 
         Raises:
-            ConfigError: there is no image or array of a name.
+            ConfigError: there is no image or array of a name, or pairs of sequences of one frame.
         """
+        if pairs and config.frames < 2:
+            raise ConfigError("pairs need 2 frames, and the sequences have 1; use pairs=False")
         stored = [name for name in IMAGES if name not in config.omitted_images]
         images = tuple(stored) if images is None else images
         if lacks := [name for name in images if name in config.omitted_images]:
@@ -132,19 +137,20 @@ class TorchDataset(TorchBase):
     def __init__(self, dataset: Dataset, pairs: bool = True, **options: Any) -> None:
         """Open nothing yet; the options are those of `TensorItems`.
 
-        Raises ConfigError if there is no image or array of a name.
+        Raises ConfigError like `TensorItems`, and if `dataset` is a path.
         """
+        if isinstance(dataset, str | Path):
+            raise ConfigError(f"TorchDataset takes an open dataset: gb.open_dataset({dataset!r})")
         self.dataset = dataset
         self.items = TensorItems(dataset.config, pairs, **options)
 
     def __len__(self) -> int:
         return len(self.dataset) * self.items.per_sequence
 
-    def __getitem__(self, index: int) -> Any:
-        """Raises IndexError, or DatasetError if a file is damaged."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(index)
-        number, frame = divmod(index % len(self), self.items.per_sequence)
+    def __getitem__(self, index: SupportsIndex) -> Any:
+        """Raises IndexError, TypeError for no whole number, DatasetError if a file is damaged."""
+        place = range(len(self))[operator.index(index)]
+        number, frame = divmod(place, self.items.per_sequence)
         where = f"{address(self.dataset.path)}: sequence {self.dataset.names[number]}"
         return self.items.item(self.dataset[number], number, frame, where)
 
@@ -175,5 +181,7 @@ _VARIABLE = {field.name for field in dataclasses.fields(State)} - {*STATE}
 
 
 def _check(kind: str, names: tuple[str, ...], there: list[str]) -> None:
+    if isinstance(names, str):
+        raise ConfigError(f"{names!r} is one name; give a tuple of {kind}s: ({names!r},)")
     if unknown := [name for name in names if name not in there]:
         raise ConfigError(f"no {kind} {unknown[0]!r}; there are {', '.join(there)}")

@@ -55,7 +55,7 @@ class Stack(Protocol[_Item]):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """Images and ground truth of one instant, H x W pixels."""
 
@@ -80,7 +80,7 @@ class Frame:
     no part."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
     """Everything about a sequence that is exact: `state.npz`. T frames, J joints, P parts."""
 
@@ -183,7 +183,7 @@ class Meta:
     format: str = FORMAT
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sequence:
     """A video and its ground truth. Image stacks are arrays, or decode a frame when indexed."""
 
@@ -248,7 +248,8 @@ class Sequence:
         return images
 
     def frame(self, t: int) -> Frame:
-        """Return frame t, in 0..T-1."""
+        """Return frame t; -1 is the last. Raises IndexError beyond."""
+        t = range(self.meta.frames)[t]
         step, before = (t if t + 1 < self.meta.frames else None), (t - 1 if t > 0 else None)
         return Frame(
             rgb=self.rgb[t],

@@ -54,11 +54,38 @@ def test_a_dataset_is_a_list_of_sequences(dataset: Dataset) -> None:
     assert [s.meta.index for s in dataset] == [0, 1, 2]
     assert dataset[-1].meta.name == dataset["000002"].meta.name == "000002"
     assert np.array_equal(dataset[1].rgb[2], dataset["000001"].rgb[2])
+    assert dataset[np.int64(1)].meta.index == 1
+    assert "000001" in dataset and "1" not in dataset and 1 not in dataset
     with pytest.raises(IndexError):
         dataset[N]
-    with pytest.raises(GcbenchError, match="000000 to 000002"):
+    for wrong in (slice(2), 0.0, None):
+        with pytest.raises(TypeError, match="integer"):
+            dataset[wrong]
+    with pytest.raises(GcbenchError, match="there are 000000 to 000002"):
         dataset["000009"]
+    gaps = dataclasses.replace(dataset, names=("000005", "000007"))
+    with pytest.raises(GcbenchError, match="there are 2 from 000005 to 000007"):
+        gaps["000006"]
     assert len(pickle.loads(pickle.dumps(dataset))[0]) == 4
+
+
+def test_frames_are_counted_from_both_ends(dataset: Dataset) -> None:
+    sequence = dataset[0]
+    for t in range(4):
+        one, same = vars(sequence.frame(t)), vars(sequence.frame(t - 4))
+        for name, image in one.items():
+            assert (image is None) == (same[name] is None)
+            assert image is None or np.array_equal(image, same[name], equal_nan=True), name
+    for beyond in (4, -5):
+        with pytest.raises(IndexError):
+            sequence.frame(beyond)
+
+
+def test_sequences_compare_by_identity(dataset: Dataset) -> None:
+    """Their arrays have no truth value."""
+    sequence = dataset[0]
+    assert sequence == sequence and sequence != dataset[0]
+    assert len({sequence, sequence.state, sequence.frame(0)}) == 3
 
 
 def test_a_dataset_knows_its_config(dataset: Dataset) -> None:
@@ -179,8 +206,11 @@ def test_tensors_of_pairs_and_sequences(dataset: Dataset) -> None:
     assert np.array_equal(item["part"], sequence.part[2:4])
     assert np.array_equal(item["joint_positions"], sequence.state.joint_positions[2:4])
     assert np.array_equal(item["intrinsics"], sequence.state.intrinsics)
+    assert pairs[np.int64(-1)]["frame"] == 2
     with pytest.raises(IndexError):
         pairs[len(pairs)]
+    with pytest.raises(TypeError, match="integer"):
+        pairs[0:2]
     whole = TorchDataset(dataset, pairs=False, images=("rgb", "visibility"))
     assert len(whole) == N
     assert whole[-1]["visibility"].shape == (3, 24, 32)
@@ -191,6 +221,14 @@ def test_tensors_of_pairs_and_sequences(dataset: Dataset) -> None:
         TorchDataset(dataset, images=("normals",))
     with pytest.raises(GcbenchError, match="no array 'joints'; there are times"):
         TorchDataset(dataset, state=("joints",))
+    with pytest.raises(GcbenchError, match=r"'rgb' is one name; give a tuple of images: \('rgb',"):
+        TorchDataset(dataset, images="rgb")
+    with pytest.raises(GcbenchError, match="takes an open dataset"):
+        TorchDataset("data/arm")
+    still = dataclasses.replace(dataset, config=dataclasses.replace(CONFIG, frames=1))
+    with pytest.raises(GcbenchError, match="pairs need 2 frames"):
+        TorchDataset(still)
+    assert len(TorchDataset(still, pairs=False)) == N
 
 
 @pytest.fixture(scope="module")

@@ -370,7 +370,7 @@ def test_show_of_a_dataset_and_of_a_file(
     assert sheet is not None
     assert sheet.shape[1] == 10 + 2 * 170, "two sequences side by side"
     for absent in (1, "1", "3-9"):
-        with pytest.raises(GcbenchError, match=r"no sequence .*; there are 000000 to 000002"):
+        with pytest.raises(GcbenchError, match=r"no sequence .*; there are 2 from 000000 to"):
             show(dataset, index=absent)
 
 
