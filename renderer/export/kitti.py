@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DatasetError, GcbenchError
+from ...errors import DatasetError, RenderError
 from ..dataset import Dataset, codec
 from ..runtime import Archive, address
 from ..types import BACKGROUND, VISIBLE, Sequence
@@ -113,5 +113,6 @@ def calib(intrinsics: NDArray[np.float64], width: int, height: int) -> str:
 def _depth(depth: NDArray[np.float32], archive: Archive) -> bytes:
     try:
         return codec.encode_depth(depth, _DEPTH_UNIT)
-    except GcbenchError as error:
-        raise DatasetError(f"{address(archive.path)}: KITTI cannot hold it: {error}") from error
+    except RenderError as error:
+        raise DatasetError(f"{address(archive.path)}: depth is up to {depth.max():g} m, and a file "
+                           "of KITTI holds less than 256 m; use another --format") from error

@@ -315,7 +315,7 @@ def test_kitti_refuses_a_scene_that_is_too_deep(dataset: Dataset, tmp_path: Path
     far = dataclasses.replace(sequence, depth=np.full((FRAMES, 36, 48), 300.0, np.float32))
     (tmp_path / "k").mkdir()
     writer = export_kitti.Kitti(tmp_path / "k", dataset)
-    with pytest.raises(GcbenchError, match="KITTI cannot hold it: depth from 300"):
+    with pytest.raises(GcbenchError, match="depth is up to 300 m, and a file of KITTI holds"):
         writer.add(far, open_archive(dataset.path / "sequences" / "000000.zip"))
 
 
