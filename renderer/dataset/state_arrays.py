@@ -15,8 +15,14 @@ from ..types import Meta, State
 
 MAX_STATE = 2**29
 """Bytes of all arrays of a sequence; more are refused."""
-_FAR = 10**9
-"""m; coordinates within it fit single precision."""
+_FAR = 1e9
+"""m, rad or px; computations with such numbers do not overflow."""
+_LATE = 1e12
+"""s; more than the slowest video lasts."""
+_OUTSIDE = 1e30
+"""px; a point beside the camera projects to a huge number."""
+_FOCAL = 1e-6
+"""px, the least focal length."""
 _KINDS = {"bool": "b", "int64": "iu", "float64": "f"}
 
 
@@ -24,7 +30,7 @@ _KINDS = {"bool": "b", "int64": "iu", "float64": "f"}
 class _Array:
     shape: tuple[int, ...]
     dtype: str = "float64"
-    bounds: tuple[int, int] | None = None
+    bounds: tuple[float, float] = (-_FAR, _FAR)
     """Least and greatest value."""
     may_be_unknown: bool = False
     """NaN behind the camera."""
@@ -55,7 +61,8 @@ def parse_state(data: bytes, meta: Meta, where: str) -> State:
     """Return the state in the bytes of `state.npz`; unknown arrays are ignored.
 
     Raises:
-        DatasetError: beginning with `where`, unless the arrays fit `meta` and are finite.
+        DatasetError: beginning with `where`, unless the arrays fit `meta`, are finite and of usual
+            size, and the focal lengths are positive.
     """
     expected = _arrays(meta)
     if _bytes(expected) > MAX_STATE:
@@ -72,10 +79,11 @@ def parse_state(data: bytes, meta: Meta, where: str) -> State:
         finite = np.isfinite(values) | (np.isnan(values) if array.may_be_unknown else False)
         if not finite.all():
             raise DatasetError(f"{where}: {key} is not finite")
-        if array.bounds and values.size:
-            low, high = array.bounds
-            if not low <= values.min() <= values.max() <= high:
-                raise DatasetError(f"{where}: {key} is not within {low}..{high}")
+        low, high = array.bounds
+        if ((values < low) | (values > high)).any():
+            raise DatasetError(f"{where}: {key} is not within {low:.9g}..{high:.9g}")
+    if not (np.diag(arrays["intrinsics"])[:2] >= _FOCAL).all():
+        raise DatasetError(f"{where}: intrinsics have a focal length of less than {_FOCAL:g} px")
     return State(**arrays)
 
 
@@ -93,7 +101,7 @@ def _arrays(meta: Meta) -> dict[str, _Array]:
     frames, joints, parts = meta.frames, len(meta.joint_names), len(meta.part_names)
     number = (1, parts)
     arrays = {
-        "times": _Array((frames,)),
+        "times": _Array((frames,), bounds=(-_LATE, _LATE)),
         "joint_positions": _Array((frames, joints)),
         "intrinsics": _Array((3, 3)),
         "cam_from_world": _Array((frames, 4, 4)),
@@ -104,7 +112,7 @@ def _arrays(meta: Meta) -> dict[str, _Array]:
         "part_pixels": _Array((frames, parts), "int64", (0, meta.width * meta.height)),
     }
     if "coordinates" in meta.layers:
-        arrays["coordinate_box"] = _Array((parts, 2, 3), bounds=(-_FAR, _FAR))
+        arrays["coordinate_box"] = _Array((parts, 2, 3))
     for kind, n in (("keypoint", len(meta.keypoint_names)), ("track", meta.tracks)):
         if f"{kind}s" in meta.layers:
             arrays[f"{kind}_part"] = _Array((n,), "int64", number)
@@ -112,7 +120,8 @@ def _arrays(meta: Meta) -> dict[str, _Array]:
                 arrays["track_query"] = _Array((n,), "int64", (0, frames - 1))
             arrays |= {
                 f"{kind}_world": _Array((frames, n, 3)),
-                f"{kind}_image": _Array((frames, n, 2), may_be_unknown=True),
+                f"{kind}_image": _Array((frames, n, 2), bounds=(-_OUTSIDE, _OUTSIDE),
+                                        may_be_unknown=True),
                 f"{kind}_visible": _Array((frames, n), "bool"),
             }
     return arrays

@@ -22,16 +22,18 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from ...errors import GcbenchError
+from ...errors import DatasetError, GcbenchError
 from ...robots.geometry import Array, inverse
 from ...robots.model import ArticulatedModel, mean_color
 from ..dataset import Dataset
-from ..runtime import Archive, dump_json
+from ..runtime import Archive, address, dump_json
 from ..scene import model_of, robot_of
 from ..types import Meta, Sequence
 from .writer import Writer
 
 _APPLICATION = "gcbench"
+_LATEST = 9.2e9
+"""s; Rerun counts nanoseconds in 64 bits."""
 _CAMERA, _IMAGE = ["world", "camera"], ["world", "camera", "image"]
 
 
@@ -45,6 +47,9 @@ class Rerun(Writer):
 
     def add(self, sequence: Sequence, archive: Archive) -> dict[str, Any]:
         meta, s = sequence.meta, sequence.state
+        if np.abs(s.times).max() > _LATEST:
+            raise DatasetError(f"{address(archive.path)}: times are beyond the 292 years that "
+                               "Rerun can hold; use another --format")
         recording = rr.RecordingStream(
             _APPLICATION, recording_id=f"{self.dataset.path.absolute().name}/{archive.path.stem}")
         recording.disable_timeline("log_time")

@@ -38,6 +38,8 @@ _PAPER, _LINE, _INK = 255, 205, 40
 """Grey levels."""
 _SHORTEST = 2.0
 """s, minimum duration of a film; shorter ones are slowed down, and their captions say so."""
+_LONGEST = 500.0
+"""s of a picture: what OpenCV's MP4 can hold (a GIF: 655); longer ones are shortened likewise."""
 _CODECS = ("vp09", "avc1", "mp4v")
 """The first two play in browsers. OpenCV's wheels can write the first but not the second."""
 
@@ -71,7 +73,8 @@ def film_frames(sequence: Sequence) -> Iterator[RgbImage]:
     numbers = [int(t) for t in select_frames(len(sequence), _FILM_FRAMES)]
     span = value_ranges(sequence, numbers)
     speed = _seconds_per_picture(sequence) / _true_seconds_per_picture(sequence)
-    note = "" if speed < 1.01 else f"  1/{speed:.2g} of true speed"
+    note = "" if 0.99 < speed < 1.01 else (
+        f"  1/{speed:.2g} of true speed" if speed > 1 else f"  {1 / speed:.2g} times true speed")
     for t in numbers:
         rgb, depth, part, flow = _tiles(sequence, t, _FILM_TILE, span)
         title = f"t = {sequence.state.times[t]:.3f} s{note}"
@@ -247,4 +250,5 @@ def _true_seconds_per_picture(sequence: Sequence) -> float:
 
 
 def _seconds_per_picture(sequence: Sequence) -> float:
-    return max(_true_seconds_per_picture(sequence), _SHORTEST / min(len(sequence), _FILM_FRAMES))
+    shortest = _SHORTEST / min(len(sequence), _FILM_FRAMES)
+    return min(max(_true_seconds_per_picture(sequence), shortest), _LONGEST)

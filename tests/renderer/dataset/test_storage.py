@@ -541,6 +541,19 @@ def test_state_is_checked(path: Path, kind: str) -> None:
     refused(path, "state.npz", "times")
 
 
+@pytest.mark.parametrize(("key", "number"), [
+    ("times", 1e13), ("joint_positions", 1e10), ("intrinsics", 1e10), ("intrinsics", 0.0),
+    ("intrinsics", -1.0), ("cam_from_world", -1e200), ("world_from_part", 1e200),
+    ("joint_screw", 1e300)])
+def test_numbers_of_unusual_size_are_refused(
+    path: Path, content: tuple[list[Frame], Meta, State], key: str, number: float
+) -> None:
+    """Computations with them overflow."""
+    array = np.full_like(getattr(content[2], key), number)
+    remake(path, with_array(key, npy(array)))
+    refused(path, "state.npz", key)
+
+
 def test_a_state_may_be_unknown_but_not_infinite(
     path: Path, content: tuple[list[Frame], Meta, State]
 ) -> None:

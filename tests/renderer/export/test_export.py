@@ -319,6 +319,16 @@ def test_kitti_refuses_a_scene_that_is_too_deep(dataset: Dataset, tmp_path: Path
         writer.add(far, open_archive(dataset.path / "sequences" / "000000.zip"))
 
 
+def test_rerun_refuses_times_that_it_cannot_hold(dataset: Dataset, tmp_path: Path) -> None:
+    export_rerun = pytest.importorskip("gcbench.renderer.export.rerun")
+    sequence = dataset[0]
+    late = dataclasses.replace(sequence.state, times=sequence.state.times + 1e10)
+    with pytest.raises(GcbenchError, match="beyond the 292 years"):
+        export_rerun.Rerun(tmp_path, dataset).add(
+            dataclasses.replace(sequence, state=late),
+            open_archive(dataset.path / "sequences" / "000000.zip"))
+
+
 # -- COCO -------------------------------------------------------------------------------------
 
 

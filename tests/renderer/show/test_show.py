@@ -341,6 +341,20 @@ def test_sheet_gif_and_mp4_can_be_read_back(sequence: Sequence, tmp_path: Path) 
         == ["film.gif", "film.mp4", "many.png", "one.png"], "no temporary file is left"
 
 
+@pytest.mark.parametrize("spacing", [1e3, 1e11])
+def test_films_of_slow_videos_are_shortened(
+    sequence: Sequence, tmp_path: Path, spacing: float
+) -> None:
+    """A GIF counts hundredths of a second in 16 bits, and OpenCV refuses less than 0.002 fps."""
+    times = np.arange(len(sequence)) * spacing
+    slow = dataclasses.replace(sequence, state=dataclasses.replace(sequence.state, times=times))
+    pillow = pytest.importorskip("PIL.Image")
+    with pillow.open(film.write_gif(slow, tmp_path / "film.gif")) as image:
+        assert image.info["duration"] == 500_000
+    video = cv2.VideoCapture(str(film.write_mp4(slow, tmp_path / "film.mp4")))
+    assert video.get(cv2.CAP_PROP_FPS) == 0.002
+
+
 @pytest.fixture
 def dataset(sequence: Sequence, tmp_path: Path) -> Path:
     """With sequences 0 and 2."""
