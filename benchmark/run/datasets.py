@@ -90,6 +90,8 @@ def from_folders(
     out: list[Data] = []
     for folder in folders:
         data = select(folder.resolve().name, folder, selection, allow_model)
+        for warning in data.dataset.warnings:
+            say(warning)
         tree = config_tree(data.dataset.config)
         named = [name for name, of_suite in of_suites.items() if of_suite == tree]
         out.append(replace(data, name=named[0]) if named else data)

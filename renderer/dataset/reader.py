@@ -5,11 +5,12 @@ from __future__ import annotations
 import operator
 import re
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import SupportsIndex
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,13 @@ from ...errors import ConfigError, DatasetError
 from ..runtime import address, command_line, is_remote, list_folder
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence, html_card
-from .provenance import DATASET_FILE, Provenance, read_provenance
-from .storage import SEQUENCES_FOLDER, open_sequence
+from .provenance import DATASET_FILE, Provenance, read_provenance, sequence_counts
+from .storage import SEQUENCES_FOLDER, open_sequence, read_meta
 
 _THUMBNAILS = 4
 """Pictures on the card of a notebook."""
+_READERS = 8
+"""Sequences that are read at a time."""
 _NAME = re.compile(r"(\d{6,})(\.zip)?")
 
 
@@ -63,6 +66,13 @@ class Dataset:
         pictures = {f"sequence {name}": partial(self._first_image, name)
                     for name in self.names[:_THUMBNAILS]}
         return html_card(f"Dataset {address(self.path)}", facts, pictures)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before use, one line each: that its run has not ended."""
+        return () if self.info.counts else (
+            f"{address(self.path)} is not finished (its run has not ended); run the same gcbench "
+            "render command again",)
 
     def _first_image(self, name: str) -> NDArray[np.uint8]:
         return self[name].rgb[0]
@@ -148,6 +158,13 @@ def sequence_paths(dataset: Path) -> dict[str, Path]:
                 continue
             found[match[1]] = path
     return found
+
+
+def count_sequences(paths: Iterable[Path]) -> dict[str, Any]:
+    """Return `Provenance.counts` of sequences; several are read at a time, for storage that answers
+    late. Raises DatasetError if one cannot be read."""
+    with ThreadPoolExecutor(_READERS) as pool:
+        return sequence_counts(pool.map(read_meta, paths))
 
 
 def select_sequences(dataset: Dataset, text: str) -> list[str]:

@@ -19,7 +19,7 @@ from ... import __version__
 from ...errors import ConfigError, GcbenchError, RenderError, StorageError
 from ...robots.files import LOCK, lock_folder
 from ..dataset import Dataset, open_dataset, select_sequences, sequence_paths
-from ..runtime import dump_json, frame_bar, open_archive, require_local
+from ..runtime import dump_json, frame_bar, open_archive, require_local, say
 from .journal import Journal
 from .writer import Writer
 
@@ -101,6 +101,8 @@ def write_export(
     require_local(out, "--out")
     if out.exists() or out.is_symlink():
         raise ConfigError(f"{out} is there already; choose another --out, or delete it")
+    for warning in dataset.warnings:
+        say(warning)
     part = out.with_name(f".{out.name}.part")
     origin = {"generator": {"name": "gcbench", "version": __version__},
               "assets": dataset.info.assets, **origin}

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Generator, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -28,18 +27,15 @@ from ..dataset import (
     DATASET_FILE,
     SEQUENCES_FOLDER,
     Provenance,
+    count_sequences,
     new_provenance,
-    read_meta,
     read_provenance,
-    sequence_counts,
     sequence_name,
     sequence_paths,
     write_provenance,
 )
 from ..runtime import Shard, address, dump_json, exists, is_remote, say
 from ..scene import RenderConfig, config_tree, differences, draws_of, parse_config
-
-_READERS = 8  # threads
 
 
 @contextmanager
@@ -217,13 +213,10 @@ def _with_environment(dataset: Provenance, one: Mapping[str, Any] | None) -> Pro
 
 
 def _count(paths: Iterable[Path]) -> dict[str, Any]:
-    """The counts of sequences; several are read at a time, for storage that answers late."""
-    with ThreadPoolExecutor(_READERS) as pool:
-        try:
-            return sequence_counts(pool.map(read_meta, paths))
-        except DatasetError as error:
-            raise DatasetError(f"{error}; delete it, and the same command renders it again"
-                               ) from error
+    try:
+        return count_sequences(paths)
+    except DatasetError as error:
+        raise DatasetError(f"{error}; delete it, and the same command renders it again") from error
 
 
 def _with_old_draws(out: Path, config: RenderConfig) -> RenderConfig:

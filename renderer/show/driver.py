@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import ConfigError
 from ..dataset import DATASET_FILE, Dataset, open_dataset, open_sequence, select_sequences
-from ..runtime import address, exists, require_local
+from ..runtime import address, exists, require_local, say
 from . import video as film
 from .dataset_pages import Models, write_dataset_pages
 from .page import write_page
@@ -60,6 +60,8 @@ def show(
         chosen, model, sequence = [], None, open_sequence(Path(str(path)))
     else:
         chosen = select_sequences(dataset, "" if index is None else str(index))
+        for warning in dataset.warnings:
+            say(warning)
         sequence = dataset[chosen[0]]
         model = Models(dataset)
     nothing = not (out or contact_sheet or gif or mp4)

@@ -15,7 +15,14 @@ import numpy as np
 
 from ...errors import ConfigError, GcbenchError, StorageError
 from ...robots.model import ArticulatedModel
-from ..dataset import DATASET_FILE, SEQUENCES_FOLDER, open_dataset, open_sequence, select_sequences
+from ..dataset import (
+    DATASET_FILE,
+    SEQUENCES_FOLDER,
+    count_sequences,
+    open_dataset,
+    open_sequence,
+    select_sequences,
+)
 from ..runtime import (
     Problem,
     WorkerPool,
@@ -32,10 +39,12 @@ from .checks import CheckResult, VerifyReport, check, merge_checks
 from .images import verify_images
 from .kinematics import GLTF_FILES, URDF_FILES, verify_state
 from .layers import verify_layers
+from .meta_fields import check_config_fields
 from .observability import verify_observability
 from .surfaces import surfaces_to_check, verify_surface
 from .tracks import verify_tracks
 
+_FIRST = 5  # checks of a state that are the premise of all others
 _POOL = 4  # sequences; so few are verified before processes have started
 
 
@@ -70,7 +79,8 @@ def verify_sequence(
     """
     with np.errstate(all="ignore"):  # a broken value becomes an infinite residual, not a warning
         checks = verify_state(sequence, model, file, names, scale)
-        if all(c.ok for c in checks[:2]):  # shapes and finite: without them nothing can be computed
+        # Without shapes, finite numbers, intrinsics and rigid poses nothing can be computed.
+        if all(c.ok for c in checks[:_FIRST]):
             checks += verify_images(sequence)
             checks += verify_layers(sequence)
             checks += verify_surface(sequence, model)
@@ -127,19 +137,18 @@ def verify_dataset(
     else:
         checks = dataset_checks(files, dataset.info.counts)
     reference, notes = shared_reference(dataset.config, allow_model)
-    jobs = [(file, reference, dataset.config.seed) for file in files]
+    jobs = [(file, reference, dataset.config) for file in files]
     for found in verify_files(jobs, workers, progress):
         checks += found
-    return VerifyReport(merge_checks(checks), (*warnings, *notes))
+    return VerifyReport(merge_checks(checks), (*dataset.warnings, *warnings, *notes))
 
 
 def _verify_one(path: Path, allow_model: bool) -> VerifyReport:
-    seed, reference, notes = None, Reference(), ["alone, without a dataset's config"]
+    config, reference, notes = None, Reference(), ["alone, without a dataset's config"]
     if exists(path.parent.parent / DATASET_FILE):
         config = open_dataset(path.parent.parent).config
-        seed = config.seed
         reference, notes = shared_reference(config, allow_model)
-    return VerifyReport(merge_checks(_verify_file((path, reference, seed))), tuple(notes))
+    return VerifyReport(merge_checks(_verify_file((path, reference, config))), tuple(notes))
 
 
 def shared_reference(
@@ -208,10 +217,26 @@ def dataset_checks(files: Stack[Path], counts: Mapping[str, Any] | None) -> list
         check("no sequence missing", missing, 0, "sequences", f"first: {first:06d}",
               samples=len(files)),
         check("no sequence twice", len(indices) - len(there), 0, "sequences",
-              "a ZIP and a folder", samples=len(files))]
+              "a ZIP and a folder", samples=len(files)),
+        *(_check_counts(files, counts) if counts and len(counts) > 1 else [])]
 
 
-_Job = tuple[Path, "Reference | RenderConfig", "int | None"]
+def _check_counts(files: Stack[Path], counts: Mapping[str, Any]) -> list[CheckResult]:
+    """The check that `counts` are those of the sequences; none if a sequence cannot be read, which
+    is a failed check of its own."""
+    try:
+        found = count_sequences(files)
+    except StorageError:
+        raise
+    except _UNREADABLE:
+        return []
+    wrong = [f"{name}, which are {found[name]}" for name in ("frames", "unobservable", "refused")
+             if counts.get(name, found[name]) != found[name]]
+    return [check("counts of dataset.json", len(wrong), 0, "fields", ", ".join(wrong), samples=3)]
+
+
+_Job = tuple[Path, "Reference | RenderConfig", "RenderConfig | None"]
+_UNREADABLE = (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile)
 
 
 def verify_files(jobs: Stack[_Job], workers: int, progress: bool) -> Iterator[list[CheckResult]]:
@@ -257,22 +282,24 @@ def check_files(connection: Connection) -> None:
 
 def _verify_file(job: _Job) -> list[CheckResult]:
     """The checks of one file; places start with its name. StorageError says nothing of them."""
-    file, reference, seed = job
+    file, reference, config = job
     try:
         sequence = open_sequence(file)
         meta = sequence.meta
         if isinstance(reference, RenderConfig):
             reference, _ = reference_of(reference, robot_of(reference, meta))
         found = [check("readable", 0, 0, "sequences"),
-                 check("seed and index", seed is not None
-                       and (meta.seed, f"{meta.index:06d}") != (seed, file.stem), 0,
+                 check("seed and index", config is not None
+                       and (meta.seed, f"{meta.index:06d}") != (config.seed, file.stem), 0,
                        "sequences", f"says seed {meta.seed}, index {meta.index}")]
+        if config is not None:
+            found.append(check_config_fields(sequence, config))
         found += verify_sequence(
             sequence, reference.model, reference.file, reference.names,
             reference.scale).checks
     except StorageError:
         raise
-    except (GcbenchError, OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+    except _UNREADABLE as error:
         found = [check("readable", 1, 0, "sequences", f"{type(error).__name__}: {error}")]
     return [replace(c, where=f"{file.stem} {c.where}".rstrip()) if c.worst > 0 else c
             for c in found]

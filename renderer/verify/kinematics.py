@@ -23,6 +23,7 @@ from .animations import DrawnAnimation, drawn_animation
 from .checks import CheckResult, check
 from .frames import METRES
 from .gltf_reader import GltfFrame, read_gltf_frames
+from .meta_fields import check_model_fields
 from .urdf_reader import UrdfJoint, read_urdf_tree
 
 URDF_FILES, GLTF_FILES = (".urdf",), (".glb", ".gltf")
@@ -47,11 +48,15 @@ def verify_state(sequence: Sequence, model: ArticulatedModel | None = None,
     if not checks[-1].ok:
         return checks
     checks += _rigid(sequence.state)
+    if not all(c.ok for c in checks):
+        return checks
     checks.append(_times(sequence.state))
     checks.append(_limits(sequence))
     checks += _screws(sequence)
     names, positions = sequence.meta.joint_names, sequence.state.joint_positions
     drawn = drawn_animation(sequence)
+    if model is not None:
+        checks.append(check_model_fields(sequence, model, scale))
     if drawn is not None:
         return checks + (_animated_poses(sequence, drawn, model) if model is not None else [])
     if model is not None:
@@ -77,6 +82,8 @@ def _shapes(sequence: Sequence) -> CheckResult:
         wrong.append("joint_types, joint_limits")
     if not {*meta.scored_joints} <= {*meta.joint_names}:
         wrong.append("scored_joints")
+    wrong += [f"{k} twice" for k in ("joint_names", "part_names", "scored_joints")
+              if len({*getattr(meta, k)}) < len(getattr(meta, k))]
     child, parent = s.joint_child_part, s.joint_parent_part
     alien = np.any((child < 1) | (child > p)) or np.any((parent < 0) | (parent > p))
     if not wrong and alien:
@@ -97,8 +104,10 @@ def _finite(s: State) -> CheckResult:
 
 def _rigid(s: State) -> list[CheckResult]:
     k = s.intrinsics
-    pinhole = [k[2, 0], k[2, 1], k[2, 2] - 1, k[1, 0], min(k[0, 0], 0), min(k[1, 1], 0)]
-    checks = [check("intrinsics pinhole", pinhole, 1e-12, "px")]
+    pinhole = {(2, 0): k[2, 0], (2, 1): k[2, 1], (2, 2): k[2, 2] - 1, (1, 0): k[1, 0],
+               (0, 0): k[0, 0] <= 0, (1, 1): k[1, 1] <= 0}
+    checks = [check("intrinsics pinhole", [*pinhole.values()], 1e-12, "px",
+                    lambda i: f"K{[*[*pinhole][i]]}")]
     for name, poses in (("camera", s.cam_from_world[:, None]), ("part", s.world_from_part)):
         r = poses[..., :3, :3]
         residual = np.stack([

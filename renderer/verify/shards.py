@@ -99,11 +99,11 @@ def verify_shard(
     digests = {file.stem: _digest(file) for file in files}
     with _ShardFile(folder / f"{mine.index}-of-{mine.count}{_SUFFIX}", head, digests) as found:
         todo = [file for file in files if file.stem not in found.checks]
-        jobs = [(file, reference, dataset.config.seed) for file in todo]
+        jobs = [(file, reference, dataset.config) for file in todo]
         for file, checks in zip(todo, verify_files(jobs, workers, progress), strict=True):
             found.add(file.stem, checks)
     checks = [check for file in files for check in found.checks[file.stem]]
-    return VerifyReport(merge_checks(checks), tuple(notes))
+    return VerifyReport(merge_checks(checks), (*dataset.warnings, *notes))
 
 
 def merge_verification(path: str | Path, reports: str | Path | None = None) -> VerifyReport:
@@ -147,7 +147,7 @@ def merge_verification(path: str | Path, reports: str | Path | None = None) -> V
     checks = dataset_checks(files, dataset.info.counts)
     for file in files:
         checks += _checks(found[file.stem])
-    return VerifyReport(merge_checks(checks), tuple(warnings))
+    return VerifyReport(merge_checks(checks), (*dataset.warnings, *warnings))
 
 
 def _describe_missing(

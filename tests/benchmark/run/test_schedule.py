@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,18 @@ def jobs(folder: Path, tmp_path: Path) -> list[Job]:
     (data,) = from_folders([folder])
     return [prepare_job(describe_run(row, row.name, data, {}), data, tmp_path)
             for row in (FOREIGN, RGB, RGBD)]
+
+
+def test_an_unfinished_dataset_is_evaluated_with_a_warning(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
+    info = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps(info | {"counts": None}))
+    assert [data.name for data in from_folders([folder, copy])] == ["arm", "copy"]
+    assert capsys.readouterr().err == (
+        f"gcbench: {copy} is not finished (its run has not ended); run the same gcbench render "
+        "command again\n")
 
 
 def test_cheap_rows_run_first_and_each_row_is_tried_first(jobs: list[Job]) -> None:

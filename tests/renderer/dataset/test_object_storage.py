@@ -374,7 +374,7 @@ def test_an_outage_is_no_fault_of_a_sequence_or_a_method(
     server.stop()
     try:
         for attempt in (lambda: job.write("000000", b"what a method has sent"),
-                        lambda: list(verify_files([(sequence, Reference(), 3)], 1, False))):
+                        lambda: list(verify_files([(sequence, Reference(), None)], 1, False))):
             with pytest.raises(gb.DatasetError, match="does not answer"):
                 attempt()
     finally:

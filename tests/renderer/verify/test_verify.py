@@ -117,6 +117,10 @@ CORRUPTIONS = {
     "principal point half a pixel off": (
         lambda s: state(s, intrinsics=put(slice(2), 2, value=0.5)), "flow forward"),
     "focal length": (lambda s: state(s, intrinsics=put(0, 0, value=2.0)), "flow forward"),
+    "no focal length": (lambda s: state(s, intrinsics=lambda k: k * 0), "intrinsics pinhole"),
+    "no camera pose": (lambda s: state(s, cam_from_world=lambda x: x * 0), "camera poses rigid"),
+    "no part pose": (lambda s: state(s, world_from_part=lambda x: x * 0), "part poses rigid"),
+    "scored twice": (lambda s: meta(s, scored_joints=("lift", "lift")), "shapes"),
     "intrinsics of a mirror": (lambda s: state(s, intrinsics=negate(1, 1)), "intrinsics pinhole"),
     "depth is ray length": (
         lambda s: images(s, depth=lambda d: d * ray_length(s)), "flow forward"),
@@ -186,6 +190,29 @@ CORRUPTIONS = {
     "observability pixels": (lambda s: saying(s, "lift", pixels=10_000), "observability: pixels"),
     "observability verdict": (lambda s: saying(s, "lift", share=0.1), "observability: verdict"),
 }
+
+
+MODEL_CORRUPTIONS = {
+    "type of joint pan": lambda s: meta(s, joint_types=("revolute", "revolute", "prismatic")),
+    "limits of joint slide": lambda s: meta(s, joint_limits=(None, (-2.0, 2.0), (-0.1, 9.0))),
+    "limits of joint lift": lambda s: meta(s, joint_limits=(None, (-1.9, 2.0), (-0.1, 0.3))),
+    "parent part of joint slide": lambda s: state(s, joint_parent_part=lambda p: np.minimum(p, 2)),
+    "joint spin": lambda s: meta(s, joint_names=("spin", "lift", "slide"), scored_joints=()),
+    "deforming part hand": lambda s: meta(s, deforming_parts=("hand",)),
+}
+
+
+@pytest.mark.parametrize("place", MODEL_CORRUPTIONS)
+def test_joints_and_parts_are_those_of_the_model(right, place):
+    report = verify_sequence(MODEL_CORRUPTIONS[place](right), MODEL)
+    where = {c.name: c.where for c in report.checks if not c.ok}
+    assert where["joints and parts of the model"] == place
+
+
+def test_limits_of_earlier_versions_pass(right):
+    """They did not know of a joint that follows another."""
+    wider = meta(right, joint_limits=(None, (-2.5, 2.0), (-0.1, 0.3)))
+    assert verify_sequence(wider, MODEL).ok
 
 
 def test_right_sequence_passes(right):
@@ -312,7 +339,8 @@ def test_poses_of_another_urdf_or_model_are_not_these(right, tmp_path):
 @pytest.fixture
 def dataset(right, tmp_path):
     """Two sequences on disk."""
-    write_provenance(tmp_path, new_provenance(RenderConfig(robot="gone.urdf", seed=3)))
+    write_provenance(tmp_path, new_provenance(
+        RenderConfig(robot="gone.urdf", seed=3, frames=4, width=200, height=150)))
     for index in (0, 1):
         write(tmp_path, right, index)
     return tmp_path
@@ -329,7 +357,8 @@ def write(folder, sequence, index, **changes):
 def test_dataset_on_disk_passes(dataset):
     report = verify_dataset(dataset, progress=False)
     assert report.ok, report.table()
-    assert "own screws only" in report.warnings[0] and len(report.warnings) == 1
+    unfinished, reference = report.warnings
+    assert "is not finished (its run has not ended)" in unfinished and "own screws" in reference
     (flow,) = (c for c in report.checks if c.name == "flow forward")
     assert flow.where.startswith("00000") and "frame" in flow.where
 
@@ -420,6 +449,34 @@ def test_sequences_are_counted(dataset):
     shutil.rmtree(dataset / "sequences")
     (dataset / "sequences").mkdir()
     assert "sequences present" in verify_dataset(dataset, progress=False).failures
+
+
+@pytest.mark.parametrize(("field", "change"), [
+    ("width", {"width": 64}), ("height", {"height": 48}), ("frames", {"frames": 9}),
+    ("layers", {"layers": ["normal"]}), ("omitted", {"flow": "forward"}),
+    ("times at 60 fps", {"randomization": {"motion": {"fps": 60}}})])
+def test_sequences_are_compared_with_the_configuration(dataset, field, change):
+    said = json.loads((dataset / "dataset.json").read_text())
+    motion = {**said["config"]["randomization"], **change.get("randomization", {})}
+    said["config"] |= {**change, "randomization": motion}
+    (dataset / "dataset.json").write_text(json.dumps(said))
+    report = verify_dataset(dataset, progress=False)
+    where = {c.name: c.where for c in report.checks if not c.ok}
+    assert where == {"as dataset.json says": f"000000 {field}"}
+
+
+def test_counts_are_those_of_the_sequences(dataset):
+    file = dataset / "dataset.json"
+    said = json.loads(file.read_text())
+    right = {"sequences": 2, "frames": 8, "unobservable": 0, "refused": {}}
+    wrong = {"frames": 9, "unobservable": 1, "refused": {"collision": 2}}
+    for changes in ({}, *({name: value} for name, value in wrong.items())):
+        file.write_text(json.dumps(said | {"counts": right | changes}))
+        report = verify_dataset(dataset, progress=False)
+        where = {c.name: c.where for c in report.checks if not c.ok}
+        assert [*where] == ["counts of dataset.json"] * bool(changes)
+        assert all(where["counts of dataset.json"].startswith(f"{name}, ") for name in changes)
+        assert not any("not finished" in warning for warning in report.warnings)
 
 
 def test_several_processes_find_the_same(dataset, right):
