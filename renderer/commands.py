@@ -147,7 +147,8 @@ def show(
         sequences: Instead of --index: sequences of the pages and the contact sheet, such as
             0-9,15.
         out: Folder of the pages; a name in .html for the page of one sequence. Default, if no
-            other file is named: DATASET-show, or SEQUENCE.html.
+            other file is named: DATASET-show, or SEQUENCE.html, in the current folder (beside the
+            dataset if that is the current folder).
         contact_sheet: PNG, JPEG or WebP of the first frames of a dataset, or of a sequence.
         gif: GIF of the images beside their ground truth.
         mp4: MP4 of the same.
@@ -202,7 +203,8 @@ def export(
     Args:
         dataset: Folder of a dataset.
         format: kitti, bop, coco, webdataset, hf, tapvid, rerun, screwnet or observation.
-        out: Folder of the export, which must not exist. Default: DATASET-FORMAT.
+        out: Folder of the export, which must not exist. Default: DATASET-FORMAT, beside the
+            dataset.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
         allow_model: Read the model from a path that the dataset names, or download it.
         track: With the format observation: rgb, rgbd (default) or rgbd-noise.
@@ -210,10 +212,11 @@ def export(
         quiet: Show no progress: print the result and errors only.
     """
     from .. import export_dataset, export_observations
+    from .dataset import default_output
     from .runtime import is_remote
 
     beside = Path() if is_remote(dataset) else dataset.parent
-    out = out or beside / f"{dataset.absolute().name}-{format}"
+    out = out or beside / default_output(dataset, f"-{format}")
     if (track or knowledge) and format != "observation":
         raise ConfigError("--track and --knowledge need --format observation")
     done = (export_observations(dataset, out, track or "rgbd", knowledge or "axes", sequences,

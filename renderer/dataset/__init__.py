@@ -11,7 +11,14 @@ from .provenance import (
     read_provenance,
     write_provenance,
 )
-from .reader import Dataset, count_sequences, open_dataset, select_sequences, sequence_paths
+from .reader import (
+    Dataset,
+    count_sequences,
+    default_output,
+    open_dataset,
+    select_sequences,
+    sequence_paths,
+)
 from .rounding import round_as_stored
 from .schema import UNITS
 from .state_arrays import state_shapes
@@ -27,8 +34,8 @@ from .storage import (
 
 __all__ = [
     "DATASET_FILE", "DEPTH_UNIT", "SEQUENCES_FOLDER", "UNITS", "Dataset", "Provenance",
-    "SequenceWriter", "count_sequences", "environment", "image_member", "image_times",
-    "new_provenance", "open_dataset", "open_sequence", "read_meta", "read_provenance",
-    "round_as_stored", "select_sequences", "sequence_name", "sequence_paths", "state_shapes",
-    "write_provenance",
+    "SequenceWriter", "count_sequences", "default_output", "environment", "image_member",
+    "image_times", "new_provenance", "open_dataset", "open_sequence", "read_meta",
+    "read_provenance", "round_as_stored", "select_sequences", "sequence_name", "sequence_paths",
+    "state_shapes", "write_provenance",
 ]

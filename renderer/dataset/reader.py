@@ -148,6 +148,19 @@ def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
                    allow_model)
 
 
+def default_output(dataset: Path, ending: str) -> Path:
+    """Return the name of a dataset with an ending: what a command writes to if it is not told.
+
+    It is in the current folder, or beside the dataset if that is the current folder or above it.
+    """
+    if is_remote(dataset):
+        return Path(f"{dataset.name}{ending}")
+    whole = dataset.resolve()
+    within = Path.cwd().is_relative_to(whole)
+    name = whole.name if dataset.name == ".." else dataset.absolute().name
+    return (whole.parent if within else Path()) / f"{name}{ending}"
+
+
 def sequence_paths(dataset: Path) -> dict[str, Path]:
     """Return the path of each sequence by name; a ZIP file is preferred to a folder."""
     folder = dataset / SEQUENCES_FOLDER

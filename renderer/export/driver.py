@@ -75,7 +75,8 @@ def export_dataset(
         1
     """
     if format not in WRITERS:
-        raise ConfigError(f"--format {format}: choose one of {', '.join(WRITERS)}")
+        raise ConfigError(f"--format {format}: choose one of {', '.join(WRITERS)} or observation "
+                          "(in Python, gb.export_observations)")
     data = open_dataset(dataset, allow_model)
     names = select_sequences(data, sequences)
     module, _, name = WRITERS[format].partition(":")

@@ -9,12 +9,12 @@ import tempfile
 from pathlib import Path
 
 from ...errors import RenderError
-from ..dataset import open_dataset, select_sequences
+from ..dataset import default_output, open_dataset, select_sequences
 from .driver import export_dataset
 
 
 def record_for_rerun(dataset: Path, index: str = "", allow_model: bool = False) -> Path:
-    """Write `DATASET-SEQUENCE.rrd` in the current folder and return its path.
+    """Write `DATASET-SEQUENCE.rrd` (`default_output`) and return its path.
 
     Args:
         dataset: Folder of the dataset.
@@ -27,9 +27,9 @@ def record_for_rerun(dataset: Path, index: str = "", allow_model: bool = False) 
         RenderError: the file cannot be written.
     """
     name = select_sequences(open_dataset(dataset), index)[0]
-    out = Path(f"{dataset.absolute().name}-{name}.rrd")
+    out = default_output(dataset, f"-{name}.rrd")
     try:
-        with tempfile.TemporaryDirectory(dir=".", prefix=f".{out.name}.") as folder:
+        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
             export = Path(folder) / "export"
             export_dataset(dataset, "rerun", export, str(int(name)), allow_model=allow_model)
             (export / f"{name}.rrd").replace(out)

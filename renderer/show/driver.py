@@ -7,7 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...errors import ConfigError
-from ..dataset import DATASET_FILE, Dataset, open_dataset, open_sequence, select_sequences
+from ..dataset import (
+    DATASET_FILE,
+    Dataset,
+    default_output,
+    open_dataset,
+    open_sequence,
+    select_sequences,
+)
 from ..runtime import address, exists, require_local, say
 from . import video as film
 from .dataset_pages import Models, write_dataset_pages
@@ -32,7 +39,8 @@ def show(
             may be read for the 3D view (`open_dataset`).
         out: The HTML page of one sequence if it ends in .html, else a folder for the index of the
             dataset and pages of its sequences. Default, if no other file is named:
-            `<dataset>-show` for a dataset, `<sequence>.html` for a sequence.
+            `<dataset>-show` for a dataset, `<sequence>.html` for a sequence, in the current folder
+            (beside the dataset if that is the current folder).
         contact_sheet: PNG, JPEG or WebP of the first sequences of a dataset, or of a sequence's
             layers.
         gif: GIF of the images beside their ground truth.
@@ -67,8 +75,10 @@ def show(
     nothing = not (out or contact_sheet or gif or mp4)
     if nothing and (dataset is None or isinstance(index, int)):
         out = re.sub(r"[^\w.-]+", "_", sequence.meta.name)[:100] + ".html"
+        if dataset:
+            out = default_output(dataset.path, "-show").with_name(out)
     elif nothing and dataset:
-        out = f"{dataset.path.absolute().name}-show"
+        out = default_output(dataset.path, "-show")
 
     def page(to: Path) -> Path:
         if dataset and to.suffix.lower() != ".html":

@@ -20,7 +20,7 @@ import msgspec
 from ... import __version__
 from ...errors import ConfigError, DatasetError, GcbenchError, StorageError
 from ...robots.files import remove_leftovers, write_atomically
-from ..dataset import Dataset, open_dataset
+from ..dataset import Dataset, default_output, open_dataset
 from ..runtime import address, dump_json, open_archive, parse_shard, require_local
 from ..scene import config_tree
 from .checks import CheckResult, VerifyReport, merge_checks
@@ -251,5 +251,4 @@ def _digest(file: Path) -> str:
 def _folder(dataset: Dataset, reports: str | Path | None) -> Path:
     if reports:
         require_local(Path(reports), "--reports")
-        return Path(reports)
-    return Path(f"{dataset.path.absolute().name}-verify")
+    return Path(reports) if reports else default_output(dataset.path, "-verify")

@@ -10,6 +10,7 @@ import hashlib
 import importlib.util
 import io
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -94,6 +95,29 @@ def test_the_command_line_exports(
     assert main(ask) == 0 and dataset.path.with_name("arm-webdataset").is_dir()
     assert main([*ask, "--out", str(out)]) == 2
     assert "is there already; choose another --out" in capsys.readouterr().err
+
+
+def test_the_current_folder_is_exported_beside_it(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    copy = Path(shutil.copytree(dataset.path, tmp_path / "copy"))
+    info = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps(info | {"counts": None}))
+    ask = ["--format", "webdataset", "--sequences", "0", "--quiet"]
+    for here, given in ((copy, "."), (copy / "sequences", ".."), (copy, str(copy))):
+        monkeypatch.chdir(here)
+        assert main(["export", given, *ask]) == 0
+        assert "copy is not finished" in capsys.readouterr().err.replace(given, "copy")
+        shutil.rmtree(tmp_path / "copy-webdataset")
+    assert sorted(p.name for p in copy.iterdir()) == ["dataset.json", "sequences"]
+
+
+def test_an_unknown_format_is_told_those_that_exist(
+    dataset: Dataset, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(dataset.path), "--format", "voc"]) == 2
+    assert "choose one of kitti, bop" in (err := capsys.readouterr().err) and "observation" in err
 
 
 def test_sequences_are_chosen_by_number(dataset: Dataset) -> None:

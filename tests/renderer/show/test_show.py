@@ -366,7 +366,8 @@ def dataset(sequence: Sequence, tmp_path: Path) -> Path:
             name = f"{index:06d}"
             writer.finish(dataclasses.replace(sequence.meta, name=name, index=index),
                           sequence.state)
-    write_provenance(folder, new_provenance(RenderConfig()))
+    write_provenance(
+        folder, dataclasses.replace(new_provenance(RenderConfig()), counts={"sequences": 2}))
     return folder
 
 
@@ -386,6 +387,19 @@ def test_show_of_a_dataset_and_of_a_file(
     for absent in (1, "1", "3-9"):
         with pytest.raises(GcbenchError, match=r"no sequence .*; there are 2 from 000000 to"):
             show(dataset, index=absent)
+
+
+def test_pages_of_the_current_folder_are_beside_it(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write_provenance(dataset, new_provenance(RenderConfig()))
+    monkeypatch.chdir(dataset)
+    assert show(".") == [tmp_path / "dataset-show" / "index.html"]
+    assert show(".", index=2) == [tmp_path / "000002.html"]
+    assert sorted(p.name for p in dataset.iterdir()) == ["dataset.json", "sequences"]
+    warning = "is not finished (its run has not ended); run the same gcbench render command again\n"
+    assert capsys.readouterr().err.count(warning) == 2
 
 
 def test_show_of_some_sequences(dataset: Path, tmp_path: Path) -> None:
