@@ -1,34 +1,14 @@
-"""What worker processes of foreign code print, and the folder of their temporary files."""
+"""What worker processes of foreign code print."""
 
 from __future__ import annotations
 
 import os
 import sys
-import tempfile
-from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...robots.files import scratch_folder
-
 _LAST, _LARGEST = 2000, 2**20  # bytes
-
-
-@contextmanager
-def output_folder() -> Generator[Path]:
-    """Yield a folder for the processes of a pool; it is deleted at the end.
-
-    Folders of pools that were killed are deleted first.
-    """
-    mine = Path(tempfile.gettempdir()) / f"gcbench-{os.getuid()}"
-    mine.mkdir(mode=0o700, exist_ok=True)
-    if mine.is_symlink() or mine.stat().st_uid != os.getuid():  # somebody else's
-        with tempfile.TemporaryDirectory(prefix="gcbench-") as folder:
-            yield Path(folder)
-        return
-    with scratch_folder(mine) as folder:
-        yield folder
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,9 @@ from types import ModuleType
 from typing import Any, Generic, Literal, TypeVar
 
 from ...errors import ConfigError
+from ...robots.files import scratch_folder
 from .interrupt import defer_interrupts
-from .worker_output import WorkerLog, output_folder
+from .worker_output import WorkerLog
 
 _Task = TypeVar("_Task")
 _Received = TypeVar("_Received")
@@ -132,7 +133,7 @@ class WorkerPool(Generic[_Task]):
             raise ConfigError("a script starts worker processes while one of them imports it; "
                               'put its calls of gcbench below `if __name__ == "__main__":`')
         resource_tracker.ensure_running()  # its start would undo defer_interrupts
-        with output_folder() as logs:
+        with scratch_folder(Path(tempfile.gettempdir()), "gcbench-") as logs:
             try:
                 while self.todo or self._busy():
                     while len(self._workers) < min(

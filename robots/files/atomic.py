@@ -104,17 +104,18 @@ def create_folder_atomically(target: Path, name: str, fill: Callable[[Path], Non
 
 
 @contextmanager
-def scratch_folder(parent: Path) -> Generator[Path]:
+def scratch_folder(parent: Path, prefix: str = "") -> Generator[Path]:
     """Yield an empty folder in `parent`, which is deleted when the block ends.
 
-    Folders of killed processes are deleted first.
+    Folders with the prefix of killed processes of this user are deleted first.
     """
     parent.mkdir(parents=True, exist_ok=True)
-    for old in parent.iterdir():
-        with suppress(FileNotFoundError):  # its owner has just finished
-            if _age(old) > _LOCKED and is_free(old):
+    for old in parent.glob(f"{prefix}*"):
+        with suppress(OSError):  # its owner has just finished
+            if (not old.is_symlink() and old.stat().st_uid == os.getuid()
+                    and _age(old) > _LOCKED and is_free(old)):
                 shutil.rmtree(old, ignore_errors=True)
-    work = Path(tempfile.mkdtemp(dir=parent))
+    work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
     try:
         with lock_folder(work):
             yield work

@@ -387,7 +387,7 @@ def tracks_far_outside() -> Case:
     far = np.full((3, 8, 2), 1e300)
     return _dataset(
         _state("track_image.npy", npy(far)),
-        Command(("show", "../input/d", "--index", "1", "--gif", "x.gif")),
+        Command(("show", "../input/d", "--index", "1", "--gif", "x.gif"), (2,)),
     )
 
 
