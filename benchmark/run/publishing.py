@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError, GcbenchError
 from ...renderer.dataset import Dataset
-from ...renderer.runtime import is_remote, say
+from ...renderer.runtime import is_remote, require_local, say
 from ...renderer.scene import (
     MotionSampler,
     Streams,
@@ -62,6 +62,7 @@ def publish(results: Sequence[Path], folder: Path = PUBLISHED_ROWS) -> list[Path
         DatasetError: If there are no such results, a run is not finished, its data are missing,
             changed or not those of the suite, or its sequences differ in frames or joints.
     """
+    require_local(folder, "--to")
     datasets = builtin_datasets()
     runs = [run for run in find_runs(results) if run.run.dataset in datasets]
     if not runs:

@@ -10,15 +10,16 @@ from ...errors import ConfigError
 from .config import CravesTraining, ObjectTraining, TrainConfig
 
 _SHARE, _LESS_THAN_ALL, _FACTOR = (0.0, 1.0), (0.0, 0.99), (0.1, 10.0)
+_ABOVE_0 = 1e-9
 _LIMITS: dict[str, tuple[float, float]] = {
     "batch": (1, inf), "rate": (0, inf), "weight_decay": (0, inf),
-    "max_gradient": (1e-9, inf), "seed": (0, inf), "workers": (0, inf), "threads": (0, inf),
+    "max_gradient": (_ABOVE_0, inf), "seed": (0, inf), "workers": (0, inf), "threads": (0, inf),
     "every": (1, inf), "minutes": (0, inf), "warm_up": (0, 0.99), "first_rate": _SHARE,
     "crop": (48, inf), "iterations": (1, 100), "models": (1, inf), "held_out_pairs": (1, inf),
     "frames": (2, inf), "appliances": (1, inf), "held_out_sequences": (1, inf),
     "epochs": (1, inf), "width": (8, inf), "sequences": (1, inf), "dropped": _LESS_THAN_ALL,
     "rate_decay": _SHARE, "freeze_features": _SHARE, "feature_views": (0, 100),
-    "dropout": _LESS_THAN_ALL, "gate_gain": (1e-9, 1000), "images": (1, inf),
+    "dropout": _LESS_THAN_ALL, "gate_gain": (_ABOVE_0, 1000), "images": (1, inf),
     "held_out_images": (1, inf), "rotation": (0, 180), "color": _FACTOR, "scale": _FACTOR,
     "gain": _FACTOR, "gamma": _FACTOR, "noise": (0, 255),
     "loss.speed_discount": (0, inf), "loss.decay": _SHARE,
@@ -60,6 +61,8 @@ def _check_range(name: str, numbers: tuple[float, ...]) -> None:
     option = f"--{name.replace('_', '-')} {' '.join(f'{x:g}' for x in numbers)}"
     if not all(least <= x <= most and x < inf for x in numbers):
         between = f"from {least:g} to {most:g}" if most < inf else f"of {least:g} or more"
+        if least == _ABOVE_0:
+            between = "above 0" + f", at most {most:g}" * (most < inf)
         raise ConfigError(f"{option}: give a number {between}")
     if name != "crop" and list(numbers) != sorted(numbers):
         raise ConfigError(f"{option}: give the smaller number first")

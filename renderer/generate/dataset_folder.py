@@ -34,7 +34,7 @@ from ..dataset import (
     sequence_paths,
     write_provenance,
 )
-from ..runtime import Shard, address, dump_json, exists, is_remote, say
+from ..runtime import Shard, address, dump_json, exists, is_remote, refuse_other_addresses, say
 from ..scene import RenderConfig, config_tree, differences, draws_of, parse_config
 
 
@@ -45,6 +45,7 @@ def open_folder(out: Path, config: RenderConfig, shard: Shard | None) -> Generat
     Raises:
         ConfigError: If the folder holds another dataset, or another run writes to it.
     """
+    refuse_other_addresses(out)
     if is_remote(out):
         with scratch_folder(cache_folder() / "scratch") as work:
             yield DatasetFolder(out, config, shard, lambda: True, work)

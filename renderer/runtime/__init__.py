@@ -11,6 +11,7 @@ from .object_store import (
     find_object,
     is_remote,
     list_folder,
+    refuse_other_addresses,
     require_local,
     store_file,
     upload_file,
@@ -28,6 +29,7 @@ __all__ = [
     "WorkerPool", "WorkerSettings", "address", "cpu_count", "defer_interrupts", "die_with_parent",
     "dump_json", "dump_npy", "end_like", "exists", "find_object", "frame_bar",
     "is_remote", "list_folder", "named_rng", "open_archive", "parse_json", "parse_npz",
-    "parse_shard", "parse_toml", "plural", "read_record", "receive_tasks", "require_local",
-    "say", "shard_bar", "store_file", "to_record", "upload_file",
+    "parse_shard", "parse_toml", "plural", "read_record", "receive_tasks",
+    "refuse_other_addresses", "require_local", "say", "shard_bar", "store_file",
+    "to_record", "upload_file",
 ]

@@ -47,21 +47,21 @@ _Answer = TypeVar("_Answer")
 
 
 def is_remote(path: Path) -> bool:
-    """Whether a path is an address in object storage.
+    """Whether a path is an address in object storage."""
+    return next(iter(path.parts), "") in _PACKAGES
 
-    Raises ConfigError if it is an address of another kind.
-    """
+
+def refuse_other_addresses(path: Path) -> None:
+    """Raise ConfigError if a path is an address, but not in object storage that gcbench knows."""
     kind = next(iter(path.parts), "")
-    if kind in _PACKAGES:
-        return True
-    if _SCHEME.fullmatch(kind) and not path.exists():
+    if _SCHEME.fullmatch(kind) and not is_remote(path) and not path.exists():
         raise ConfigError(f"{address(path)}: no address that gcbench reads; there are "
                           f"{', '.join(f'{name}//' for name in _PACKAGES)} and paths of files")
-    return False
 
 
 def require_local(path: Path, option: str) -> None:
     """Raise ConfigError if a folder to write to, named by `option`, is an address."""
+    refuse_other_addresses(path)
     if is_remote(path):
         raise ConfigError(f"{option} {address(path)}: only datasets can be in object storage; name "
                           "a folder, and copy it there afterwards")

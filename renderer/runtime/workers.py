@@ -38,6 +38,8 @@ from .worker_output import WorkerLog
 _Task = TypeVar("_Task")
 _Received = TypeVar("_Received")
 _LOOK_AT_LOGS = 0.25  # s
+_FOLDER = ".gcbench-pool-"
+"""Beginning of the name of a temporary folder. Datasets have locks too, but not such names."""
 _LONGEST_WAIT = 3600.0  # s
 _is_worker = False
 
@@ -133,7 +135,7 @@ class WorkerPool(Generic[_Task]):
             raise ConfigError("a script starts worker processes while one of them imports it; "
                               'put its calls of gcbench below `if __name__ == "__main__":`')
         resource_tracker.ensure_running()  # its start would undo defer_interrupts
-        with scratch_folder(Path(tempfile.gettempdir()), "gcbench-") as logs:
+        with scratch_folder(Path(tempfile.gettempdir()), _FOLDER) as logs:
             try:
                 while self.todo or self._busy():
                     while len(self._workers) < min(

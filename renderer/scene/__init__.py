@@ -22,7 +22,7 @@ from .models import check_model_paths, dataset_asset, model_of, model_source, pa
 from .motion import Motion, MotionSampler, animation_times
 from .posed_model import PosedModel, pose_parts, rest, rest_in_part
 from .room import RoomSurface
-from .sampling import Streams, draw_camera, draw_scene, shake_camera, shows_room
+from .sampling import Streams, draw_camera, draw_scene, shake_camera
 from .scene import Scene
 
 __all__ = [
@@ -32,5 +32,5 @@ __all__ = [
     "clip_from_light", "clip_from_world", "config_tree", "dataset_asset", "differences",
     "draw_camera", "draw_scene", "draws_of", "model_of", "model_source", "packages_of",
     "parse_config", "pose_parts", "read_config", "resolve", "rest", "rest_in_part", "robot_of",
-    "shake_camera", "shows_room", "split_by_axis",
+    "shake_camera", "split_by_axis",
 ]

@@ -80,7 +80,7 @@ class CameraConfig:
     """deg about the world's z; default: all around a robot, -180 180; the front of an object,
     110 250."""
     elevation: Annotated[Range, Bounds(-90, 90)] = (5.0, 50.0)
-    """deg above the horizon; in a room, 0 where the camera would be below the floor."""
+    """deg above the horizon; 0 where the camera would be below the floor."""
     fov: Annotated[Range, Bounds(1, 170)] = (35.0, 55.0)
     """Vertical field of view, deg."""
     fill: Annotated[Range, Bounds(0.01, 10)] = (0.5, 0.9)

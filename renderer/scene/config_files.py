@@ -58,9 +58,9 @@ def parse_config(
 def read_config(path: Path, base: RenderConfig | None = None) -> RenderConfig:
     """Return the config in a TOML or JSON file, or in a `dataset.json`; see `parse_config`."""
     data = read_bounded(path, MAX_JSON, ConfigError)
-    if path.suffix == ".toml":
+    if path.suffix.lower() == ".toml":
         tree = parse_toml(data, str(path))
-    elif path.suffix == ".json":
+    elif path.suffix.lower() == ".json":
         tree = parse_json(data, str(path), error=ConfigError)
     else:
         raise ConfigError(f"{path}: a configuration file is named .toml or .json")

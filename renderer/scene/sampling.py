@@ -68,7 +68,7 @@ def draw_camera(
 ) -> Camera:
     """Draw a camera on a shell around the robot with points [N 3] m (world) in the first frame.
 
-    The camera is above the plane z = `floor`, m (-inf: anywhere). The distance makes the projected
+    The camera is never below the plane z = `floor`, m. The distance makes the projected
     bounding box fill the drawn share of the image's smaller side; jitter of the look-at point is
     reduced until the box lies inside the image.
     """
@@ -202,11 +202,6 @@ def draw_textures(
                 out[k] = Material(m.name, (1.0, 1.0, 1.0, 1.0), m.metallic, m.roughness, image)
                 tile[k] = scale * size
     return tuple(out), tile, kinds
-
-
-def shows_room(streams: Streams) -> bool:
-    """Return whether a sequence shows a room: what `draw_background` draws first."""
-    return streams.rng("background").random() < streams.config.randomization.background.room
 
 
 def draw_background(

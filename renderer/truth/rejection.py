@@ -19,15 +19,7 @@ from ...robots.geometry import Array
 from ...robots.model import Animation, ArticulatedModel, joint_screws
 from ...robots.motion import JointTrajectory, joint_window
 from ..gl import Rasterizer
-from ..scene import (
-    Motion,
-    MotionSampler,
-    RenderConfig,
-    Streams,
-    draw_camera,
-    shake_camera,
-    shows_room,
-)
+from ..scene import Motion, MotionSampler, RenderConfig, Streams, draw_camera, shake_camera
 from ..types import Camera
 from .observability import MIN_ANGLE, MIN_DISTANCE, JointVisibility, own_motion, subtrees
 
@@ -129,8 +121,7 @@ class DrawSampler:
         rng, config = streams.rng("camera", attempt), self.config.randomization.camera
         camera = draw_camera(
             rng, config, self.config.width, self.config.height,
-            self.motions.outline(motion.posed, framed),
-            motion.floor if shows_room(streams) else -np.inf,
+            self.motions.outline(motion.posed, framed), motion.floor,
         )
         cameras = shake_camera(rng, config, camera, self.config.frames)
         draw = self._render(motion, cameras, keep)

@@ -14,8 +14,8 @@ from .frames import FLAT, METRES, PixelBlock, VerifiedFrame, decode_frame, defor
 _UNIT = 1e-4  # of a normal's length; its code alone is good for 3e-5
 _ANGLE = 0.06  # rad between a normal and the plane through the depths around it
 _FINE = 0.1  # share of pixels at which facets finer than that plane may differ by more
-_SMOOTH = 0.02  # of a normal's length, between neighbours on a surface without facets
-_TURN = 1e-3  # of a normal's length, where neighbours are equal
+_SMOOTH = 0.02  # of a normal's length, between neighbors on a surface without facets
+_TURN = 1e-3  # of a normal's length, where neighbors are equal
 _ASTRAY = 0.01  # share of pixels whose normal may turn otherwise; in renders it was 0.0006 at most
 _FOLDS = 0.03  # share of pixels at which a surface folds between the pixels
 _SIDE = 5  # px of the window of that plane

@@ -141,7 +141,7 @@ def find_robot(name: str) -> CatalogEntry:
         return GeneratedRobot(
             name=name, maker="gcbench", title="random object", joints=0, scored=(), licence="MIT",
             builder="generated.random_chains:random_object", number=int(match[1]))
-    if Path(name).exists():
+    if name and Path(name).exists():
         raise ModelError(f"{name} is no model; name a .urdf, .glb or .gltf file")
     meant = suggestion(name, [*(e.name for e in CATALOG), *GENERATED])
     raise ModelError(f"no robot {name!r}{meant}; there are {', '.join(e.name for e in CATALOG)}, "

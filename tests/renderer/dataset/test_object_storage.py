@@ -446,6 +446,7 @@ def test_addresses_are_paths() -> None:
     assert address(path / "dataset.json") == "s3://videos/a/b/dataset.json"
     assert address(Path("data/ur5")) == "data/ur5"
     assert json.loads(to_json({"dataset": path})) == {"dataset": "s3://videos/a/b"}
+    assert not object_store.is_remote(Path("gcs://b/ds"))  # as results of others may say
     assert not object_store.is_remote(Path("/s3:/videos")) and not exists(Path("/s3:/videos"))
 
 
@@ -466,7 +467,7 @@ def test_other_addresses_are_refused(
     "score --predictions {data}/no.csv --data {data} --results s3://b/r",
     "export {data} --format coco --out s3://b/out", "show {data} --out s3://b/out",
     "show {data} --gif s3://b/a.gif", "verify {data} --shard 0/1 --reports s3://b/out",
-    "report {data} --out s3://b/out",
+    "publish {data} --to s3://b/out", "report {data} --out s3://b/out",
     "submit --executor local --logs s3://b/logs -- render --robot owi535 --n 2",
 ])
 def test_only_datasets_are_written_to_addresses(

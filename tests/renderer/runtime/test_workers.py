@@ -62,16 +62,17 @@ def test_folders_of_pools_that_were_killed_are_deleted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    killed, running, other = (tmp_path / f"gcbench-{name}" for name in ("1", "2", "3"))
+    killed, running, other = (tmp_path / f".gcbench-pool-{name}" for name in ("1", "2", "3"))
     other.mkdir()  # without a lock
-    for folder in (killed, running):
+    mine = tmp_path / "gcbench-data"  # a dataset has a lock, too
+    for folder in (killed, running, mine):
         folder.mkdir(parents=True)
         (folder / "half").touch()
         (folder / ".lock").touch()
         os.utime(folder, (0, 0))
     with lock_folder(running):
         assert len([*run(["a"], foreign=True)]) == 2
-        assert {*tmp_path.iterdir()} == {running, other}
+        assert {*tmp_path.iterdir()} == {running, other, mine}
 
 
 @pytest.mark.parametrize("foreign", [False, True])

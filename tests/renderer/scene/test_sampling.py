@@ -12,7 +12,6 @@ from gcbench.renderer.scene.config import (
     CameraConfig,
     LightsConfig,
     MaterialsConfig,
-    RandomizationConfig,
     RenderConfig,
     TexturesConfig,
     resolve,
@@ -24,7 +23,6 @@ from gcbench.renderer.scene.sampling import (
     draw_lights,
     draw_materials,
     draw_textures,
-    shows_room,
 )
 from gcbench.renderer.types.camera import Camera
 from gcbench.robots.model import ArticulatedModel, Link, Material, Visual
@@ -139,22 +137,6 @@ def test_a_fill_above_one_crops_the_robot() -> None:
     found = camera(1, CameraConfig(fill=(1.5, 1.5), jitter=0.0))
     u, v, _ = found.project(CUBE).T
     assert max(np.ptp(u), np.ptp(v)) == pytest.approx(1.5 * HEIGHT, rel=1e-3)
-
-
-def test_only_a_floor_keeps_the_camera_from_below() -> None:
-    below = CameraConfig(elevation=(-60.0, -60.0), jitter=0.0)
-    for floor, elevation in ((0.0, 0.0), (-np.inf, -60.0)):
-        view = camera(0, below, floor)
-        away = -view.world_from_cam[:3, 2]
-        assert np.degrees(np.arcsin(away[2])) == pytest.approx(elevation, abs=1e-6)
-    for room in (0.0, 0.5, 1.0):
-        config = RenderConfig(randomization=RandomizationConfig(
-            background=BackgroundConfig(room=room)))
-        for index in range(8):
-            streams = Streams(config, index)
-            _, surfaces, _ = draw_background(streams.rng("background"), BackgroundConfig(room=room),
-                                             camera(0), 0.0, np.zeros(3), 0.5)
-            assert shows_room(streams) == bool(surfaces)
 
 
 # -- lights, materials, textures, background --------------------------------------------------
