@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 
 from ...errors import DatasetError
-from ...renderer.runtime import dump_json, read_record
+from ...renderer.runtime import dump_json, plural, read_record
 from ...renderer.types import html_card
 from ...robots.files import create_atomically, write_atomically
 from .rows import COLUMNS, Attribution, Result, Row, SequenceName, read_scores, to_table
@@ -188,7 +188,7 @@ class Results:
                   "dataset": len({run.run.dataset for run in self.runs}),
                   "sequence": sum(len(run.run.sequences) for run in self.runs),
                   "failure": len(self.failures)}
-        said = (f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+        said = (plural(n, name) for name, n in counts.items())
         more = f", {len(self.unfinished)} unfinished" if self.unfinished else ""
         return f"Results({', '.join(said)}{more})"
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, DatasetError
-from ..runtime import address, command_line, is_remote, list_folder
+from ..runtime import address, command_line, is_remote, list_folder, plural
 from ..scene import RenderConfig, parse_config
 from ..types import Sequence, html_card
 from .provenance import DATASET_FILE, Provenance, read_provenance, sequence_counts
@@ -50,7 +50,7 @@ class Dataset:
     def __repr__(self) -> str:
         c, n = self.config, len(self)
         return (f"Dataset({address(self.path)!r}, robot {reprlib.repr(c.robot)}, "
-                f"{n} sequence{'s' * (n != 1)} of {c.frames} frames, {c.width}x{c.height} px, "
+                f"{plural(n, 'sequence')} of {c.frames} frames, {c.width}x{c.height} px, "
                 f"{c.randomization.motion.fps:g} fps, seed {c.seed})")
 
     def _repr_html_(self) -> str:
