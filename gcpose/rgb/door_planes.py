@@ -16,7 +16,8 @@ from ...robots.geometry import Array, se3
 from ..chain import Articulation
 from ..images import VideoEvidence
 from .evidence import VideoHypothesis
-from .points import InverseDepthPoints, inverse_depth_slopes, patch_costs_by_point, predict_places
+from .measurements import patch_costs_by_point
+from .points import InverseDepthPoints, inverse_depth_slopes, predict_places
 from .settings import RgbSettings
 
 _FIT_ITERATIONS = 8

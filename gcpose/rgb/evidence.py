@@ -25,18 +25,16 @@ from .labels import (
     label_inversions,
     sample_pixels,
 )
-from .outline import OutlineKind
-from .points import (
-    InverseDepthPoints,
+from .measurements import (
     add_tracks,
     drop_points_at_rest,
-    interpolate_depths,
     measure_flow,
     measure_patches,
-    motions_from_frames,
     patch_misfit,
     track_misfit,
 )
+from .outline import OutlineKind
+from .points import InverseDepthPoints, interpolate_depths, motions_from_frames
 from .projection import project_rays
 from .residuals import RayResiduals, smoothness_blocks
 from .settings import RgbSettings

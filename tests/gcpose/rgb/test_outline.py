@@ -10,6 +10,7 @@ from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence, appearance
 from gcbench.gcpose.rgb.labels import sample_pixels
+from gcbench.gcpose.rgb.measurements import measure_patches
 from gcbench.gcpose.rgb.outline import (
     Outline,
     edges_near_outline,
@@ -18,7 +19,7 @@ from gcbench.gcpose.rgb.outline import (
     slide_of_outline,
     surfaces_at_outline,
 )
-from gcbench.gcpose.rgb.points import InverseDepthPoints, measure_patches, predict_places
+from gcbench.gcpose.rgb.points import InverseDepthPoints, predict_places
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.robots.geometry import pinhole
 

@@ -19,9 +19,9 @@ from gcbench.gcpose.images.still_camera import appearance
 from gcbench.gcpose.numerics import Solver
 from gcbench.gcpose.rgb.evidence import VideoAdjustment, VideoHypothesis
 from gcbench.gcpose.rgb.flow_sweep import flow_step_costs, places_at_depths
+from gcbench.gcpose.rgb.measurements import drop_points_at_rest
 from gcbench.gcpose.rgb.points import (
     InverseDepthPoints,
-    drop_points_at_rest,
     inverse_depth_slopes,
     predict_places,
     predict_warps,

@@ -10,7 +10,8 @@ from gcbench.gcpose.chain.articulation import Articulation
 from gcbench.gcpose.images.settings import ImageSettings
 from gcbench.gcpose.images.still_camera import VideoEvidence, video_evidence
 from gcbench.gcpose.method import GCPose
-from gcbench.gcpose.rgb.points import InverseDepthPoints, add_tracks, track_misfit
+from gcbench.gcpose.rgb.measurements import add_tracks, track_misfit
+from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.settings import RgbSettings
 from gcbench.gcpose.rgb.tracks import chain_flow
 from gcbench.gcpose.settings import Settings
