@@ -56,7 +56,7 @@ class GCPose:
     name = "gcpose"
     inputs: tuple[Inputs, ...] = ("rgb", "rgbd", "rgbd-noise")
     knowledge: tuple[Knowledge, ...] = ("free", "axes", "kinematics")
-    version = "42"
+    version = "43"
     authors = "the gcbench authors, after Q. Liu et al."
     link = "https://arxiv.org/abs/2012.00088"
 

@@ -57,11 +57,18 @@ class DoorEdges:
     def misfit(self, turn: Array, settings: RgbSettings) -> float:
         """Return the share of the edges that turns [T] of a door do not explain, a mean over the
         frames with edges: from 0 to 1, and 0 where there are none."""
+        share, seen = self.missed_by_frame(turn, settings)
+        return float(np.mean(share[seen > 0])) if seen.any() else 0.0
+
+    def missed_by_frame(
+        self, turn: Array, settings: RgbSettings
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Return the share of the edges of each frame [T] that turns [T] do not explain, and their
+        number [T]."""
         above, at, sigma = self._tilts_above(turn, settings.edge_scale)
         missed = geman_mcclure_cost((above / (settings.edge_scale * sigma)) ** 2)
-        total, share = np.bincount(at, 1 / sigma), np.bincount(at, missed / sigma)
-        seen = total > 0
-        return float(np.mean(share[seen] / total[seen])) if seen.any() else 0.0
+        total, share = (np.bincount(at, weight / sigma, len(turn)) for weight in (1.0, missed))
+        return share / np.maximum(total, 1e-12), np.bincount(at, minlength=len(turn))
 
     def turns(self, frames: int, settings: RgbSettings) -> Array:
         """Return the turns [T] of a door by its edges alone, rad: those that explain most of them,

@@ -9,7 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from ...robots.geometry import Array, inverse
-from ..chain import HingePrior, JointPriors, locate_hinges, offset_from_axis, scale_twists
+from ..chain import (
+    Articulation,
+    HingePrior,
+    JointPriors,
+    locate_hinges,
+    offset_from_axis,
+    scale_twists,
+)
 from ..estimator import Adjustment, Hypothesis, Round, run_em, track
 from ..images import VideoEvidence, geodesic_rank
 from ..numerics import Image, Solver
@@ -76,6 +83,12 @@ def center_depths(hypothesis: VideoHypothesis) -> VideoHypothesis:
                     angle=state.angle * np.where(state.prismatic, scale, 1.0))
     return replace(hypothesis, state=state,
                    points=replace(points, inverse_depth=points.inverse_depth / scale))
+
+
+def jerk_of(state: Articulation) -> float:
+    """Return the root mean square of the second differences of the displacements."""
+    jerk = np.diff(state.angle, 2, axis=0)
+    return float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
 
 
 class RgbEvidence:
@@ -288,12 +301,10 @@ class RgbEvidence:
         """Return a hypothesis whose cost is the misfit of its patches and tracks, with a penalty
         for jerky motion."""
         s, state = self.settings, hypothesis.state
-        jerk = np.diff(state.angle, 2, axis=0)
-        jerky = float(np.sqrt(np.mean(jerk**2))) if len(jerk) else 0.0
         fit = patch_misfit(self.video, state, hypothesis.points, span, s)
         fit += s.score_tracks * track_misfit(self.video, state, hypothesis.points, s)
         missed = self.edges.misfit(state.angle[:, 0], s) if self.edges else 0.0
-        return replace(hypothesis, cost=fit + s.score_jerk * jerky,
+        return replace(hypothesis, cost=fit + s.score_jerk * jerk_of(state),
                        penalty=hypothesis.penalty + s.score_edges * missed)
 
     def tracking_round(self, points: SampledPixels) -> VideoRound:

@@ -55,9 +55,10 @@ def measure_patches(
     predicted place.
     """
     n, frames = len(points.ray), len(state.angle)
-    slope = inverse_depth_slopes(points, settings)
-    place, information = _find_patches(
-        evidence, state, points, slope, frames_nearby(points, frames, span), reach)
+    slope, wanted = inverse_depth_slopes(points, settings), frames_nearby(points, frames, span)
+    if settings.revisits:
+        wanted |= frames_like_own(state, points, settings.link_reach)
+    place, information = _find_patches(evidence, state, points, slope, wanted, reach)
     return replace(
         points, flow=np.zeros((n, frames - 1, 2)), place=place, place_information=information,
         flow_information=np.zeros((n, frames - 1, 2, 2)))
@@ -177,6 +178,37 @@ def patch_misfit(
     return float(cost[frames_nearby(points, cost.shape[1], span)].mean())
 
 
+def search_patches(
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints,
+    wanted: NDArray[np.bool_], settings: RgbSettings,
+) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Search the patches of points in the wanted frames [N T].
+
+    Return their costs [N T], which count where they are searched and predicted in the foreground
+    [N T], and the information [N T] of those that are found, 1/px^2.
+    """
+    place, information = _find_patches(
+        evidence, state, points, inverse_depth_slopes(points, settings), wanted,
+        settings.patch_reach)
+    at = predict_places(state, points, evidence.intrinsics)
+    inside = moving_pixels(evidence, at, np.arange(wanted.shape[1])[None])[2]
+    return (_search_costs(place - at, information, settings), wanted & inside,
+            np.trace(information, axis1=2, axis2=3))
+
+
+def find_points_at_rest(
+    evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints,
+    settings: RgbSettings,
+) -> NDArray[np.bool_]:
+    """Return which points [N] are seen at rest: patches of their neighborhood in time are found at
+    their own pixels, and much better than where the state predicts them."""
+    near = frames_nearby(points, len(state.angle), settings.patch_span)
+    resting, moving = (
+        (search_patches(evidence, s, points, near, settings)[0] * near).sum(axis=1)
+        for s in (replace(state, angle=np.zeros_like(state.angle)), state))
+    return np.asarray(resting < settings.max_rest * moving, np.bool_)
+
+
 def patch_costs_by_point(
     evidence: VideoEvidence, state: Articulation, points: InverseDepthPoints, slope: Array,
     settings: RgbSettings,
@@ -197,6 +229,16 @@ def _search_costs(away: Array, information: Array, settings: RgbSettings) -> Arr
     """Costs [N T] of patches that were searched: found [N T 2] px away, or not found."""
     return np.where(_is_found(information), _place_costs(away, information, settings),
                     settings.patch_missing_cost)
+
+
+def frames_like_own(
+    state: Articulation, points: InverseDepthPoints, reach: float
+) -> NDArray[np.bool_]:
+    """Return in which frames [N T], but not its own, one part is displaced nearly as in each
+    point's own."""
+    at = state.angle[:, 0]
+    near = np.abs(at[points.frame][:, None] - at) <= reach
+    return near & (points.frame[:, None] != np.arange(len(at)))
 
 
 def frames_nearby(points: InverseDepthPoints, frames: int, span: int) -> NDArray[np.bool_]:

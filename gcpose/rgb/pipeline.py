@@ -22,6 +22,7 @@ from ..estimator import calibrate_deviation, spread_of_motions
 from ..images import FrontEnd, ImageSettings, VideoEvidence, video_evidence
 from .evidence import RgbEvidence, VideoHypothesis
 from .points import motions_from_frames, predict_places
+from .relocalization import find_doubtful_frames
 from .scores import score_hypothesis
 from .search import SearchResult, search_video
 from .settings import RgbSettings, for_one_joint, with_measured_depth, with_two_flows
@@ -56,7 +57,11 @@ def estimate_rgb(
     if line is None and metres is not None:
         line = scale_twists(best.state.twist, known.prismatic, metres)
     unit = np.where(known.prismatic, metres or 1.0, 1.0)
-    angle, sigma = unit * best.state.angle, unit * reported_deviation(found, settings)
+    angle, sigma = best.state.angle, reported_deviation(found, settings)
+    if len(unit) == 1:
+        doubtful = find_doubtful_frames(seen, best)
+        sigma[doubtful] = np.hypot(sigma[doubtful], settings.lost_deviation)
+    angle, sigma = unit * angle, unit * sigma
     sigma = add_deviations(angle, sigma, seen, by_object is not None)
     if metres is None:
         sigma[1:, known.prismatic] = settings.sigma_unknown

@@ -179,6 +179,28 @@ class RgbSettings:
     """Paces of one side of such a frame that are tried, as multiples of that of the other side."""
     edge_on_rounds: Count = 4  # Rounds in which they are tried at most.
 
+    # lost frames of one part
+    link_reach: Positive = 30 * DEGREE  # Difference of displacements of linked frames at most.
+    link_points: Count = 30  # Patches of one that are predicted in the other, at least.
+    link_cost: NonNegative = 2.9  # Mean cost of these up to which they are linked.
+    max_rest: Share = 0.5
+    """Cost of a point's patches at its own pixel, by that where it should be, up to which it is at
+    rest and links nothing."""
+    link_edges: Count = 3  # Edges of a door in each of two frames that they link, at least.
+    link_misfit: Share = 0.5  # Share of these that may not be explained.
+    contrary_misfit: Share = 0.8
+    """Share of the edges of a frame from which on, if not explained, they say otherwise."""
+    relocalization_step: Positive = 2 * DEGREE  # Between displacements that are tried.
+    relocalization_lead: Positive = 2.5
+    """Information of the patches that are found at the best of them, in that at most of them."""
+    edge_relocalization_step: Positive = 0.5 * DEGREE  # The same by the edges of a door.
+    edge_relocalization_width: Positive = 2 * DEGREE
+    """Difference from the best of these above which no other one may explain the edges."""
+    relocalization_rounds: Count = 3  # Rounds of relocalization at most.
+    revisits: bool = False
+    """Whether patches are also searched in all frames that may be linked with their own."""
+    lost_deviation: Positive = 20 * DEGREE  # Standard deviation of a lost frame, rad or length.
+
     # straight edges of a door
     edge_weight: NonNegative = 20.0  # Weight against the patches; 0: they are not looked for.
     edge_end_sigma: Positive = 0.35  # Standard deviation of the places of their ends, px.
@@ -312,6 +334,11 @@ def for_one_joint(settings: RgbSettings, slides: bool) -> RgbSettings:
     s = replace(settings, drop_at_rest=True)
     return (replace(s, deviation=s.deviation_slide) if slides else
             replace(s, distinct_opposite=s.distinct_opposite_door))
+
+
+def for_relocalization(settings: RgbSettings) -> RgbSettings:
+    """Return the settings for finding lost frames again."""
+    return replace(settings, revisits=True, score_jerk=0.0)
 
 
 def with_measured_depth(settings: RgbSettings) -> RgbSettings:

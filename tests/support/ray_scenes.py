@@ -56,12 +56,14 @@ def texture(rng: np.random.Generator, height: int, width: int, sigma: float = 1.
     return (127 + 60 * noise / noise.std()).clip(0, 255).astype(np.uint8)
 
 
-def door(total: float, true_flow: bool = False) -> Observation:
+def door(
+    total: float, true_flow: bool = False, pace: np.ndarray | None = None
+) -> Observation:
     """A textured panel that turns about an upright axis before a textured wall."""
     axis = np.array([0.12, 0.96, 0.25])
     axis /= np.linalg.norm(axis)
     line = np.concatenate([axis, np.cross([-0.15, 0.0, 1.2], axis)])
-    return moving_panel(line, total, "revolute", true_flow)
+    return moving_panel(line, total, "revolute", true_flow, pace)
 
 
 def drawer(total: float, pace: np.ndarray | None = None) -> Observation:

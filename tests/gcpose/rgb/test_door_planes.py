@@ -185,6 +185,7 @@ def test_a_door_whose_edges_count_has_deviations_of_its_own(
     edges = DoorEdges(np.zeros(1, np.int64), np.zeros(1), np.ones(1)) if counts else None
     monkeypatch.setattr(RgbEvidence, "edges", edges)
     monkeypatch.setattr(pipeline, "search_video", lambda seen: SearchResult(found, []))
+    monkeypatch.setattr(pipeline, "find_doubtful_frames", lambda *_: np.zeros(8, bool))
     observation = door(0.5)
     front = FrontEnd(dis_flow, lambda rgb: subtract_background(rgb, ImageSettings()))
     estimate = pipeline.estimate_rgb(
