@@ -52,7 +52,7 @@ def evaluate(args: Sequence[str]) -> tuple[object, int]:
     results = run_evaluation(options, not options.quiet)
     pages: list[Path] = []
     if results.usable and not options.shard:  # all shards would write the same page
-        pages = report(results, options.results / "report", False, False)[:1]
+        pages = report(results, Path(options.results, "report"), False, False)[:1]
     return _describe(results, pages, options.json)
 
 

@@ -73,7 +73,7 @@ class Data:
 
 
 def from_folders(
-    folders: Sequence[Path], selection: Selection = ALL, allow_model: bool = False
+    folders: Sequence[str | Path], selection: Selection = ALL, allow_model: bool = False
 ) -> list[Data]:
     """Open datasets; two folders of one name get their seeds as a part of the name.
 
@@ -88,7 +88,7 @@ def from_folders(
                           "use")
     of_suites = {name: config_tree(entry.config) for name, entry in builtin_datasets().items()}
     out: list[Data] = []
-    for folder in folders:
+    for folder in map(Path, folders):
         data = select(folder.resolve().name, folder, selection, allow_model)
         for warning in data.dataset.warnings:
             say(warning)
@@ -105,7 +105,7 @@ def from_folders(
 
 
 def from_suite(
-    suite: Suite, folder: Path = SUITES, selection: Selection = ALL, progress: bool = True,
+    suite: Suite, folder: str | Path = SUITES, selection: Selection = ALL, progress: bool = True,
     may_render: bool = True, workers: RayWorkers | None = None,
 ) -> list[Data]:
     """Open the datasets of a suite, in FOLDER/SUITE/NAME; missing sequences are rendered first.
@@ -118,10 +118,10 @@ def from_suite(
     """
     from ...renderer.generate import render_dataset
 
-    require_local(folder, "--suites")
+    require_local(Path(folder), "--suites")
     out: list[Data] = []
     for entry in suite.choose(selection.datasets).datasets:
-        name, path = f"{suite.title}/{entry.name}", folder / suite.title / entry.name
+        name, path = f"{suite.title}/{entry.name}", Path(folder, suite.title, entry.name)
         ranges = [range(min(entry.n, selection.limit or entry.n))]
         if selection.sequences:
             ranges = command_line.parse_ranges(selection.sequences)

@@ -17,7 +17,16 @@ from typing import Literal
 
 from ...errors import ConfigError, MethodError, printable
 from ...renderer.cluster import ExecutorOptions, RayCluster, RayWorkers, connect_to_ray
-from ...renderer.runtime import Bar, cpu_count, defer_interrupts, parse_shard, require_local, say
+from ...renderer.runtime import (
+    AnyPath,
+    Bar,
+    convert_fields,
+    cpu_count,
+    defer_interrupts,
+    parse_shard,
+    require_local,
+    say,
+)
 from ...renderer.scene import check_model_paths
 from ...renderer.types import Inputs, Knowledge
 from ..methods import (
@@ -34,7 +43,7 @@ from ..results import SCORES, Results, Row, Status, Stored
 from .datasets import SUITES, Selection, from_folders, from_suite
 from .estimation import estimate
 from .isolation import Limits, read_declaration
-from .jobs import Job, describe_run, prepare_job, shorten_reason
+from .jobs import Job, check_owners, describe_run, prepare_job, shorten_reason
 from .schedule import Clock, cheap_first, describe_plan
 from .suite import read_suite
 
@@ -74,7 +83,7 @@ class EvalConfig(ExecutorOptions):
     """Name or TOML file of a suite. Missing sequences are rendered first."""
     datasets: tuple[str, ...] = ()
     """Datasets of the suite to evaluate on, such as oven. Default: all."""
-    data: tuple[Path, ...] = ()
+    data: tuple[AnyPath, ...] = ()
     """Dataset folders to use instead of a suite."""
     inputs: tuple[Inputs, ...] = ()
     """Input tracks to evaluate. Default: all that the method supports."""
@@ -92,7 +101,7 @@ class EvalConfig(ExecutorOptions):
     workers: int = 0
     """Number of parallel processes. They share the CPU cores; use 1 to compare run times.
     0: one for each core, at most 4; with Ray, one for each CPU of the cluster."""
-    results: Path = Path("results")
+    results: AnyPath = Path("results")
     """Folder for estimates and scores."""
     timeout: float = 300.0
     """Time limit per sequence, s."""
@@ -109,7 +118,7 @@ class EvalConfig(ExecutorOptions):
     allow_model: bool = False
     """For knowledge model: read the models of --data from paths that the datasets name, or
     download them. Use it only for datasets that you trust."""
-    suites: Path = SUITES
+    suites: AnyPath = SUITES
     """Folder for the rendered datasets of suites."""
 
 
@@ -136,8 +145,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
 
     Example:
         >>> import gcbench as gb
-        >>> from pathlib import Path
-        >>> config = gb.EvalConfig(method=("hold-still",), data=(Path("data/ur5"),))
+        >>> config = gb.EvalConfig(method=("hold-still",), data=("data/ur5",))
         >>> results = gb.evaluate(config, progress=False)
         >>> results.failures
         ()
@@ -145,8 +153,9 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
         >>> bool((finals.value > 0).all())
         True
     """
+    config = convert_fields(config, EvalConfig)
     limits = _limits(config)
-    require_local(config.results, "--results")
+    require_local(Path(config.results), "--results")
     workers = config.choose_workers(config.workers or None)
     if not isinstance(workers, RayWorkers):
         return _evaluate(config, limits, None, progress)
@@ -175,8 +184,8 @@ def _evaluate(
         if not d.dataset.allow_model and any(row.knowledge == "model" for _, row in rows):
             check_model_paths(d.dataset.config)
     jobs = cheap_first([
-        prepare_job(describe_run(row, source, d, recorded, declared[source]), d, config.results,
-                    config.retry, config.shard)
+        prepare_job(describe_run(row, source, d, recorded, declared[source]), d,
+                    Path(config.results), config.retry, config.shard)
         for source, row in rows
         for d in data
     ])  # fmt: skip
@@ -250,17 +259,8 @@ def _plan(
         for row in plan_rows(found[source], oracles, config.inputs,
                              _knowledge(config, found[source]))
     ]  # fmt: skip
-    _check_owners(rows)
+    check_owners(rows)
     return declared, list(dict.fromkeys(rows)), refused
-
-
-def _check_owners(rows: Iterable[tuple[str, Row]]) -> None:
-    """Raise MethodError if two methods would store their estimates in one folder."""
-    owner: dict[str, str] = {}
-    for source, row in rows:
-        if (other := owner.setdefault(row.folder, source)) != source:
-            raise MethodError(f"{other} and {source} both make the row {row.title}; give one of "
-                              "them another name, or evaluate them into two --results folders")
 
 
 def _with_options(config: EvalConfig) -> list[tuple[str, tuple[str, ...]]]:

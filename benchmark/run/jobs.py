@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...errors import DatasetError, GcbenchError, StorageError
+from ...errors import DatasetError, GcbenchError, MethodError, StorageError
 from ...renderer.dataset import environment
 from ...renderer.runtime import address, cpu_count, dump_json, parse_shard, say
 from ...renderer.scene import differences
@@ -38,6 +38,15 @@ from ..results import (
     write_scores,
 )
 from .datasets import Data
+
+
+def check_owners(rows: Iterable[tuple[str, Row]]) -> None:
+    """Raise MethodError if two methods would store their estimates in one folder."""
+    owner: dict[str, str] = {}
+    for source, row in rows:
+        if (other := owner.setdefault(row.folder, source)) != source:
+            raise MethodError(f"{other} and {source} both make the row {row.title}; give one of "
+                              "them another name, or evaluate them into two --results folders")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from pathlib import Path
 from ...errors import ConfigError, RenderError
 from ..cluster import RayWorkers
 from ..dataset import sequence_name, sequence_paths
-from ..runtime import Bar, Shard, address, cpu_count, frame_bar, plural, say
+from ..runtime import Bar, Shard, address, convert_fields, cpu_count, frame_bar, plural, say
 from ..scene import RenderConfig, resolve
 from ..types import Sequence
 from .dataset_folder import DatasetFolder, open_folder
@@ -139,6 +139,7 @@ def render_dataset(
     """
     out = Path(out)
     started = time.monotonic()
+    config = convert_fields(config, RenderConfig)
     if source == _SOURCE:  # another source has robots of its own
         config = resolve(config)
     if not isinstance(workers, RayWorkers):

@@ -6,13 +6,13 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, is_dataclass, replace
-from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, cast, get_args, get_type_hints
+from typing import Annotated, Literal, cast, get_args
 
 from tyro.conf import arg
 
 from ...errors import ConfigError
+from ..runtime import convert_fields, field_types
 
 Range = tuple[float, float]
 FACTORS = (
@@ -281,11 +281,12 @@ def resolve(config: RenderConfig) -> RenderConfig:
     """Check a config, and return it with the defaults that depend on its robot.
 
     Raises:
-        ConfigError: if a value is out of range, or a name is unknown.
+        ConfigError: if a value has another type or is out of range, or a name is unknown.
     """
     from ...robots.catalog import find_robot, is_file, is_object
     from .images import KINDS, PLAIN
 
+    config = convert_fields(config, RenderConfig)
     own = draws_of(config.robot)
     of_object = is_object(config.robot)
     textured = not of_object and not is_file(config.robot) and find_robot(config.robot).textured
@@ -330,7 +331,7 @@ def draws_of(robot: str) -> str:
 
 def find_invalid_values(config: object, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield (field, what is wrong) for each number outside its `Bounds`, and each unusable text."""
-    for name, hint in _annotations(type(config)).items():
+    for name, hint in field_types(type(config)).items():
         value = getattr(config, name)
         if is_dataclass(value):
             yield from find_invalid_values(value, f"{prefix}{name}.")
@@ -342,9 +343,3 @@ def find_invalid_values(config: object, prefix: str = "") -> Iterator[tuple[str,
         for text in cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,):
             if isinstance(text, str) and _UNUSABLE.search(text):
                 yield f"{prefix}{name}", f"{text[:40]!a}: leave out control characters"
-
-
-@cache
-def _annotations(kind: type) -> dict[str, object]:
-    """The annotations of a config, which take a millisecond to read."""
-    return get_type_hints(kind, include_extras=True)

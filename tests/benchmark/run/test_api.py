@@ -42,6 +42,33 @@ def test_the_examples_hold(folder: Path) -> None:
     assert not runner.failures
 
 
+def test_folders_may_be_texts(folder: Path) -> None:
+    config = gb.EvalConfig(method=["hold-still"], data=("data/ur5",), results="r2")  # pyright: ignore
+    assert gb.evaluate(config, progress=False).estimated == 2
+    assert list((folder / "r2").iterdir())
+
+
+@pytest.mark.parametrize(("fields", "message"), [
+    ({"executor": "ray2"}, "EvalConfig.executor: expected one of local, ray, got 'ray2'"),
+    ({"retry": ("fail",)},
+     r"EvalConfig.retry\[0\]: expected one of ok, raised, timeout, crashed, invalid, got 'fail'"),
+    ({"knowledge": ("axis",)},
+     r"EvalConfig.knowledge\[0\]: expected one of none, free, .*, all, got 'axis'"),
+    ({"method": "hold-still"}, r"EvalConfig.method: write a tuple, method=\('hold-still',\)"),
+    ({"inputs": "rgbd"}, r"EvalConfig.inputs: write a tuple, inputs=\('rgbd',\)"),
+    ({"data": Path("data/ur5")}, r"EvalConfig.data: write a tuple, data=\('data/ur5',\)"),
+    ({"limit": 1.5}, "EvalConfig.limit: expected a whole number, got 1.5"),
+    ({"results": None}, "EvalConfig.results: expected a path, as text or Path, got None"),
+])
+def test_options_of_another_type_are_refused(
+    folder: Path, fields: dict[str, Any], message: str
+) -> None:
+    options = {"method": ("hold-still",), "data": ("data/ur5",), **fields}
+    with pytest.raises(gb.ConfigError, match=f"^{message}$"):
+        gb.evaluate(gb.EvalConfig(**options), progress=False)
+    assert not (folder / "results").exists()
+
+
 def test_results_of_several_kinds_make_one_report(folder: Path) -> None:
     evaluated = gb.evaluate(
         gb.EvalConfig(method=("hold-still",), data=(Path("data/ur5"),)), progress=False

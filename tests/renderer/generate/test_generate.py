@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 from gcbench import ConfigError, GcbenchError, open_dataset
 from gcbench.renderer.dataset.storage import open_sequence
-from gcbench.renderer.generate.driver import Summary, plan_workers, render_dataset
+from gcbench.renderer.generate.driver import Summary, plan_workers, render_dataset, render_sequence
 from gcbench.renderer.generate.worker_pool import WorkerDied, render_in_workers
 from gcbench.renderer.generate.worker_process import ModelLoaded, RenderTask, SequenceDone
 from gcbench.renderer.runtime.shards import Shard
@@ -117,6 +117,18 @@ def only_whole_ones(out: Path) -> None:
 
 
 # -- the result does not depend on how it was reached -----------------------------------------
+
+
+def test_a_value_that_the_dataset_could_not_hold_is_refused_before_anything_is_written(
+    tmp_path: Path,
+) -> None:
+    config = RenderConfig("owi535", frames=3, width=64, height=48, stream="tets")  # pyright: ignore
+    for call in (lambda: render_dataset(config, 1, tmp_path / "out", 1, progress=False),
+                 lambda: render_dataset(config, 1, tmp_path / "out", 1, False, SOURCE),
+                 lambda: render_sequence(config)):
+        with pytest.raises(ConfigError, match=r"RenderConfig.* expected one of .*, got "):
+            call()
+    assert not (tmp_path / "out").exists()
 
 
 def test_two_workers_make_what_one_makes(tmp_path: Path, expected: dict[str, str]) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
+import numpy as np
 import pytest
 from gcbench.errors import ConfigError, ModelError
 from gcbench.renderer.scene.config import (
@@ -68,8 +69,47 @@ def test_a_number_out_of_bounds_is_refused_by_name(name: str) -> None:
         config = set_field(RenderConfig(), name, value)
         assert [field for field, _ in find_invalid_values(config)] == [name]
         option = name.removeprefix("randomization.").replace("_", "-")
-        with pytest.raises(ConfigError, match=f"^--{option} .*: give "):
+        is_whole = hint.__origin__ in (int, tuple[int, int]) and wrong != wrong  # NaN is none
+        message = rf"{name}.*: expected a whole number" if is_whole else f"^--{option} .*: give "
+        with pytest.raises(ConfigError, match=message):
             resolve(config)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("stream", "tets", "stream: expected one of test, train, got 'tets'"),
+        ("samples", 3, "samples: expected one of 1, 4, 9, got 3"),
+        ("samples", True, "samples: expected one of 1, 4, 9, got True"),
+        ("flow", "all", "flow: expected one of both, forward, none, got 'all'"),
+        ("visibility", "no", "visibility: expected True or False, got 'no'"),
+        ("animation", None, "animation: expected a text, got None"),
+        ("frames", 2.5, "frames: expected a whole number, got 2.5"),
+        ("frames", True, "frames: expected a whole number, got True"),
+        ("scale", "1", "scale: expected a number, got '1'"),
+        ("layers", "normal", r"layers: write a tuple, layers=\('normal',\)"),
+        ("vary", {"motion"}, "vary: expected a tuple, got {'motion'}"),
+        ("scored_joints", ("base", 3), r"scored_joints\[1\]: expected a text, got 3"),
+        ("randomization", None, "randomization: expected a RandomizationConfig, got None"),
+        ("randomization.camera.fov", (40.0,), r"camera.fov: expected 2 values, got \(40.0,\)"),
+        ("randomization.camera.azimuth", "0", "camera.azimuth: expected a tuple, got '0'"),
+    ],
+)
+def test_a_value_of_another_type_is_refused(name: str, value: Any, message: str) -> None:
+    """What `dataset.json` could not hold, and what would be read letter by letter."""
+    config = set_field(RenderConfig(), name, value)
+    with pytest.raises(ConfigError, match=rf"^RenderConfig\.([\w.]+\.)?{message}$"):
+        resolve(config)
+
+
+def test_lists_and_numbers_of_numpy_become_plain() -> None:
+    config = RenderConfig(frames=np.int64(3), vary=["motion"], samples=np.int8(4))  # pyright: ignore
+    config = set_field(config, "randomization.camera.fov", np.array([30.0, 40.0]))
+    found = resolve(config)
+    assert (type(found.frames), found.vary, found.samples) == (int, ("motion",), 4)
+    assert found.randomization.camera.fov == (30.0, 40.0)
+    with pytest.raises(ConfigError, match="expected a RenderConfig, got 'ur5'"):
+        resolve("ur5")  # pyright: ignore
 
 
 def test_ranges_ascend() -> None:
