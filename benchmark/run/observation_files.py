@@ -52,7 +52,7 @@ class _ObservationWriter(Writer):
 
 
 def export_observations(
-    dataset: str | Path, out: Path, track: str = "rgbd", knowledge: str = "axes",
+    dataset: str | Path | Dataset, out: str | Path, track: str = "rgbd", knowledge: str = "axes",
     sequences: str = "", progress: bool = True,
 ) -> Exported:
     """Write what a method may see of a dataset, for methods that run outside of gcbench.
@@ -61,7 +61,7 @@ def export_observations(
     with the same arguments.
 
     Args:
-        dataset: Folder of the dataset.
+        dataset: Folder of the dataset, or an open dataset.
         out: Folder of the export, which must not exist.
         track: "rgb", "rgbd" or "rgbd-noise".
         knowledge: "free", "axes" or "kinematics".
@@ -76,16 +76,14 @@ def export_observations(
         ConfigError: there is no such track, knowledge or sequence, or `out` exists.
 
     Example:
-        >>> from pathlib import Path
-        >>> out = Path("ur5-observation")
-        >>> gb.export_observations("data/ur5", out, "rgbd-noise", progress=False).folder
-        PosixPath('ur5-observation')
+        >>> gb.export_observations("data/ur5", "out", "rgbd-noise", progress=False).folder
+        PosixPath('out')
     """
     inputs, level = _TRACKS.get(track), _LEVELS.get(knowledge)
     if inputs is None or level is None:
         raise ConfigError(f"no observation of track {track!r} and knowledge {knowledge!r}; tracks: "
                           f"{', '.join(_TRACKS)}; knowledge: {', '.join(_LEVELS)}")
-    data = open_dataset(dataset)
+    data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     models = [{key: str(asset.get(key, "")) for key in ("name", "licence")}
               for asset in data.info.assets]
     origin = {"format": "observation", "track": track, "knowledge": knowledge, "assets": models}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -46,21 +46,21 @@ class Exported:
 
 
 def export_dataset(
-    dataset: str | Path, format: str, out: Path, sequences: str = "", progress: bool = True,
-    allow_model: bool = False,
+    dataset: str | Path | Dataset, format: str, out: str | Path, sequences: str = "",
+    progress: bool = True, allow_model: bool = False,
 ) -> Exported:
     """Write a dataset in the format of another benchmark or tool.
 
     An interrupted export continues when it is called again with the same arguments.
 
     Args:
-        dataset: Folder of the dataset.
+        dataset: Folder of the dataset, or an open dataset.
         format: "kitti", "bop", "coco", "webdataset", "hf", "tapvid", "rerun" or "screwnet".
         out: Folder of the export, which must not exist.
         sequences: Numbers and ranges of sequences, for example "0-9,15". Default: all.
         progress: Whether to show a progress bar.
         allow_model: Whether to read the model from a path that the dataset names, or to download
-            it. bop needs the model, rerun shows it.
+            it. bop needs the model, rerun shows it. An open dataset may allow it, too.
 
     Returns:
         The folder, and the number of sequences and frames in it.
@@ -70,14 +70,14 @@ def export_dataset(
         ConfigError: there is no such format, `out` exists, or there are no such sequences.
 
     Example:
-        >>> from pathlib import Path
-        >>> gb.export_dataset("data/ur5", "kitti", Path("ur5-kitti"), "0", progress=False).sequences
+        >>> gb.export_dataset("data/ur5", "kitti", "ur5-kitti", "0", progress=False).sequences
         1
     """
     if format not in WRITERS:
         raise ConfigError(f"--format {format}: choose one of {', '.join(WRITERS)} or observation "
                           "(in Python, gb.export_observations)")
-    data = open_dataset(dataset, allow_model)
+    data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
+    data = replace(data, allow_model=allow_model or data.allow_model)
     names = select_sequences(data, sequences)
     module, _, name = WRITERS[format].partition(":")
     try:
@@ -90,8 +90,8 @@ def export_dataset(
 
 
 def write_export(
-    kind: Callable[[Path, Dataset], Writer], dataset: Dataset, names: list[str], out: Path,
-    origin: Mapping[str, Any], progress: bool,
+    kind: Callable[[Path, Dataset], Writer], dataset: Dataset, names: list[str],
+    out: str | Path, origin: Mapping[str, Any], progress: bool,
 ) -> Exported:
     """Write sequences of a dataset with a `Writer`; for formats outside of this package.
 
@@ -99,6 +99,7 @@ def write_export(
     tells this export from others of the dataset. Raises ConfigError if `out` exists, and
     GcbenchError if it cannot be written.
     """
+    out = Path(out)
     require_local(out, "--out")
     if out.exists() or out.is_symlink():
         raise ConfigError(f"{out} is there already; choose another --out, or delete it")

@@ -18,6 +18,7 @@ from ...robots.model import ArticulatedModel
 from ..dataset import (
     DATASET_FILE,
     SEQUENCES_FOLDER,
+    Dataset,
     count_sequences,
     open_dataset,
     open_sequence,
@@ -90,7 +91,7 @@ def verify_sequence(
 
 
 def verify_dataset(
-    path: str | Path, workers: int = 1, progress: bool = True, allow_model: bool = False,
+    path: str | Path | Dataset, workers: int = 1, progress: bool = True, allow_model: bool = False,
     sequences: str = "",
 ) -> VerifyReport:
     """Run all checks of every sequence of a dataset, and of the dataset as a whole.
@@ -100,7 +101,8 @@ def verify_dataset(
 
     Args:
         path: The folder of a dataset; or one sequence (a ZIP or a folder), which is verified
-            against the configuration of its dataset, if it lies in one.
+            against the configuration of its dataset, if it lies in one; or an open dataset, whose
+            folder is read again.
         workers: Number of processes.
         progress: Whether to show a progress bar.
         allow_model: Whether to read the model from a path that the dataset names.
@@ -121,6 +123,8 @@ def verify_dataset(
         >>> report.ok
         True
     """
+    if isinstance(path, Dataset):
+        path, allow_model = path.path, allow_model or path.allow_model
     path = Path(path)
     if workers < 1:
         raise ConfigError(f"{workers} workers cannot verify; give 1 or more")

@@ -58,7 +58,7 @@ class _Line:
 
 
 def verify_shard(
-    path: str | Path, shard: str, reports: str | Path | None = None, workers: int = 1,
+    path: str | Path | Dataset, shard: str, reports: str | Path | None = None, workers: int = 1,
     progress: bool = True, allow_model: bool = False,
 ) -> VerifyReport:
     """Run all checks of a share of the sequences of a dataset, and write what they find to a file.
@@ -68,7 +68,7 @@ def verify_shard(
     `merge_verification` makes one report of the files of all shards.
 
     Args:
-        path: The folder of a dataset, or its address in object storage.
+        path: The folder of a dataset, or its address in object storage; or an open dataset.
         shard: The share, such as "3/64": the sequences 3, 67, 131 and so on of those that are
             there; or auto, see `gcbench verify --help`.
         reports: Folder of the files. Default: `<dataset>-verify` in the current folder.
@@ -89,7 +89,8 @@ def verify_shard(
     """
     if workers < 1:
         raise ConfigError(f"{workers} workers cannot verify; give 1 or more")
-    dataset = open_dataset(Path(path))
+    dataset = _open(path)
+    allow_model |= dataset.allow_model
     files, _ = sequence_files(dataset.path)
     mine = parse_shard(shard, max(1, len(files)))
     files = files[mine.index::mine.count]
@@ -106,13 +107,22 @@ def verify_shard(
     return VerifyReport(merge_checks(checks), (*dataset.warnings, *notes))
 
 
-def merge_verification(path: str | Path, reports: str | Path | None = None) -> VerifyReport:
+def _open(path: str | Path | Dataset) -> Dataset:
+    """The dataset as it is now."""
+    if isinstance(path, Dataset):
+        return open_dataset(path.path, path.allow_model)
+    return open_dataset(path)
+
+
+def merge_verification(
+    path: str | Path | Dataset, reports: str | Path | None = None
+) -> VerifyReport:
     """Make the report of a dataset of the files that its shards wrote.
 
     It is equal to that of `verify_dataset`.
 
     Args:
-        path: The folder of the dataset, or its address in object storage.
+        path: The folder of the dataset, or its address in object storage; or an open dataset.
         reports: Folder of the files. Default: `<dataset>-verify` in the current folder.
 
     Returns:
@@ -127,7 +137,7 @@ def merge_verification(path: str | Path, reports: str | Path | None = None) -> V
         >>> gb.merge_verification("data/ur5").ok
         True
     """
-    dataset = open_dataset(Path(path))
+    dataset = _open(path)
     files, warnings = sequence_files(dataset.path)
     folder, identity = _folder(dataset, reports), _identity(dataset)
     found: dict[str, _Line] = {}

@@ -56,6 +56,15 @@ def test_files_hold_exactly_the_observation(
                     or found[field.name].dtype == value.dtype
 
 
+def test_texts_and_open_datasets_are_taken(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for k, given in enumerate((open_dataset(dataset), str(dataset))):
+        done = export_observations(given, f"o{k}", sequences="0", progress=False)
+        assert (done.folder, done.sequences) == (Path(f"o{k}"), 1)
+
+
 def test_nothing_tells_the_truth(dataset: Path, tmp_path: Path) -> None:
     """The seed or the configuration would: with them, one can render the sequence again."""
     args = ["export", str(dataset), "--format", "observation", "--track", "rgbd-noise"]

@@ -113,6 +113,17 @@ def test_the_current_folder_is_exported_beside_it(
     assert sorted(p.name for p in copy.iterdir()) == ["dataset.json", "sequences"]
 
 
+def test_texts_and_open_datasets_are_taken(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = export_dataset(dataset, "kitti", "one", "0", progress=False)
+    again = export_dataset(str(dataset.path), "kitti", Path("two"), "0", progress=False)
+    assert (done.folder, done.sequences) == (Path("one"), 1)
+    assert [p.read_bytes() for p in sorted(Path("one").rglob("*.png"))] == [
+        p.read_bytes() for p in sorted(again.folder.rglob("*.png"))]
+
+
 def test_an_unknown_format_is_told_those_that_exist(
     dataset: Dataset, capsys: pytest.CaptureFixture[str]
 ) -> None:

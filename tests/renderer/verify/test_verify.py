@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gcbench import GcbenchError
+from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
 from gcbench.renderer.dataset.provenance import new_provenance, write_provenance
 from gcbench.renderer.dataset.storage import SequenceWriter
@@ -361,6 +361,11 @@ def test_dataset_on_disk_passes(dataset):
     assert "is not finished (its run has not ended)" in unfinished and "own screws" in reference
     (flow,) = (c for c in report.checks if c.name == "flow forward")
     assert flow.where.startswith("00000") and "frame" in flow.where
+
+
+def test_an_open_dataset_is_verified_as_its_folder(dataset):
+    found = verify_dataset(open_dataset(dataset), progress=False)
+    assert found.ok and found == verify_dataset(dataset, progress=False)
 
 
 def test_one_sequence_alone_or_in_its_dataset(dataset, tmp_path):
