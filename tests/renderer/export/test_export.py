@@ -18,6 +18,7 @@ import tarfile
 import tracemalloc
 import warnings
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ from gcbench.gcpose.networks.depth_images import fit_depth
 from gcbench.renderer.dataset.reader import Dataset, select_sequences
 from gcbench.renderer.export import kitti as export_kitti
 from gcbench.renderer.export.bop_models import size_of
-from gcbench.renderer.export.driver import WRITERS, export_dataset
+from gcbench.renderer.export.driver import WRITERS, export_dataset, write_export
 from gcbench.renderer.export.webdataset import json_values
 from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.runtime.zip_archive import Archive, open_archive
@@ -122,6 +123,23 @@ def test_texts_and_open_datasets_are_taken(
     assert (done.folder, done.sequences) == (Path("one"), 1)
     assert [p.read_bytes() for p in sorted(Path("one").rglob("*.png"))] == [
         p.read_bytes() for p in sorted(again.folder.rglob("*.png"))]
+
+
+def test_the_exporter_of_the_checklist_takes_any_joints(doors: Dataset, tmp_path: Path) -> None:
+    page = Path(__file__).parents[3] / "docs/develop/add_an_exporter.md"
+    code = page.read_text().partition("```python\n")[2].partition("```")[0]
+    names = {"__package__": "gcbench.renderer.export", "__name__": "jointcsv"}
+    exec(compile(code, str(page), "exec", dont_inherit=True), names)
+    kind: Any = names["JointCsv"]
+    out = write_export(kind, doors, [*doors.names], tmp_path / "out", {}, False).folder
+    with (out / "joints.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["joint"] for row in rows} == {n for s in doors for n in s.meta.joint_names}
+    for name, sequence in zip(doors.names, doors, strict=True):
+        for j, joint in enumerate(sequence.meta.joint_names):
+            found = [float(row["position"]) for row in rows
+                     if (row["sequence"], row["joint"]) == (name, joint)]
+            assert found == sequence.state.joint_positions[:, j].tolist()
 
 
 def test_an_unknown_format_is_told_those_that_exist(
