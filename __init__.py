@@ -23,7 +23,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .errors import ConfigError, DatasetError, GcbenchError, MethodError, ModelError, RenderError
+from .errors import (
+    ConfigError,
+    DatasetError,
+    GcbenchError,
+    MethodError,
+    ModelError,
+    RenderError,
+    StorageError,
+)
 
 if TYPE_CHECKING:
     from .benchmark.methods import list_methods
@@ -50,8 +58,8 @@ __all__ = [
     "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
     "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
     "Method", "MethodError", "ModelError", "Observation", "RayWorkers", "RenderConfig",
-    "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor",
-    "evaluate", "export_dataset", "export_observations", "fetch_robot", "list_methods",
+    "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "StorageError", "VerifyReport",
+    "doctor", "evaluate", "export_dataset", "export_observations", "fetch_robot", "list_methods",
     "list_robots", "list_suites", "load_robot", "merge_verification", "open_dataset",
     "render_dataset", "render_sequence", "report", "score", "show", "stream", "verify_dataset",
     "verify_shard",
@@ -80,14 +88,16 @@ _HOMES = {
 """Where each lazy public name is defined."""
 
 
-def __getattr__(name: str) -> Any:
-    from importlib import import_module
+if not TYPE_CHECKING:  # with it, a type checker would accept every name
 
-    for home, names in _HOMES.items():
-        if name in names.split():
-            globals()[name] = value = getattr(import_module(f".{home}", __name__), name)
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    def __getattr__(name: str) -> Any:
+        from importlib import import_module
+
+        for home, names in _HOMES.items():
+            if name in names.split():
+                globals()[name] = value = getattr(import_module(f".{home}", __name__), name)
+                return value
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import inspect
+import json
 import re
 import shutil
 import subprocess
@@ -23,7 +24,7 @@ def test_what_is_public() -> None:
         "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
         "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
         "Method", "MethodError", "ModelError", "Observation", "RayWorkers", "RenderConfig",
-        "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "VerifyReport", "doctor",
+        "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "StorageError", "VerifyReport", "doctor",
         "evaluate", "export_dataset", "export_observations", "fetch_robot", "list_methods",
         "list_robots", "list_suites", "load_robot", "merge_verification", "open_dataset",
         "render_dataset", "render_sequence", "report", "score", "show", "stream", "verify_dataset",
@@ -39,8 +40,27 @@ def test_there_is_no_other_name() -> None:
 
 def test_errors_have_one_base() -> None:
     kinds = [gb.ConfigError, gb.ModelError, gb.DatasetError, gb.MethodError, gb.RenderError]
+    kinds.append(gb.StorageError)
     assert all(issubclass(kind, gb.GcbenchError) for kind in kinds)
-    assert len({*kinds}) == 5
+    assert len({*kinds}) == 6
+
+
+@pytest.mark.slow
+def test_a_type_checker_knows_the_names_and_what_a_method_is(tmp_path: Path) -> None:
+    pytest.importorskip("pyright", reason="pyright is in the extra lint")
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    code = readme.partition("# my_method.py\n")[2].partition("```")[0]
+    (tmp_path / "my_method.py").write_text(f"{code}\nmethod: gb.Method = MyMethod()\n")
+    (tmp_path / "misspelt.py").write_text("import gcbench as gb\n\ngb.open_datset\n")
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps({
+        "typeCheckingMode": "strict", "extraPaths": [str(Path(gb.__file__).parents[1])]}))
+    done = subprocess.run(
+        [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "--outputjson"],
+        cwd=tmp_path, capture_output=True, text=True)
+    found = [(Path(d["file"]).name, d["rule"]) for d in json.loads(done.stdout)["generalDiagnostics"]
+             if d["severity"] == "error"]
+    assert ("misspelt.py", "reportAttributeAccessIssue") in found
+    assert not [rule for file, rule in found if file == "my_method.py"], done.stdout
 
 
 def test_import_loads_nothing() -> None:

@@ -5,6 +5,7 @@ They stand here, beside the sequence, so that a method does not import the bench
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -87,14 +88,31 @@ class Method(Protocol):
     YYYY-MM or YYYY), which the report shows.
     """
 
-    name: str
-    inputs: tuple[Inputs, ...]
-    """Tracks that it supports."""
-    knowledge: tuple[Knowledge, ...]
-    """Knowledge levels that it supports."""
-    training: str
-    """"none", "self-supervised" or "supervised: on what"."""
-    version: str
+    @property
+    def name(self) -> str:
+        """Name in tables: up to 200 printable characters without @."""
+        ...
+
+    @property
+    def version(self) -> str:
+        """Version of the method. Raise it with each change of the estimates: estimates of another
+        version are not mixed with those of this one."""
+        ...
+
+    @property
+    def training(self) -> str:
+        """"none", "self-supervised" or "supervised: on what"."""
+        ...
+
+    @property
+    def inputs(self) -> Sequence[str]:
+        """Tracks that it supports: "rgb", "rgbd", "rgbd-noise", or "none" alone."""
+        ...
+
+    @property
+    def knowledge(self) -> Sequence[str]:
+        """Knowledge levels that it supports: "free", "axes", "kinematics", "model", or "none"."""
+        ...
 
     def estimate(self, observation: Observation) -> Estimate:
         """Estimate the motion of one sequence."""
