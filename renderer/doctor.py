@@ -48,7 +48,7 @@ def doctor() -> Diagnosis:
     Tries every EGL device, and draws a frame on the one that is used.
 
     Returns:
-        The report: `text`, and `ok` if something renders.
+        The report with `text`, and `ok` if something renders.
 
     Example:
         >>> gb.doctor().ok

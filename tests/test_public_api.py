@@ -24,7 +24,8 @@ def test_what_is_public() -> None:
         "ArticulatedModel", "Camera", "ConfigError", "Dataset", "DatasetError", "Estimate",
         "EvalConfig", "Frame", "GCPose", "GcbenchError", "JointTrajectory", "JointType", "Link",
         "Method", "MethodError", "ModelError", "Observation", "RayWorkers", "RenderConfig",
-        "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "StorageError", "VerifyReport", "doctor",
+        "RenderError", "ReportOptions", "Results", "Sequence", "Shard", "StorageError",
+        "VerifyReport", "doctor",
         "evaluate", "export_dataset", "export_observations", "fetch_robot", "list_methods",
         "list_robots", "list_suites", "load_robot", "merge_verification", "open_dataset",
         "render_dataset", "render_sequence", "report", "score", "show", "stream", "verify_dataset",
@@ -57,8 +58,8 @@ def test_a_type_checker_knows_the_names_and_what_a_method_is(tmp_path: Path) -> 
     done = subprocess.run(
         [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "--outputjson"],
         cwd=tmp_path, capture_output=True, text=True)
-    found = [(Path(d["file"]).name, d["rule"]) for d in json.loads(done.stdout)["generalDiagnostics"]
-             if d["severity"] == "error"]
+    found = [(Path(d["file"]).name, d["rule"])
+             for d in json.loads(done.stdout)["generalDiagnostics"] if d["severity"] == "error"]
     assert ("misspelt.py", "reportAttributeAccessIssue") in found
     assert not [rule for file, rule in found if file == "my_method.py"], done.stdout
 

@@ -126,7 +126,7 @@ def open_dataset(path: str | Path, allow_model: bool = False) -> Dataset:
             dataset names, or download it. Allow it only for datasets that you trust.
 
     Returns:
-        The dataset: a sequence of `Sequence`, with its configuration and provenance.
+        The dataset, a sequence of `Sequence` with its configuration and provenance.
 
     Raises:
         DatasetError: if the folder is not a dataset, or its `dataset.json` is invalid.

@@ -110,7 +110,7 @@ def verify_dataset(
             also that none is missing.
 
     Returns:
-        The report: `ok`, `worst`, `failures` and `table()`. A sequence that cannot be read is a
+        The report with `ok`, `worst`, `failures` and `table()`. A sequence that cannot be read is a
         failed check.
 
     Raises:

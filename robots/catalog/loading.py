@@ -59,8 +59,7 @@ def load_robot(
             not be downloaded.
 
     Examples:
-        >>> from gcbench.robots.catalog import load_robot
-        >>> robot = load_robot("owi535")
+        >>> robot = gb.load_robot("owi535")
         >>> robot.joint_names
         ('rotation', 'base', 'elbow', 'wrist', 'gripper')
     """

@@ -23,10 +23,13 @@ class JointType(str, Enum):
     """How a joint moves; the values are the words of URDF and of the dataset format."""
 
     FIXED = "fixed"
+    """Does not move."""
     REVOLUTE = "revolute"
+    """Turns about its axis, between limits, rad."""
     CONTINUOUS = "continuous"
     """Revolute without limits."""
     PRISMATIC = "prismatic"
+    """Slides along its axis, m."""
 
     __str__ = str.__str__
 

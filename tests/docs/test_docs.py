@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import runpy
 import shlex
@@ -229,6 +230,18 @@ def test_the_api_page_has_every_public_name() -> None:
     listed = set(re.findall(r"(?m)^::: gcbench\.(\w+)$", (DOCS / "reference/api.md").read_text()))
     errors = {name for name in gcbench.__all__ if name.endswith("Error")}
     assert listed == set(gcbench.__all__) - errors | {"errors"}
+
+
+def test_the_api_page_has_what_the_public_functions_take_and_return() -> None:
+    page = (DOCS / "reference/api.md").read_text()
+    listed = set(re.findall(r"(?m)^::: gcbench\.(?:[\w.]+\.)?(\w+)$", page))
+    names = [getattr(gcbench, name) for name in gcbench.__all__]
+    functions = [public for public in names if inspect.isfunction(public)]
+    named = {name for f in functions for hint in f.__annotations__.values()
+             for name in re.findall(r"\b[A-Z]\w+", str(hint))}
+    foreign = {"Any", "Collection", "Mapping", "None", "Path", "False", "True"}
+    members = {"Meta", "State", "RandomizationConfig", "TorchDataset"}
+    assert not (named | members) - foreign - listed
 
 
 def test_the_page_on_architecture_shows_the_layers() -> None:
