@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Item = TypeVar("Item", bound=np.generic)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LazyStack(Generic[Item]):
     """Images of one kind: an int gives one image, a slice a stacked array. Nothing is cached.
 
@@ -24,6 +24,9 @@ class LazyStack(Generic[Item]):
     shape: tuple[int, ...]
     """Shape of the stacked array: [N H W] or [N H W C]."""
     dtype: np.dtype[Item]
+
+    def __repr__(self) -> str:
+        return f"LazyStack({' x '.join(map(str, self.shape))} {self.dtype})"
 
     def __len__(self) -> int:
         return self.shape[0]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ...robots.geometry import Array, apply, inverse, pinhole, transform
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """A pinhole camera without distortion: image size, intrinsics and pose."""
 

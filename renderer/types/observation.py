@@ -19,7 +19,7 @@ Inputs = Literal["none", "rgb", "rgbd", "rgbd-noise"]
 Knowledge = Literal["none", "free", "axes", "kinematics", "model"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observation:
     """T frames of H x W pixels, J scored joints. What the method's knowledge lacks is None."""
 
@@ -64,7 +64,7 @@ class Observation:
         return np.array(self.joint_parent or range(-1, self.n_joints - 1), np.int64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What a method returns."""
 

@@ -79,6 +79,11 @@ class Frame:
     """[H W 3] m, the point in its part's own frame (at rest, where it deforms); NaN where there is
     no part."""
 
+    def __repr__(self) -> str:
+        (height, width), there = self.part.shape, vars(self).items()
+        return (f"Frame({width}x{height} px: "
+                f"{', '.join(name for name, image in there if image is not None)})")
+
 
 @dataclass(frozen=True, eq=False)
 class State:

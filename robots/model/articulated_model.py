@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,7 +19,7 @@ from .visuals import Visual
 
 _FIXED = JointType.FIXED
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ModelState:
     """Poses of the parts of a model and deformation of its surfaces at T instants."""
 
@@ -45,7 +46,7 @@ class Animation(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArticulatedModel:
     """A kinematic tree as a struct of arrays; P parts, J independent joints.
 
@@ -94,6 +95,11 @@ class ArticulatedModel:
     """SHA-256 of each file that was read, by its path from the folder of the model's file."""
     notes: tuple[str, ...] = field(default=())
     """Decisions of the reader (frozen joints, missing meshes), one line each."""
+
+    def __repr__(self) -> str:
+        counts = {"part": len(self.part_names), "joint": len(self.joint_names)}
+        words = [f"{count} {word}{'s' * (count != 1)}" for word, count in counts.items()]
+        return f"ArticulatedModel({reprlib.repr(self.name)}, {', '.join(words)})"
 
     @classmethod
     def from_links(

@@ -14,7 +14,7 @@ from ..geometry import Array, face_normals, smooth_corners, valid_normals
 from .visuals import Material, Visual
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TriangleSurface:
     """Triangles with one material."""
 

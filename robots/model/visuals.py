@@ -59,7 +59,7 @@ class Material:
         return self.blend or self.base_color[3] < 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Skin:
     """Linear blend skinning: vertices follow several parts (glTF 2.0, section 3.7.3.1)."""
 
@@ -73,7 +73,7 @@ class Skin:
     """[V K], rows sum to 1."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Morph:
     """Displacements of vertices, each scaled by a weight of the model (glTF morph targets)."""
 
@@ -85,7 +85,7 @@ class Morph:
     """[M V 3]"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Visual:
     """The triangles of one part that share a material."""
 

@@ -19,7 +19,7 @@ _SMALLEST_SHARE = 0.2  # of the model's size: joints that move less are not scor
 _SMALLEST_SLIDE = 0.03  # m; less than this does not count as visible motion (docs: observability)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointTrajectory:
     """Joint positions over time; truth and estimate are this one type."""
 

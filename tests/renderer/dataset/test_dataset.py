@@ -15,6 +15,7 @@ import gcbench
 import numpy as np
 import pytest
 from gcbench import GcbenchError
+from gcbench.benchmark.protocol import observe
 from gcbench.renderer.dataset.reader import Dataset
 from gcbench.renderer.generate.driver import render_dataset
 from gcbench.renderer.scene.config import CameraConfig, RandomizationConfig, RenderConfig
@@ -301,3 +302,24 @@ def test_a_sequence_of_another_kind_is_refused(
     with pytest.raises(GcbenchError, match="sequence 000000 has") as caught:
         tensors[0]
     assert "\n" not in str(caught.value)
+
+
+def test_arrays_are_described_in_a_line_and_compared_by_identity(tmp_path: Path) -> None:
+    dataset = gcbench.open_dataset(bench_data.make_dataset(tmp_path / "arm", 1))
+    sequence, model = dataset[0], gcbench.load_robot("owi535")
+    height, width = sequence.rgb.shape[1:3]
+    assert repr(sequence.rgb) == f"LazyStack({len(sequence)} x {height} x {width} x 3 uint8)"
+    assert repr(sequence.frame(-1)) == \
+        f"Frame({width}x{height} px: rgb, depth, part, flow_backward)"
+    parts, joints = len(model.part_names), len(model.joint_names)
+    assert repr(model) == f"ArticulatedModel('owi535', {parts} parts, {joints} joints)"
+    camera = gcbench.Camera(4, 3, np.eye(3), np.eye(4))
+    estimate = gcbench.Estimate(np.zeros((2, 3)))
+    observation = observe(sequence, "rgbd", "axes")
+    for one, other in ((camera, gcbench.Camera(4, 3, np.eye(3), np.eye(4))),
+                       (estimate, gcbench.Estimate(np.zeros((2, 3)))),
+                       (observation, observe(sequence, "rgbd", "axes")),
+                       (model, gcbench.load_robot("owi535")),
+                       (gcbench.JointTrajectory(np.zeros(2), np.zeros((2, 1))),
+                        gcbench.JointTrajectory(np.zeros(2), np.zeros((2, 1))))):
+        assert one == one and one != other and len({one, other}) == 2
