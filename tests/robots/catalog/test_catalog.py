@@ -17,6 +17,7 @@ from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
+import gcbench
 import numpy as np
 import pytest
 import trimesh
@@ -271,7 +272,7 @@ def test_a_generated_model_needs_no_files(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_the_examples_of_the_docstrings_hold() -> None:
-    done = doctest.testmod(loading)
+    done = doctest.testmod(loading, extraglobs={"gb": gcbench})
     assert done.attempted and not done.failed
 
 
