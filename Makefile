@@ -48,6 +48,7 @@ lint: $(VENV)/.lint-$(NEEDS) package  ## ruff and pyright
 docs: $(VENV)/.docs-$(NEEDS) package  ## the documentation site in site/; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 	@echo "$(CURDIR)/site/index.html"
+	@echo "with search, at http://localhost:8000: python3 -m http.server -d $(CURDIR)/site"
 
 speed: $(VENV)/.speed-$(NEEDS) package  ## frames per second, beside other ways to the same pixels
 	@.ci/system-libraries $(PY)

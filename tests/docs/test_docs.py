@@ -253,6 +253,12 @@ def test_the_page_on_architecture_shows_the_layers() -> None:
         assert shown == [set(floor.split()) - shims for floor in LAYERS[room]], room
 
 
+def test_every_example_can_be_downloaded() -> None:
+    page = (DOCS / "examples/index.md").read_text()
+    for script in DOCS.glob("examples/*.py"):
+        assert f"[{script.name}]({script.name})" in page
+
+
 OURS = "https://github.com/gcbench/gcbench/blob/main/"
 
 
