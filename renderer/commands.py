@@ -99,7 +99,8 @@ def verify(
         dataset: Folder of a dataset, or one sequence (ZIP or folder).
         workers: Processes that check sequences side by side. 0: one for each core.
         sequences: Numbers of sequences, such as 0-9,15. Default: all.
-        shard: Check a share of the sequences, such as 3/64, and write what is found to a file.
+        shard: Check a share of the sequences, such as 3/64: those at the places 3, 67, 131, ...
+            (from 0). Write what is found to a file.
             auto: as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say.
         merge: Make one report of the files of all shards.
         reports: Folder of the files of the shards. Default: DATASET-verify.
@@ -108,9 +109,7 @@ def verify(
         json: Print the result as one JSON document.
     """
     from .. import merge_verification, verify_dataset, verify_shard
-    from .runtime import cpu_count
 
-    workers = workers or cpu_count()
     if bool(shard) + merge + bool(sequences) > 1:
         raise ConfigError("--shard, --merge and --sequences exclude each other; give one of them")
     if reports and not (shard or merge):
@@ -149,7 +148,8 @@ def show(
         out: Folder of the pages; a name in .html for the page of one sequence. Default, if no
             other file is named: DATASET-show, or SEQUENCE.html, in the current folder (beside the
             dataset if that is the current folder).
-        contact_sheet: PNG, JPEG or WebP of the first frames of a dataset, or of a sequence.
+        contact_sheet: PNG, JPEG or WebP: of a dataset the first frame of each sequence; of one
+            sequence its images, depth, parts and flow over time.
         gif: GIF of the images beside their ground truth.
         mp4: MP4 of the same.
         rerun: Write DATASET-SEQUENCE.rrd, and open it in the viewer of Rerun.

@@ -173,7 +173,7 @@ def one_line(capsys: Lines) -> str:
         ("render --n three", "'three'"),
         ("render --n", "--n"),
         ("render --n 0", "1 or more"),
-        ("render --n 1 --workers 0", "1 or more"),
+        ("render --n 1 --workers -1", "1 or more, or 0 for one for each core"),
         ("render --workers x", "--workers"),
         ("render extra", "extra"),
         ("render --seed -1", "--seed -1"),

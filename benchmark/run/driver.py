@@ -13,7 +13,9 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from tyro.conf import arg
 
 from ...errors import ConfigError, MethodError, printable
 from ...renderer.cluster import ExecutorOptions, RayCluster, RayWorkers, connect_to_ray
@@ -47,8 +49,7 @@ from .jobs import Job, check_owners, describe_run, prepare_job, shorten_reason
 from .schedule import Clock, cheap_first, describe_plan
 from .suite import read_suite
 
-_MOST_MEMORY = 1e6
-"""GiB; the system counts bytes of a limit in 63 bits."""
+_MOST_MEMORY = 1e6  # GiB; the system counts bytes of a limit in 63 bits
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,12 @@ class EvalConfig(ExecutorOptions):
     limit: int = 0
     """Largest number of sequences of each dataset. 0: all."""
     shard: str = ""
-    """Evaluate a share of the sequences of each row, such as 3/64 (the 4th, the 68th, ...). Several
-    machines that share the folder of results may work at the same time; the last one scores. auto:
-    as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
-    workers: int = 0
+    """Evaluate a share of the sequences of each row, such as 3/64: those at the places 3, 67, 131,
+    ... (from 0). Machines that share the folder of results may work at the same time; the last one
+    scores. auto: as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
+    workers: Annotated[int | None, arg(metavar="INT", help_behavior_hint="")] = None
     """Number of parallel processes. They share the CPU cores; use 1 to compare run times.
-    0: one for each core, at most 4; with Ray, one for each CPU of the cluster."""
+    0: one for each core, or for each CPU of a Ray cluster. Default: as 0, without Ray at most 4."""
     results: AnyPath = Path("results")
     """Folder for estimates and scores."""
     timeout: float = 300.0
@@ -156,7 +157,7 @@ def evaluate(config: EvalConfig, progress: bool = True) -> Results:
     config = convert_fields(config, EvalConfig)
     limits = _limits(config)
     require_local(Path(config.results), "--results")
-    workers = config.choose_workers(config.workers or None)
+    workers = config.choose_workers(config.workers)
     if not isinstance(workers, RayWorkers):
         return _evaluate(config, limits, None, progress)
     with connect_to_ray(workers) as cluster:
@@ -213,7 +214,7 @@ def _limits(config: EvalConfig) -> Limits:
         if "ok" in config.retry:
             raise ConfigError("--retry ok and --shard exclude each other: a shard that continues "
                               "would begin again; delete the folder of the row instead")
-    if min(config.workers, config.limit) < 0:
+    if min(config.workers or 0, config.limit) < 0:
         raise ConfigError("--workers and --limit must be 0 or more")
     if not (config.timeout > 0 and math.isfinite(config.timeout)):
         raise ConfigError(f"--timeout {config.timeout:g}: expected a finite number of seconds "
@@ -221,7 +222,7 @@ def _limits(config: EvalConfig) -> Limits:
     if not 0 <= config.memory <= _MOST_MEMORY:
         raise ConfigError(f"--memory {config.memory:g}: expected a finite number of GiB of at most "
                           f"{_MOST_MEMORY:g}, or 0 for no limit")
-    workers = config.workers or min(cpu_count(), 4)
+    workers = min(cpu_count(), 4) if config.workers is None else config.workers or cpu_count()
     if config.python and all(is_own(split_oracles(method)[0]) for method in config.method):
         raise ConfigError("--python is for methods that are not gcbench's; leave it out")
     return Limits(workers, max(1, cpu_count() // workers), config.timeout, config.memory,
@@ -295,10 +296,8 @@ def _knowledge(config: EvalConfig, declared: Declaration) -> tuple[Knowledge, ..
 def _estimate(
     jobs: Sequence[Job], limits: Limits, cluster: RayCluster | None, progress: bool
 ) -> dict[str, str]:
-    """Compute and store the missing estimates and score each finished job.
-
-    Returns why a method could not be run to its end, by its identity.
-    """
+    """Compute and store the missing estimates and score each finished job. Returns why a method
+    could not be run to its end, by its identity."""
     refused: dict[str, str] = {}
     total = sum(len(job.share) for job in jobs)
     todo = sum(len(job.todo) for job in jobs)

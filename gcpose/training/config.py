@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from tyro.conf import arg
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,9 @@ class TrainConfig:
     max_gradient: float = 1.0  # Norm to which gradients are clipped.
     seed: int = 1  # Seed of the initial weights, the samples and the rendered data.
     device: str = "auto"  # `cpu`, `cuda`, ...; `auto`: a GPU if there is one.
-    workers: int = 0
-    """Processes that prepare samples (a GPU needs 8 and more) and that render; 0: samples in the
-    training process, and one renderer for each core."""
+    workers: Annotated[int | None, arg(metavar="INT", help_behavior_hint="")] = None
+    """Processes that prepare samples (a GPU needs 8 and more) and that render; 0: one for each
+    core. Default: samples in the training process, and one renderer for each core."""
     threads: int = 0  # Threads of the arithmetic on a CPU; default: all cores.
     precision: Literal["auto", "bfloat16", "float32"] = "auto"
     """Precision of the arithmetic in training; weights are float32. auto: bfloat16 on a GPU or CPU

@@ -122,8 +122,7 @@ def render_datasets(
     few = len(datasets) <= _FEW
     for dataset in tqdm(datasets, "render", unit="dataset", dynamic_ncols=True, disable=few):
         folder = out / dataset.name
-        workers = config.workers or None
-        render_dataset(dataset.config, dataset.sequences, folder, workers, progress=few)
+        render_dataset(dataset.config, dataset.sequences, folder, config.workers, progress=few)
         folders[dataset.held_out].append(folder)
     return folders
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError, MethodError
-from ...renderer.runtime import address, defer_interrupts, require_local, say
+from ...renderer.runtime import address, count_workers, defer_interrupts, require_local, say
 from ...robots.files import lock_folder, remove_leftovers, write_atomically
 from ..networks.torch_runtime import find_device, nn, torch
 from ..networks.weights import (
@@ -206,13 +206,14 @@ def _batches(
     samples: Samples, config: TrainConfig, steps: range, device: torch.device
 ) -> Iterator[list[torch.Tensor]]:
     """The batches of steps."""
+    workers = 0 if config.workers is None else count_workers(config.workers)
     loader = torch.utils.data.DataLoader(
         _NumberedSamples(samples),
         batch_size=config.batch,
         sampler=range(steps.start * config.batch, steps.stop * config.batch),
-        num_workers=config.workers,
-        multiprocessing_context="spawn" if config.workers else None,
-        prefetch_factor=4 if config.workers else None,
+        num_workers=workers,
+        multiprocessing_context="spawn" if workers else None,
+        prefetch_factor=4 if workers else None,
     )
     try:
         for batch in loader:

@@ -37,7 +37,7 @@ class RayWorkers:
     Args:
         address: "auto": the cluster that this machine belongs to, or that `RAY_ADDRESS` names;
             "local": a Ray of this machine, started for one call; or "HOST:PORT".
-        count: Number of workers; None: one for each CPU (or share of a GPU) of the cluster.
+        count: Number of workers; 0 and None: one for each CPU (or share of a GPU) of the cluster.
         gpus: GPUs of each worker; 0.25 puts four workers on a GPU. 0: none.
 
     Raises:
@@ -53,8 +53,8 @@ class RayWorkers:
     gpus: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.count is not None and self.count < 1:
-            raise ConfigError(f"{self.count} workers cannot work; ask for 1 or more")
+        if self.count is not None and self.count < 0:
+            raise ConfigError(f"--workers {self.count}: give 1 or more, or 0 for one for each CPU")
         share = 0 <= self.gpus <= 1
         if not share and not (math.isfinite(self.gpus) and self.gpus == round(self.gpus) > 0):
             raise ConfigError(f"--gpus {self.gpus:g}: give a share of a GPU, or a number of them")

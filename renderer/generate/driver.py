@@ -15,7 +15,17 @@ from pathlib import Path
 from ...errors import ConfigError, RenderError
 from ..cluster import RayWorkers
 from ..dataset import sequence_name, sequence_paths
-from ..runtime import Bar, Shard, address, convert_fields, cpu_count, frame_bar, plural, say
+from ..runtime import (
+    Bar,
+    Shard,
+    address,
+    convert_fields,
+    count_workers,
+    cpu_count,
+    frame_bar,
+    plural,
+    say,
+)
 from ..scene import RenderConfig, resolve
 from ..types import Sequence
 from .dataset_folder import DatasetFolder, open_folder
@@ -62,10 +72,8 @@ class Summary:
 
 
 def plan_workers(cores: int, requested: int | None) -> tuple[int, int]:
-    """(processes, threads of the software rasterizer in each); at least one process."""
-    workers = cores if requested is None else requested
-    if workers < 1:
-        raise ConfigError(f"{workers} workers cannot render; ask for 1 or more")
+    """(processes, threads of the software rasterizer in each); 0 and None are one a core."""
+    workers = requested or cores
     return workers, max(1, cores // workers)
 
 
@@ -119,8 +127,8 @@ def render_dataset(
         n: Number of sequences in the dataset (0 to n-1), or the numbers of those to render. With a
             `Shard`, several calls may write to one folder at the same time.
         out: Folder of the dataset, or its address in object storage, such as "s3://bucket/data".
-        workers: Processes that render; default: one for each core. `RayWorkers` renders on a Ray
-            cluster.
+        workers: Processes that render; 0 and None: one for each core. `RayWorkers` renders on a
+            Ray cluster.
         progress: Whether to show a bar on stderr.
         source: "module:attribute" of what renders (`Renderer`).
 
@@ -143,7 +151,7 @@ def render_dataset(
     if source == _SOURCE:  # another source has robots of its own
         config = resolve(config)
     if not isinstance(workers, RayWorkers):
-        plan_workers(cpu_count(), workers)  # refuses before anything is written
+        workers = count_workers(workers)  # refuses before anything is written
     wanted = range(n) if isinstance(n, int) else sorted({*n})
     if not wanted and not isinstance(n, Shard):
         raise ConfigError("no sequences to render; give --n 1 or more")
@@ -173,15 +181,13 @@ def render_dataset(
 
 
 def _render(
-    task: RenderTask, todo: list[int], workers: int | RayWorkers | None, folder: DatasetFolder,
-    bar: Bar,
+    task: RenderTask, todo: list[int], workers: int | RayWorkers, folder: DatasetFolder, bar: Bar,
 ) -> None:
     """Render `todo`; the provenance on disk names the model."""
     if isinstance(workers, RayWorkers):
         messages = render_on_ray(task, todo, workers)
     else:
-        cores = cpu_count()
-        count, threads = plan_workers(cores, min(workers or cores, len(todo)))
+        count, threads = plan_workers(cpu_count(), min(workers, len(todo)))
         messages = render_in_workers(replace(task, threads=threads), todo, count)
     with closing(messages):
         for message in messages:

@@ -55,14 +55,14 @@ def render_options(args: Sequence[str], doc: str | None) -> RenderOptions:
         sequences: Annotated[str, quiet] = ""
         """Numbers of the sequences to render, such as 0-9,15, in place of --n."""
         shard: Annotated[str, quiet] = ""
-        """Render a share of the --n sequences, such as 3/64 (those 3, 67, ...). Several machines
-        that share the folder may render one dataset at the same time. auto: as the variables of
-        Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
+        """Render a share of the --n sequences, such as 3/64: those at the places 3, 67, 131, ...
+        (from 0). Several machines that share the folder may render one dataset at the same time.
+        auto: as the variables of Slurm, AWS Batch, Kubernetes (auto/64) or torchrun say."""
         out: Annotated[Path | None, quiet] = None
         """Folder of the dataset, or its address in object storage, such as s3://bucket/data.
         Default: data/ROBOT."""
         workers: Annotated[int | None, quiet] = None
-        """Processes that render. Default: the number of cores, which is the fastest."""
+        """Processes that render. 0: one for each core, which is the fastest and the default."""
         device: Annotated[str, quiet] = ""
         """What draws: a name that `gcbench doctor` shows (0, cuda:1, 65:00.0), gpu (any, but no
         software) or software. Default: a GPU if one works."""

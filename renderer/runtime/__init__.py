@@ -22,14 +22,14 @@ from .progress import Bar, frame_bar, plural, say, shard_bar
 from .shards import Shard, parse_shard
 from .streams import named_rng
 from .supervisor import die_with_parent, end_like
-from .workers import WorkerPool, WorkerSettings, cpu_count, receive_tasks
+from .workers import WorkerPool, WorkerSettings, count_workers, cpu_count, receive_tasks
 from .zip_archive import Archive, ArchiveWriter, open_archive
 
 __all__ = [
     "ANY_SIZE", "MAX_JSON", "AnyPath", "Archive", "ArchiveWriter", "ArraySpec", "Bar", "Problem",
-    "Shard", "WorkerPool", "WorkerSettings", "address", "convert_fields", "cpu_count",
-    "defer_interrupts", "die_with_parent", "dump_json", "dump_npy", "end_like", "exists",
-    "field_types", "find_object", "frame_bar", "is_remote", "list_folder", "named_rng",
+    "Shard", "WorkerPool", "WorkerSettings", "address", "convert_fields", "count_workers",
+    "cpu_count", "defer_interrupts", "die_with_parent", "dump_json", "dump_npy", "end_like",
+    "exists", "field_types", "find_object", "frame_bar", "is_remote", "list_folder", "named_rng",
     "open_archive", "parse_json", "parse_npz", "parse_shard", "parse_toml", "plural", "read_record",
     "receive_tasks", "refuse_lone_values", "refuse_other_addresses", "require_local", "say",
     "shard_bar", "store_file", "to_record", "upload_file",

@@ -285,6 +285,16 @@ def cpu_count() -> int:
     return os.cpu_count() or 1
 
 
+def count_workers(requested: int | None) -> int:
+    """Return the number of processes that were asked for; 0 and None are one for each core.
+
+    Raises ConfigError for a negative number.
+    """
+    if requested is not None and requested < 0:
+        raise ConfigError(f"--workers {requested}: give 1 or more, or 0 for one for each core")
+    return requested or cpu_count()
+
+
 # -- in the process ---------------------------------------------------------------------------
 
 

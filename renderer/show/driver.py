@@ -41,8 +41,8 @@ def show(
             dataset and pages of its sequences. Default, if no other file is named:
             `<dataset>-show` for a dataset, `<sequence>.html` for a sequence, in the current folder
             (beside the dataset if that is the current folder).
-        contact_sheet: PNG, JPEG or WebP of the first sequences of a dataset, or of a sequence's
-            layers.
+        contact_sheet: PNG, JPEG or WebP: of a dataset the first frame of each sequence; of one
+            sequence its images, depth, parts and flow over time.
         gif: GIF of the images beside their ground truth.
         mp4: MP4 of the same.
         index: Number of the sequence in the dataset. As text, numbers and ranges such as "2-5,9":

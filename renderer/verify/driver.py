@@ -29,6 +29,7 @@ from ..runtime import (
     WorkerPool,
     WorkerSettings,
     address,
+    count_workers,
     exists,
     is_remote,
     list_folder,
@@ -103,7 +104,7 @@ def verify_dataset(
         path: The folder of a dataset; or one sequence (a ZIP or a folder), which is verified
             against the configuration of its dataset, if it lies in one; or an open dataset, whose
             folder is read again.
-        workers: Number of processes.
+        workers: Number of processes. 0: one for each core.
         progress: Whether to show a progress bar.
         allow_model: Whether to read the model from a path that the dataset names.
         sequences: Numbers and ranges of sequences, for example "0-9,15". Default: all, and then
@@ -115,7 +116,7 @@ def verify_dataset(
 
     Raises:
         DatasetError: there is no readable dataset at `path`, or its storage does not answer.
-        ConfigError: there are no such sequences, or no workers.
+        ConfigError: there are no such sequences, or a negative number of workers.
         GcbenchError: a process died, for example for lack of memory.
 
     Example:
@@ -126,8 +127,7 @@ def verify_dataset(
     if isinstance(path, Dataset):
         path, allow_model = path.path, allow_model or path.allow_model
     path = Path(path)
-    if workers < 1:
-        raise ConfigError(f"{workers} workers cannot verify; give 1 or more")
+    workers = count_workers(workers)
     if path.suffix == ".zip" if is_remote(path) else (
             path.is_file() or (path / "meta.json").is_file()):
         if sequences:

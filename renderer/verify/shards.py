@@ -18,10 +18,10 @@ from typing import TypeVar
 import msgspec
 
 from ... import __version__
-from ...errors import ConfigError, DatasetError, GcbenchError, StorageError
+from ...errors import DatasetError, GcbenchError, StorageError
 from ...robots.files import remove_leftovers, write_atomically
 from ..dataset import Dataset, default_output, open_dataset
-from ..runtime import address, dump_json, open_archive, parse_shard, require_local
+from ..runtime import address, count_workers, dump_json, open_archive, parse_shard, require_local
 from ..scene import config_tree
 from .checks import CheckResult, VerifyReport, merge_checks
 from .driver import dataset_checks, sequence_files, shared_reference, verify_files
@@ -69,10 +69,10 @@ def verify_shard(
 
     Args:
         path: The folder of a dataset, or its address in object storage; or an open dataset.
-        shard: The share, such as "3/64": the sequences 3, 67, 131 and so on of those that are
-            there; or auto, see `gcbench verify --help`.
+        shard: The share, such as "3/64": of the sequences that are there, those at the places 3,
+            67, 131, ... (from 0); or auto, see `gcbench verify --help`.
         reports: Folder of the files. Default: `<dataset>-verify` in the current folder.
-        workers: Number of processes.
+        workers: Number of processes. 0: one for each core.
         progress: Whether to show a progress bar.
         allow_model: Whether to read the model from a path that the dataset names.
 
@@ -81,14 +81,13 @@ def verify_shard(
 
     Raises:
         DatasetError: there is no readable dataset at `path`.
-        ConfigError: there is no such shard, or no workers.
+        ConfigError: there is no such shard, or a negative number of workers.
 
     Example:
         >>> gb.verify_shard("data/ur5", "0/2", progress=False).ok
         True
     """
-    if workers < 1:
-        raise ConfigError(f"{workers} workers cannot verify; give 1 or more")
+    workers = count_workers(workers)
     dataset = _open(path)
     allow_model |= dataset.allow_model
     files, _ = sequence_files(dataset.path)

@@ -25,6 +25,7 @@ from gcbench.benchmark.report.leaderboard import build_leaderboard
 from gcbench.benchmark.results.estimates import read_stored
 from gcbench.benchmark.results.rows import Result
 from gcbench.benchmark.results.runs import Results
+from gcbench.benchmark.run import driver
 from gcbench.benchmark.run.datasets import Selection, from_folders
 from gcbench.benchmark.run.driver import EvalConfig, evaluate
 from gcbench.benchmark.run.jobs import Job, shorten_reason
@@ -72,6 +73,12 @@ def test_limits_are_numbers(
     with pytest.raises(ConfigError, match=said):
         run(data, tmp_path / "results", "hold-still", **change)
     assert not (tmp_path / "results").exists()
+
+
+def test_0_workers_are_one_for_each_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver, "cpu_count", lambda: 6)
+    found = [driver._limits(EvalConfig(method=("icp",), workers=n)) for n in (None, 0, 2)]
+    assert [(limits.workers, limits.threads) for limits in found] == [(4, 1), (6, 1), (2, 3)]
 
 
 @pytest.mark.parametrize("folder", ["my project", "me@host", "m(1)+2 & 3=4, 5%", "né", "a:b"])

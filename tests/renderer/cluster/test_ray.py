@@ -48,7 +48,7 @@ needs_ray = pytest.mark.skipif(
 
 
 @pytest.mark.parametrize(("address", "count", "gpus", "message"), [
-    ("auto", 0, 0.0, "0 workers cannot work; ask for 1 or more"),
+    ("auto", -1, 0.0, "--workers -1: give 1 or more, or 0 for one for each CPU"),
     ("auto", None, 1.5, "--gpus 1.5: give a share of a GPU, or a number of them"),
     ("auto", None, -1.0, "--gpus -1: give a share"),
     ("auto", None, float("nan"), "--gpus nan: give a share"),

@@ -23,6 +23,7 @@ from gcbench.renderer.dataset.storage import open_sequence
 from gcbench.renderer.generate.driver import Summary, plan_workers, render_dataset, render_sequence
 from gcbench.renderer.generate.worker_pool import WorkerDied, render_in_workers
 from gcbench.renderer.generate.worker_process import ModelLoaded, RenderTask, SequenceDone
+from gcbench.renderer.runtime import workers
 from gcbench.renderer.runtime.shards import Shard
 from gcbench.renderer.scene.config import RenderConfig
 
@@ -386,19 +387,26 @@ def test_folders_that_will_not_do(tmp_path: Path) -> None:
     (tmp_path / "out/dataset.json").unlink()
     with pytest.raises(GcbenchError, match=r"no dataset\.json"):
         run(tmp_path / "out")
-    for n, workers in ((0, 1), (1, 0)):
+    for n, count in ((0, 1), (1, -1)):
         with pytest.raises(GcbenchError, match="1 or more"):
-            run(tmp_path / "new", n=n, workers=workers)
+            run(tmp_path / "new", n=n, workers=count)
     assert not (tmp_path / "new").exists()
+
+
+def test_0_workers_are_one_for_each_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "cpu_count", lambda: 6)
+    assert [workers.count_workers(n) for n in (None, 0, 1, 9)] == [6, 6, 1, 9]
+    with pytest.raises(ConfigError, match="--workers -1: give 1 or more, or 0 for one for each"):
+        workers.count_workers(-1)
 
 
 def test_the_plan_uses_every_core_and_no_more() -> None:
     for cores in (1, 2, 3, 8, 64):
-        for requested in (None, 1, 2, 5):
-            workers, threads = plan_workers(cores, requested)
-            assert workers == (requested or cores)
+        for requested in (None, 0, 1, 2, 5):
+            count, threads = plan_workers(cores, requested)
+            assert count == (requested or cores)
             assert threads >= 1
-            assert workers * threads <= max(cores, workers) < workers * (threads + 1)
+            assert count * threads <= max(cores, count) < count * (threads + 1)
 
 
 # -- the real thing ---------------------------------------------------------------------------
