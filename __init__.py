@@ -11,7 +11,7 @@ Conventions (docs and files included):
 * Metres, radians, seconds.
 * `a_from_b` is a 4x4 matrix that takes points of frame b to frame a.
 * Camera frame as in OpenCV: x right, y down, z forward. Depth is z in the camera frame.
-* Images are `[row, column]`; pixel coordinates are `(u, v)` = (column, row); the centre of the
+* Images are `[row, column]`; pixel coordinates are `(u, v)` = (column, row); the center of the
   top-left pixel is (0, 0).
 * Flow is `(du, dv)` in pixels, `x_other - x_this`, sampled at `x_this`; unknown is NaN.
 * Parts are numbered from 1 in `part_names` order; 0 is background.

@@ -1,7 +1,7 @@
 """ICP, the paper's baseline, with known axis directions, depth, parts and optical flow.
 
 Flow and depth give 3D correspondences inside each part. A robust Kabsch alignment of these starts a
-trimmed nearest-neighbour ICP to the target's tangent planes. The joint angles are those about the
+trimmed nearest-neighbor ICP to the target's tangent planes. The joint angles are those about the
 known axes that best explain the rotations of all parts of the chain together, each weighted by the
 information in the part's shape: a cylinder does not show a rotation about its own axis.
 """
@@ -120,7 +120,7 @@ class LabelledDepth:
         return pinhole.unproject(self.intrinsics, np.stack([u, v], axis=-1), self.depth[v, u])
 
     def surface(self, step: int, joints: int) -> dict[int, tuple[Array, Array]]:
-        """Points [N 3] m and unit normals [N 3] of each part, where the four neighbours at a
+        """Points [N 3] m and unit normals [N 3] of each part, where the four neighbors at a
         distance of `step` px belong to the same part."""
         grid = pinhole.pixel_grid(*self.depth.shape)
         cloud = pinhole.unproject(self.intrinsics, grid, self.depth)
@@ -243,7 +243,7 @@ def robust_kabsch(source: Array, target: Array) -> Array:
 def align_surfaces(
     source: Array, target: Array, normal: Array, start: Array
 ) -> tuple[Array, tuple[Array, Array] | None]:
-    """Fit target_from_source [4 4] by trimmed nearest-neighbour ICP of points [N 3] from `start`.
+    """Fit target_from_source [4 4] by trimmed nearest-neighbor ICP of points [N 3] from `start`.
 
     The distance is to the target's tangent plane (unit normals [M 3]): a direction that the shape
     does not determine stays at the start. Returns the pose, and the points and normals that were

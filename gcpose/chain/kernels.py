@@ -156,7 +156,7 @@ def fill_bases(twist: Array, prismatic: bool, near: Array, out: Array) -> None:
     """Fill in bases [N 6 4], initially zero, of axes [N 6] by points near [N 3]; [N 6 2] if
     prismatic."""
     least, foot, turn = np.zeros(3), np.zeros(3), np.zeros(3)
-    across, centre = np.zeros((2, 3)), np.zeros(3)
+    across, center = np.zeros((2, 3)), np.zeros(3)
     for n in range(len(twist)):
         direction = twist[n, 3:] if prismatic else twist[n, :3]
         least[:] = 0.0
@@ -168,9 +168,9 @@ def fill_bases(twist: Array, prismatic: bool, near: Array, out: Array) -> None:
             out[n, :3, 0], out[n, :3, 1] = across[0], across[1]
             continue
         cross(direction, twist[n, 3:], foot)
-        centre[:] = foot + direction * (direction * (near[n] - foot)).sum()
+        center[:] = foot + direction * (direction * (near[n] - foot)).sum()
         for d in range(2):
-            cross(centre, across[d], turn)
+            cross(center, across[d], turn)
             out[n, 3:, d], out[n, :3, d + 2], out[n, 3:, d + 2] = across[d], across[d], turn
 
 

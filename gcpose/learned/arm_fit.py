@@ -48,9 +48,9 @@ class ArmFit:
         self._moves = moves[self.joints]
         limits = model.limits[self.joints]
         self._limits = np.where(np.isfinite(limits), limits, [-np.pi, np.pi])
-        centre = fixed | np.all(np.abs(self.points(np.zeros(len(self.joints)))
+        center = fixed | np.all(np.abs(self.points(np.zeros(len(self.joints)))
                                        - self.points(self._limits.mean(axis=1) + 0.3)) < 1e-9, 1)
-        self._rigid: NDArray[np.int64] = np.flatnonzero(centre)
+        self._rigid: NDArray[np.int64] = np.flatnonzero(center)
 
     def points(self, angles: Array) -> Array:
         """Return the keypoints [K 3] m in the world."""

@@ -116,23 +116,23 @@ class Craves:
         height, width = image.shape[:2]
         looks, around = list[Look](), near
         if near is None:
-            centre = np.array([width - 1, height - 1]) / 2
-            looks.append(self._look(image, centre, float(max(width, height))))
+            center = np.array([width - 1, height - 1]) / 2
+            looks.append(self._look(image, center, float(max(width, height))))
         for _ in range(_PASSES if near is None else 1):
             if looks:
                 found, score = merge_looks(looks)
                 around = found[score >= np.sort(score)[-_FEWEST]]
             assert around is not None
-            centre, side = frame_keypoints(around)
-            looks += [self._look(image, centre, share * side) for share in _SIDES]
+            center, side = frame_keypoints(around)
+            looks += [self._look(image, center, share * side) for share in _SIDES]
         found, score = merge_looks(looks)
         if near is not None and (score > _SURE).sum() < _FEWEST:
             return self.keypoints(image)
         return found, score
 
-    def _look(self, image: NDArray[np.uint8], centre: Array, side: float) -> Look:
+    def _look(self, image: NDArray[np.uint8], center: Array, side: float) -> Look:
         """Look for the keypoints in a square of the image."""
-        image_from_crop = place_crop(centre, side)
+        image_from_crop = place_crop(center, side)
         crop = network_input(cut_crop(image, image_from_crop))
         with torch.no_grad():
             maps = self.trained.network(self.trained.tensor(crop))[-1]

@@ -19,15 +19,15 @@ _SIGMA = 1.0  # of the Gaussian about a keypoint, cells
 _CLOSE = 0.2  # PCK: largest error of a keypoint, in sides of the box of the keypoints
 
 
-def place_crop(centre: Array, side: float, turn: float = 0.0) -> Array:
-    """Return image_from_crop [2 3] of a square: centre (u, v) px, side px, turn rad."""
+def place_crop(center: Array, side: float, turn: float = 0.0) -> Array:
+    """Return image_from_crop [2 3] of a square: center (u, v) px, side px, turn rad."""
     c, s = np.cos(turn), np.sin(turn)
     linear = side / CROP * np.array([[c, -s], [s, c]])
-    return np.column_stack([linear, centre - linear @ np.full(2, (CROP - 1) / 2)])
+    return np.column_stack([linear, center - linear @ np.full(2, (CROP - 1) / 2)])
 
 
 def frame_keypoints(pixels: Array) -> tuple[Array, float]:
-    """Return centre [2] and side of the square crop about positions [K 2] px, some may be NaN."""
+    """Return center [2] and side of the square crop about positions [K 2] px, some may be NaN."""
     low, high = np.nanmin(pixels, axis=0), np.nanmax(pixels, axis=0)
     return (low + high) / 2, max(_MARGIN * float((high - low).max()), 8.0)
 

@@ -1,6 +1,6 @@
 """Other views of depth videos: the camera turns, lengths change, and a mirror. Labels follow.
 
-With depth, these are exact: a camera that turns about its centre sees the same surfaces, and a
+With depth, these are exact: a camera that turns about its center sees the same surfaces, and a
 larger object that is further away has the same image with larger depths.
 """
 

@@ -53,7 +53,7 @@ def joint_numbers(sequence: Sequence) -> Array:
 
     The axis in the frame of the body that carries the joint: a point (3, m) and the unit
     quaternion (x, y, z, w) that turns x to its direction; the joint position (rad or m); the
-    centre of the moving part from that point, in the part's frame (3, m); the sizes of the body (3,
+    center of the moving part from that point, in the part's frame (3, m); the sizes of the body (3,
     m) and the least size of the part (m); the body's position (3, m) and quaternion in the camera
     frame. w is never negative.
 
@@ -78,10 +78,10 @@ def joint_numbers(sequence: Sequence) -> Array:
     point = np.cross(direction, axis[:, 3:])
     from_part = inverse(cam_from_part) @ cam_from_body
     on_axis = np.einsum("tij,tj->ti", from_part[:, :3, :3], point) + from_part[:, :3, 3]
-    centre = state.coordinate_box[part].mean(0) - on_axis
+    center = state.coordinate_box[part].mean(0) - on_axis
     frames = len(state.times)
     return np.concatenate([
-        point, _quaternion(_turn_x_to(direction)), state.joint_positions[:, j, None], centre,
+        point, _quaternion(_turn_x_to(direction)), state.joint_positions[:, j, None], center,
         np.tile(np.append(size[body], size[part].min()), (frames, 1)),
         cam_from_body[:, :3, 3], _quaternion(cam_from_body[:, :3, :3]),
     ], axis=1)

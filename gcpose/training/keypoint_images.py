@@ -62,11 +62,11 @@ class KeypointImages:
         c = self.config
         rng, place = draw_place(c.seed, number, len(self))
         image, pixels = self.image(place)
-        centre, side = frame_keypoints(pixels)
+        center, side = frame_keypoints(pixels)
         side *= rng.uniform(*c.scale)
         shift = rng.uniform(-_SHIFT, _SHIFT, 2) * side
         turn = np.radians(rng.uniform(-c.rotation, c.rotation))
-        image_from_crop = place_crop(centre + shift, side, turn)
+        image_from_crop = place_crop(center + shift, side, turn)
         gain = rng.uniform(*c.color, 3)
         crop = np.minimum(cut_crop(image, image_from_crop) * (gain / 255), 1.0)
         channels = np.ascontiguousarray(np.moveaxis(crop.astype(np.float32), 2, 0))

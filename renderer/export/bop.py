@@ -168,7 +168,7 @@ def _write_masks(
     for k, (p, large) in enumerate(zip(parts, silhouettes, strict=True)):
         visible = part == p + 1
         inside = large[height:2 * height, width:2 * width]
-        inside |= visible  # both are sampled at pixel centres, with roundings of their own
+        inside |= visible  # both are sampled at pixel centers, with roundings of their own
         name = f"{t:06d}_{k:06d}.png"
         (folder / "mask" / name).write_bytes(codec.encode_labels(inside * np.uint8(255)))
         (folder / "mask_visib" / name).write_bytes(codec.encode_labels(visible * np.uint8(255)))

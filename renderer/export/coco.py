@@ -5,7 +5,7 @@
     annotations/keypoints.json     the whole model as one instance, with the model's keypoints, if
                                    the dataset has that layer: 2 is seen, 1 hidden, 0 not in view
 
-Keypoints are where the dataset has them: the centre of the top-left pixel is (0, 0). Pixels of a
+Keypoints are where the dataset has them: the center of the top-left pixel is (0, 0). Pixels of a
 mask are counted as in COCO: a box around the single pixel (3, 5) is [3, 5, 1, 1].
 """
 

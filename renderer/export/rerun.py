@@ -5,7 +5,7 @@
     world/tracks, keypoints  points over time, where the dataset has these layers
     joints/NAME              position over time, rad or m
 
-Timelines are `frame` and `time`. Rerun puts the centre of the top-left pixel at (0.5, 0.5): its
+Timelines are `frame` and `time`. Rerun puts the center of the top-left pixel at (0.5, 0.5): its
 principal point is half a pixel from that of the dataset.
 """
 

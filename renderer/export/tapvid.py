@@ -3,7 +3,7 @@
     video [T H W 3] uint8; points [N T 2] float32, (x, y); occluded [N T] bool
 
 A point's x is its distance from the image's left edge over the image's width, y that from the top
-over the height: the centre of the top-left pixel is (0.5 / W, 0.5 / H). Where a point is outside
+over the height: the center of the top-left pixel is (0.5 / W, 0.5 / H). Where a point is outside
 of the image it is occluded, and so it is behind the camera, where its place is (0, 0).
 
 The tracks are those of the dataset's layer `tracks`. Without this layer, 256 pixels of parts are

@@ -152,7 +152,7 @@ def delete_vertex_array(gl: Any, array: VertexArray | None) -> None:
 
 
 def merge_ranges(ranges: Iterable[DrawRange]) -> list[DrawRange]:
-    """Merge neighbours of one part: the same triangles in fewer draws."""
+    """Merge neighbors of one part: the same triangles in fewer draws."""
     runs: list[DrawRange] = []
     for r in ranges:
         last = runs[-1] if runs else None

@@ -1,6 +1,6 @@
 """Transformations from camera, world and light frames to OpenGL's clip space.
 
-OpenGL's pixel centres are at j + 0.5, those of this package at j: `clip_from_cam` converts them.
+OpenGL's pixel centers are at j + 0.5, those of this package at j: `clip_from_cam` converts them.
 It also draws images upside down, so that row 0 of the buffer is the top row; this reverses the
 winding of triangles.
 """

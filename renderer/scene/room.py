@@ -23,7 +23,7 @@ _MARGIN = 1.15
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])
 _SEGMENTS = 12  # of a cylinder
 _Mesh = tuple[Array, Faces, Array]  # vertices, faces, normals
-_Piece = tuple[Array, Array, float, bool]  # centre [2], half size [2], height, whether it is round
+_Piece = tuple[Array, Array, float, bool]  # center [2], half size [2], height, whether it is round
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def draw_room(
 ) -> tuple[RoomSurface, ...]:
     """Draw floor, four walls, ceiling and 2-6 pieces of furniture: fewer than 300 triangles.
 
-    World frame, m. The robot stays within `reach` of its centre `middle` [3]; the camera is at
+    World frame, m. The robot stays within `reach` of its center `middle` [3]; the camera is at
     `eye` [3]. Furniture stays clear of the upright cylinder with the radius of the robot's reach,
     and of everything between it and the camera. The room's floor is lower than `floor` if the
     camera would be below it. Raises ConfigError if no texture can be drawn.

@@ -128,7 +128,7 @@ def color_depth(depth: NDArray[np.floating], near: float, far: float) -> RgbImag
 @cache
 def _wheel() -> bytes:
     # Baker et al., "A Database and Evaluation Methodology for Optical Flow": the number of steps
-    # between two neighbours is proportional to how different they look.
+    # between two neighbors is proportional to how different they look.
     steps = (("RY", 15), ("YG", 6), ("GC", 4), ("CB", 11), ("BM", 13), ("MR", 6))
     full = {"R": (1, 0, 0), "Y": (1, 1, 0), "G": (0, 1, 0),
             "C": (0, 1, 1), "B": (0, 0, 1), "M": (1, 0, 1)}

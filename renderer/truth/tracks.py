@@ -70,7 +70,7 @@ def track_paths(
 ) -> tuple[PointPaths, NDArray[np.int64]]:
     """Choose N points on a model's surface; return their paths and their query frames [N].
 
-    Each point is the centre of a pixel in its query frame. Query frames are spread evenly over
+    Each point is the center of a pixel in its query frame. Query frames are spread evenly over
     the frames that show a part; there all visible parts are equally likely, and then all pixels
     of the part. N is `count`, or 0 if no part is ever visible. Parts are in poses [T P 4 4]; where
     surfaces deform, the posed model and each frame's triangles [H W] (-1: none) are needed.
@@ -88,7 +88,7 @@ def track_paths(
     v, u = np.divmod(pixel, first.width)
     z = np.array([images.depth[t].ravel()[p] for t, p in zip(query, pixel, strict=True)])
     # By the inverse matrix, not by `pinhole.unproject`: points of parts that stand still lie at
-    # pixel centres, where the last bit decides which four pixels are around them, and so what is
+    # pixel centers, where the last bit decides which four pixels are around them, and so what is
     # visible. This keeps sequences equal to those of earlier versions.
     k_inverse = np.linalg.inv(first.intrinsics)
     cam = np.stack([u, v, np.ones(count)], axis=1) @ k_inverse.T * z[:, None]

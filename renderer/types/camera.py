@@ -1,4 +1,4 @@
-"""A pinhole camera: OpenCV axes (x right, y down, z forward), pixel centres at integers."""
+"""A pinhole camera: OpenCV axes (x right, y down, z forward), pixel centers at integers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Camera:
     width: int
     height: int
     intrinsics: Array
-    """[3 3] px; the centre of the top-left pixel is (0, 0)."""
+    """[3 3] px; the center of the top-left pixel is (0, 0)."""
     world_from_cam: Array
     """[4 4]"""
 

@@ -118,7 +118,7 @@ def _parallax(
 
 
 def _relief(frame: VerifiedFrame) -> Array:
-    """[N] m, the largest distance of each depth from a plane through its neighbours on opposite
+    """[N] m, the largest distance of each depth from a plane through its neighbors on opposite
     sides; next to an edge, how far the edge drops.
     """
     width, height = frame.sequence.meta.width, frame.sequence.meta.height

@@ -50,7 +50,7 @@ def verify_layers(sequence: Sequence) -> list[CheckResult]:
 
 
 def _rays(sequence: Sequence) -> Array:
-    """[N 3] through the centres of all pixels, z = 1."""
+    """[N 3] through the centers of all pixels, z = 1."""
     meta = sequence.meta
     v, u = np.divmod(np.arange(meta.height * meta.width), meta.width)
     pixels = np.stack([u, v, np.ones_like(u)], axis=1).astype(np.float64)

@@ -22,7 +22,7 @@ from .checks import CheckResult, check_share, merge_checks
 from .frames import decode_frame, deforming_numbers
 
 _FEW = 2e-3
-"""Share of pixels at silhouettes and folds, where a rasterizer's rounding picks a neighbour."""
+"""Share of pixels at silhouettes and folds, where a rasterizer's rounding picks a neighbor."""
 _BESIDE = 0.02
 """px that a rasterizer may count as inside of a triangle."""
 _PAIRS = 2_000_000

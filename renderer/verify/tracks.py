@@ -82,7 +82,7 @@ def _tracks(sequence: Sequence) -> list[CheckResult]:
 
 
 def _queries(sequence: Sequence, image: Array, z: Array) -> list[CheckResult]:
-    """In its query frame a point is the centre of a pixel of its part, at the pixel's depth."""
+    """In its query frame a point is the center of a pixel of its part, at the pixel's depth."""
     part, query = sequence.state.track_part, sequence.state.track_query
     assert part is not None and query is not None
     at = image[query, np.arange(len(query))]

@@ -14,7 +14,7 @@ from .fittings import (
     Cabinet,
     Part,
     basket,
-    centre_appliance,
+    center_appliance,
     dishes,
     hollow_box,
 )
@@ -54,7 +54,7 @@ def dishwasher(rng: SeededRng, number: int) -> Appliance:
     steel = Finish("inside", rng.near(rng.choice(((176, 178, 180), (196, 196, 192))), 8))
     body = hollow_box(replace(look, inside=steel), cabinet) + _fixtures(rng, look, size, cabinet)
     parts = [Part("body", tuple(body)), *_door(rng, look, size, cabinet)]
-    return centre_appliance("Dishwasher", number, [*parts, *_racks(rng, cabinet)])
+    return center_appliance("Dishwasher", number, [*parts, *_racks(rng, cabinet)])
 
 
 def _fixtures(rng: SeededRng, look: Finishes, size: _Size, cabinet: Cabinet) -> list[Shape]:

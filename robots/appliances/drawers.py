@@ -11,13 +11,13 @@ from ..model import JointType
 from . import textures
 from .doors import handle
 from .finish import COLORS, Finish, Finishes, Shape, draw_finishes
-from .fittings import Appliance, Part, centre_appliance
+from .fittings import Appliance, Part, center_appliance
 from .shapes import Solid, Vector, disc, join, orient, shift, slab
 from .textures import SeededRng
 
 _WOODS = ((150, 104, 66), (196, 156, 110), (96, 66, 46), (214, 186, 146), (122, 78, 52))
 _GAP = 0.003
-"""m between a front and its neighbours."""
+"""m between a front and its neighbors."""
 
 
 def chest_of_drawers(rng: SeededRng, number: int) -> Appliance:
@@ -47,7 +47,7 @@ def chest_of_drawers(rng: SeededRng, number: int) -> Appliance:
     parts = [Part("body", tuple(shapes))]
     for k in rng.generator.permutation(len(cells)).tolist():
         parts += _drawer(rng, style, len(parts), cells[k])
-    return centre_appliance("StorageFurniture", number, parts)
+    return center_appliance("StorageFurniture", number, parts)
 
 
 def _coats(rng: SeededRng, look: Finishes) -> tuple[Finish, Finish]:
@@ -102,7 +102,7 @@ class _Cell:
     """The opening of a drawer; lengths in m."""
 
     x: float
-    """Of the centre."""
+    """Of the center."""
     y: float
     height: float
     top: bool

@@ -51,7 +51,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Appliance:
-    """An articulated object, centred at the origin."""
+    """An articulated object, centered at the origin."""
 
     category: str
     """As PartNet-Mobility spells it: "Microwave"."""
@@ -70,7 +70,7 @@ class Cabinet:
     width: float
     height: float
     middle: float
-    """y of the centre."""
+    """y of the center."""
     z: tuple[float, float]
     """Of the back and of the front."""
     hole: Hole
@@ -130,22 +130,22 @@ def vents(center: Vector, size: tuple[float, float], where: str, slots: int) -> 
                  Finish("slot", (24, 24, 26)))
 
 
-def centre_appliance(category: str, number: int, parts: Sequence[Part]) -> Appliance:
-    """Return the appliance with the centre of its bounding box at the origin.
+def center_appliance(category: str, number: int, parts: Sequence[Part]) -> Appliance:
+    """Return the appliance with the center of its bounding box at the origin.
 
-    PartNet-Mobility centres its objects likewise.
+    PartNet-Mobility centers its objects likewise.
     """
     points = np.concatenate([s.solid.vertices for part in parts for s in part.shapes])
     x, y, z = (-np.round((points.min(0) + points.max(0)) / 2.0, 4)).tolist()
 
-    def centre(part: Part) -> Part:
+    def center(part: Part) -> Part:
         shapes = tuple(replace(s, solid=shift(s.solid, x, y, z)) for s in part.shapes)
         a, b, c = part.origin
         moves = part.joint is not JointType.FIXED or part.parent
         origin = (round(a + x, 5), round(b + y, 5), round(c + z, 5))
         return replace(part, shapes=shapes, origin=origin if moves else (0.0, 0.0, 0.0))
 
-    return Appliance(category, number, tuple(map(centre, parts)))
+    return Appliance(category, number, tuple(map(center, parts)))
 
 
 def wire_rack(rng: SeededRng, width: float, depth: float) -> Solid:

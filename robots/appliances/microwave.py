@@ -23,7 +23,7 @@ from .fittings import (
     Appliance,
     Cabinet,
     Part,
-    centre_appliance,
+    center_appliance,
     feet,
     hollow_box,
     knob,
@@ -62,7 +62,7 @@ def microwave(rng: SeededRng, number: int) -> Appliance:
     body += details
 
     parts = [Part("body", tuple(body)), *_door(rng, look, box, (dw, t), side)]
-    return centre_appliance("Microwave", number, [*parts, *knobs])
+    return center_appliance("Microwave", number, [*parts, *knobs])
 
 
 def _door(
@@ -113,7 +113,7 @@ def _turntable(rng: SeededRng, box: Cabinet) -> list[Shape]:
 def _microwave_controls(
     rng: SeededRng, look: Finishes, size: tuple[float, float], place: Vector
 ) -> tuple[list[Shape], list[Part]]:
-    """Display, buttons and knobs about the centre of a panel's front."""
+    """Display, buttons and knobs about the center of a panel's front."""
     (w, h), (x, y, z) = size, place
     inner, top = w - 0.016, y + h / 2
     shapes, knobs = list[Shape](), list[Part]()

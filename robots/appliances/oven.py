@@ -14,7 +14,7 @@ from .fittings import (
     Appliance,
     Cabinet,
     Part,
-    centre_appliance,
+    center_appliance,
     feet,
     heating_loops,
     hollow_box,
@@ -64,7 +64,7 @@ def _big_oven(rng: SeededRng, number: int) -> Appliance:
     details, knobs = oven_controls(rng, look, (w, strip), (0.0, top, front + t))
     parts = [Part("body", (*body, *details)),
              *_door(rng, look, (w - 2 * DOOR_GAP, dh - DOOR_GAP, t), (0.0, door_y, front))]
-    return centre_appliance("Oven", number, [*parts, *_shelves(rng, box, dh - DOOR_GAP), *knobs])
+    return center_appliance("Oven", number, [*parts, *_shelves(rng, box, dh - DOOR_GAP), *knobs])
 
 
 def _toaster(rng: SeededRng, number: int) -> Appliance:
@@ -102,7 +102,7 @@ def _toaster(rng: SeededRng, number: int) -> Appliance:
                           (px, middle + cabinet / 2 - 0.018, front + t)))
     parts = [Part("body", tuple(body)), *_door(rng, look, (dw - 0.014, dh - DOOR_GAP, t),
                                                (x, y, front))]
-    return centre_appliance("Oven", number, [*parts, *_shelves(rng, box, dh - DOOR_GAP), *knobs])
+    return center_appliance("Oven", number, [*parts, *_shelves(rng, box, dh - DOOR_GAP), *knobs])
 
 
 def _door(rng: SeededRng, look: Finishes, size: Vector, place: Vector) -> list[Part]:

@@ -157,7 +157,7 @@ class Hole:
     """A rounded rectangular hole in a plate or in the front of a box; lengths in m."""
 
     x: float
-    """Of the centre."""
+    """Of the center."""
     y: float
     width: float
     height: float

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .transforms import Array
 
 CREASE = np.deg2rad(35.0)
-"""Neighbouring facets that meet at less than this are one smooth surface."""
+"""Neighboring facets that meet at less than this are one smooth surface."""
 
 Indices = NDArray[np.int64]
 
@@ -57,7 +57,7 @@ def smooth_corners(
         return half_edge - half_edge % 3 + (half_edge + 1) % 3
 
     corners = place.ravel()
-    turned = corners[first] == corners[second]  # a neighbour of opposite winding
+    turned = corners[first] == corners[second]  # a neighbor of opposite winding
     links_a = np.concatenate([first, next_half_edge(first)])
     links_b = np.concatenate([np.where(turned, second, next_half_edge(second)),
                               np.where(turned, next_half_edge(second), second)])

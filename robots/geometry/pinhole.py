@@ -1,6 +1,6 @@
-"""The pinhole camera: OpenCV axes (x right, y down, z forward), pixel centres at integers.
+"""The pinhole camera: OpenCV axes (x right, y down, z forward), pixel centers at integers.
 
-Intrinsics are [3 3] px with the skew at [0, 1]; the centre of the top-left pixel is (0, 0).
+Intrinsics are [3 3] px with the skew at [0, 1]; the center of the top-left pixel is (0, 0).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def pixel_grid(height: int, width: int) -> Array:
 
 def inside_image(pixels: Array, height: int, width: int) -> NDArray[np.bool_]:
     """[...] whether positions (u, v) [... 2] lie on an image's pixels, which reach half a pixel
-    about their centres; NaN does not.
+    about their centers; NaN does not.
     """
     u, v = pixels[..., 0], pixels[..., 1]
     with np.errstate(invalid="ignore"):

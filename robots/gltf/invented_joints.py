@@ -8,7 +8,7 @@ Each of these bones and nodes gets one revolute joint through its origin:
 * in a file with a single mesh, the whole model, which turns about the vertical.
 
 The joint axis is the frame axis most nearly perpendicular to the bone (the direction to the next
-joint, or to the centre of the moved surfaces). A part centred on its own origin, such as a wheel,
+joint, or to the center of the moved surfaces). A part centered on its own origin, such as a wheel,
 turns about the axis of its smallest extent.
 """
 
@@ -25,7 +25,7 @@ from ..model import ArticulatedModel, Joint, JointType, deform_visual, forward_k
 LIMIT, SMALL_LIMIT = np.radians(35.0), np.radians(10.0)
 """Joint limits, +-rad, of normal and of small parts (a finger, a jaw)."""
 _SMALL = 0.1  # size of a small part, relative to the model
-_CENTRED = 0.15  # largest offset of the centre from the origin of a wheel, relative to its size
+_CENTERED = 0.15  # largest offset of the center from the origin of a wheel, relative to its size
 _MOST_LOOSE = 3
 MAX_JOINTS = 100
 """Limit on joints per model; the parts with the largest surfaces are kept."""
@@ -123,7 +123,7 @@ def _axis(
     bone = frame.T @ (middle - origin)
     extent = np.abs(frame.T) @ (boxes.high[part] - boxes.low[part])
     length = float(np.linalg.norm(bone))
-    if length < _CENTRED * boxes.size(part):
+    if length < _CENTERED * boxes.size(part):
         axis = int(np.argmin(np.round(extent / extent.max(), 3)))
     else:
         along = np.abs(bone) / length

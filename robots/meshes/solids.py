@@ -1,6 +1,6 @@
 """Closed solids; their triangles are counter-clockwise seen from outside.
 
-The primitives of URDF are centred, have their axis along z, and have analytic normals and texture
+The primitives of URDF are centered, have their axis along z, and have analytic normals and texture
 coordinates. Hulls, rounded blocks, rods, and plates with holes serve generated models.
 """
 
@@ -199,10 +199,10 @@ def round_corners(corners: ArrayLike, radius: ArrayLike) -> Array:
     return loop[np.linalg.norm(loop - np.roll(loop, 1, axis=0), axis=1) > 1e-6]
 
 
-def circle(centre: ArrayLike, radius: float, sides: int = SIDES) -> Array:
+def circle(center: ArrayLike, radius: float, sides: int = SIDES) -> Array:
     """Return a counter-clockwise circle [sides 2]."""
     turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)[:-1]
-    return np.asarray(centre, np.float64) + radius * np.stack([np.cos(turn), np.sin(turn)], -1)
+    return np.asarray(center, np.float64) + radius * np.stack([np.cos(turn), np.sin(turn)], -1)
 
 
 def bar(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None,

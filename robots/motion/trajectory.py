@@ -138,8 +138,8 @@ def joint_window(model: ArticulatedModel, joint: int) -> tuple[float, float]:
     half = _UNLIMITED_SLIDE if prismatic else float(np.pi)
     if high - low <= 2.0 * half or (prismatic and np.isfinite(high - low)):
         return low, high
-    centre = min(max(0.0, low + half), high - half)
-    return centre - half, centre + half
+    center = min(max(0.0, low + half), high - half)
+    return center - half, center + half
 
 
 def base_outward(model: ArticulatedModel) -> NDArray[np.int64]:

@@ -77,7 +77,7 @@ class PyrenderScript:
         """Camera, lights and room of a shot; returns the nodes, to be removed after it."""
         pyrender, scene, camera = self.pyrender, self.scene, given.camera
         scene.ambient_light = [given.ambient] * 3
-        k = camera.intrinsics  # pyrender's pixel centres lie at j + 0.5
+        k = camera.intrinsics  # pyrender's pixel centers lie at j + 0.5
         flip = np.diag([1.0, -1.0, -1.0, 1.0])
         far = 4.0 * np.linalg.norm(camera.world_from_cam[:3, 3]) + 10.0
         extra = [scene.add(pyrender.IntrinsicsCamera(

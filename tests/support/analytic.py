@@ -118,7 +118,7 @@ def _screws(model, cam_from_part):
 
 
 def _cast(k, cam_from_world, poses, width, height, room):
-    """Depth [H W], part [H W], hit points in the world [H W 3] of the rays of pixel centres."""
+    """Depth [H W], part [H W], hit points in the world [H W 3] of the rays of pixel centers."""
     v, u = np.mgrid[:height, :width].astype(float)
     rays = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones_like(u)], axis=-1)
     world_from_cam = np.linalg.inv(cam_from_world)

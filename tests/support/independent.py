@@ -193,7 +193,7 @@ def examine(path: Path, robot: Robot, rng: np.random.Generator, pixels: int = 50
 
 
 def _interior(part, depth):
-    """Pixels whose 5x5 neighbourhood is one part without a jump in depth or slope.
+    """Pixels whose 5x5 neighborhood is one part without a jump in depth or slope.
 
     A polygon of 64 corners and the circle that it stands for have other outlines, and there they
     differ by whatever is behind.
@@ -227,7 +227,7 @@ def _intersector(robot, names, poses):
 
 
 def _cast(rays, owner, k, cam_from_world, u, v):
-    """Depth (nan: none) and part number (0: none) of the first hit at pixel centres."""
+    """Depth (nan: none) and part number (0: none) of the first hit at pixel centers."""
     world_from_cam = np.linalg.inv(cam_from_world)
     directions = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(k).T
     directions = directions @ world_from_cam[:3, :3].T  # z = 1 in the camera: length is depth

@@ -49,7 +49,7 @@ def test_an_untrained_raft_sees_no_motion(network: raft.Raft) -> None:
 
 
 @pytest.mark.parametrize("dilation", [1, 2])
-def test_correlations_are_products_of_neighbours(dilation: int) -> None:
+def test_correlations_are_products_of_neighbors(dilation: int) -> None:
     generator = torch.Generator().manual_seed(1)
     a, b = torch.randn(2, 2, 8, 10, 12, generator=generator)
     got = raft.correlations(a, b, dilation)

@@ -64,12 +64,12 @@ def test_labels_describe_the_object(joint: str, displacement: list[float]) -> No
     assert np.allclose(numbers[:, GEOMETRY][:, 3], (high[part] - low[part]).min())
     if slides:
         return
-    # the radius turns with the part: from the point on the axis it leads to the part's centre
+    # the radius turns with the part: from the point on the axis it leads to the part's center
     assert np.ptp(numbers[:, RADIUS], axis=0) == pytest.approx(0, abs=1e-9)
-    centre = (low[part] + high[part]) / 2
+    center = (low[part] + high[part]) / 2
     body_from_part = inverse(state.world_from_part[:, body]) @ state.world_from_part[:, part]
     radius = np.einsum("tij,tj->ti", body_from_part[:, :3, :3], numbers[:, RADIUS])
-    assert np.allclose(numbers[:, :3] + radius, [apply(m, centre[None])[0] for m in body_from_part])
+    assert np.allclose(numbers[:, :3] + radius, [apply(m, center[None])[0] for m in body_from_part])
 
 
 @pytest.mark.parametrize("axis", [

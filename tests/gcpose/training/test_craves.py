@@ -78,7 +78,7 @@ def test_peaks_of_the_maps_are_the_positions() -> None:
     assert not draw_maps(outside).any()
     corner = np.zeros((1, 64, 64), np.float32)
     corner[0, 63, 0] = 1
-    assert np.allclose(find_peaks(corner)[0], [[1.5, 253.5]])  # the centre of the cell
+    assert np.allclose(find_peaks(corner)[0], [[1.5, 253.5]])  # the center of the cell
 
 
 def test_a_crop_shows_what_the_positions_say() -> None:
@@ -93,8 +93,8 @@ def test_a_crop_shows_what_the_positions_say() -> None:
         mean = (grid * crop[..., None]).sum((0, 1)) / crop.sum()
         assert np.allclose(mean, there, atol=0.1)
         assert np.allclose(to_image(image_from_crop, there), spot)
-    centre, side = frame_keypoints(np.array([[10.0, 20.0], [50.0, 40.0], [np.nan, np.nan]]))
-    assert np.allclose(centre, [30, 30]) and side == 60
+    center, side = frame_keypoints(np.array([[10.0, 20.0], [50.0, 40.0], [np.nan, np.nan]]))
+    assert np.allclose(center, [30, 30]) and side == 60
 
 
 def test_a_keypoint_is_found_within_a_fifth_of_the_box_at_any_scale() -> None:
@@ -205,8 +205,8 @@ def test_perfect_maps_give_the_displacement(
     method: Any = load_method(with_options("craves", {"weights": str(tmp_path / "w.safetensors")}))
     assert method.name == "craves owi535 width=16"
 
-    def look(image: np.ndarray, centre: np.ndarray, side: float) -> craves.Look:
-        crop = place_crop(centre, side)
+    def look(image: np.ndarray, center: np.ndarray, side: float) -> craves.Look:
+        crop = place_crop(center, side)
         position, score = find_peaks(draw_maps(to_crop(crop, pixels[image[0, 0, 0]])))
         return craves.Look(to_image(crop, position), score, side / 64)
 

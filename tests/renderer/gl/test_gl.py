@@ -41,7 +41,7 @@ def rasterizer() -> Iterator[Rasterizer]:
 
 def camera(world_from_cam: np.ndarray = EYE, fov: float = 60.0) -> Camera:
     k = intrinsics_from_fov(WIDTH, HEIGHT, np.radians(fov))
-    k[0, 2] += 3.3  # nothing may depend on a centred principal point
+    k[0, 2] += 3.3  # nothing may depend on a centered principal point
     k[1, 2] -= 2.6
     return Camera(WIDTH, HEIGHT, k, world_from_cam)
 
@@ -105,7 +105,7 @@ def project(view: Camera, points: np.ndarray) -> np.ndarray:
 # -- truth ------------------------------------------------------------------------------------
 
 
-def test_depth_of_a_tilted_plane_at_every_pixel_centre(rasterizer: Rasterizer) -> None:
+def test_depth_of_a_tilted_plane_at_every_pixel_center(rasterizer: Rasterizer) -> None:
     things = model(quad(0, 0.0, 10.0))
     view = camera(look_at([0.3, -1.0, 1.5], [0.1, 0.2, 0.0], 0.2))
     depth, part = truth(rasterizer, things, view)
@@ -117,7 +117,7 @@ def test_depth_of_a_tilted_plane_at_every_pixel_centre(rasterizer: Rasterizer) -
     np.testing.assert_allclose(depth, expected, rtol=1e-6)
 
 
-def test_a_quad_covers_the_pixels_whose_centres_it_covers(rasterizer: Rasterizer) -> None:
+def test_a_quad_covers_the_pixels_whose_centers_it_covers(rasterizer: Rasterizer) -> None:
     things = model(quad(0, 0.3, 0.41))
     depth, part = truth(rasterizer, things)
     low, high = np.sort(project(camera(), QUAD[[0, 2]] * 0.41 + [0, 0, 0.3]), axis=0)
@@ -130,8 +130,8 @@ def test_a_quad_covers_the_pixels_whose_centres_it_covers(rasterizer: Rasterizer
 def test_the_nearer_part_wins_and_numbers_start_at_one(rasterizer: Rasterizer) -> None:
     things = model(quad(2, 0.5, 0.2), quad(1, 0.0, 0.5), quad(0, -0.5, 9.0))
     depth, part = truth(rasterizer, things)
-    centre = np.round(project(camera(), np.zeros((1, 3)))[0]).astype(int)
-    assert part[centre[1], centre[0]] == 3
+    center = np.round(project(camera(), np.zeros((1, 3)))[0]).astype(int)
+    assert part[center[1], center[0]] == 3
     assert set(np.unique(part)) == {1, 2, 3}
     for number, z in ((1, 2.5), (2, 2.0), (3, 1.5)):
         np.testing.assert_allclose(depth[part == number], z, rtol=1e-6)
@@ -347,8 +347,8 @@ def test_light_from_behind_leaves_the_ambient(rasterizer: Rasterizer) -> None:
     lit = scene(things)
     below = replace(lit, lights=(Light(np.array([0, 0, 1.0]), (1, 1, 1), 2.0),))
     dark = replace(lit, lights=(Light(np.array([0, 0, -1.0]), (1, 1, 1), 0.0),))
-    centre = HEIGHT // 2, WIDTH // 2
-    values = [color(rasterizer, s)[centre][0] for s in (lit, below, dark)]
+    center = HEIGHT // 2, WIDTH // 2
+    values = [color(rasterizer, s)[center][0] for s in (lit, below, dark)]
     ambient = 255 * (0.5 * 0.2) ** (1 / 2.2)
     assert values[2] == pytest.approx(ambient, abs=1)
     assert abs(values[1] - values[2]) < 5 < values[0] - values[1]
@@ -358,13 +358,13 @@ def test_a_transparent_surface_shows_what_is_behind(rasterizer: Rasterizer) -> N
     red = Material("red", (1.0, 0.0, 0.0, 1.0))
     glass = Material("glass", (0.0, 0.0, 1.0, 0.3))
     things = model(quad(0, 0.5, 0.3, glass), quad(1, 0.0, 0.9, red))
-    centre = HEIGHT // 2, WIDTH // 2
-    through = color(rasterizer, scene(things))[centre]
+    center = HEIGHT // 2, WIDTH // 2
+    through = color(rasterizer, scene(things))[center]
     opaque = color(rasterizer, scene(things, materials=(
-        replace(glass, base_color=(0.0, 0.0, 1.0, 1.0)), red)))[centre]
-    alone = color(rasterizer, scene(model(quad(0, 0.0, 0.9, red))))[centre]
+        replace(glass, base_color=(0.0, 0.0, 1.0, 1.0)), red)))[center]
+    alone = color(rasterizer, scene(model(quad(0, 0.0, 0.9, red))))[center]
     np.testing.assert_allclose(through, 0.3 * opaque + 0.7 * alone, atol=2)
-    assert truth(rasterizer, things)[1][centre] == 1  # a surface all the same
+    assert truth(rasterizer, things)[1][center] == 1  # a surface all the same
 
 
 def test_a_shadow_darkens_what_lies_behind_an_occluder(rasterizer: Rasterizer) -> None:
@@ -500,9 +500,9 @@ def test_projection_agrees_with_the_camera(rasterizer: Rasterizer) -> None:
         things = model(quad(0, 0.0, 0.06, at=at))
         _, part = truth(rasterizer, things, view)
         v, u = np.nonzero(part)
-        centre = np.array([u.mean(), v.mean()])
+        center = np.array([u.mean(), v.mean()])
         corner = view.project(QUAD * 0.06 + [*at, 0.0])[:, :2]
-        assert np.abs(centre - corner.mean(0)).max() < 0.35
+        assert np.abs(center - corner.mean(0)).max() < 0.35
         assert inverse(view.world_from_cam) == pytest.approx(view.cam_from_world)
 
 

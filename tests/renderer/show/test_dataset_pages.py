@@ -59,7 +59,7 @@ def check_links(folder: Path) -> None:
             assert all((folder / address).is_file() for address in links(page).values())
 
 
-def test_pages_link_to_their_neighbours_and_the_index(dataset: Path, tmp_path: Path) -> None:
+def test_pages_link_to_their_neighbors_and_the_index(dataset: Path, tmp_path: Path) -> None:
     out = tmp_path / "pages"
     assert show(dataset, out, index="0-2") == [out / "index.html"]
     assert pages(out) == ["000000.html", "000001.html", "000002.html", "index.html"]

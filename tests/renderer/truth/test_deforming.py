@@ -110,7 +110,7 @@ def test_weights_give_the_point_back_on_the_triangle_and_stay_inside_it() -> Non
 def test_flow_is_that_of_the_projected_vertices(
     animated: bool, shaken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Corners from the closed form, cut with pixel centres in the image: an independent truth."""
+    """Corners from the closed form, cut with pixel centers in the image: an independent truth."""
     bar = bent_bar.bar((bent_bar.Swing(),) if animated else ())
     with renderer(bar, monkeypatch, randomization=HELD if shaken else CONFIG.randomization
                   ) as opened:
@@ -125,7 +125,7 @@ def test_flow_is_that_of_the_projected_vertices(
         there, z_there = project(s, other, bent_bar.bent(straight, angle[other]))
         v, u = np.nonzero(s.part[t] > 0)
         for y, x in zip(v[::7], u[::7], strict=True):
-            # The triangle before all others that holds the pixel's centre, in 2D.
+            # The triangle before all others that holds the pixel's center, in 2D.
             a, b, c = (here[faces[:, k]] - [x, y] for k in range(3))
             cross = np.stack([b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0],
                               c[:, 0] * a[:, 1] - c[:, 1] * a[:, 0],

@@ -34,7 +34,7 @@ from .test_deforming import angles, project, renderer
 ALL = {"layers": LAYERS, "track_points": 60}
 HALVES = {"foot": (0.15, 0.15, 0.05), "mast": (0.05, 0.05, 0.25), "boom": (0.3, 0.04, 0.04),
           "jib": (0.15, 0.025, 0.025)}
-CENTRES = {"foot": (0, 0, 0.05), "mast": (0, 0, 0.3), "boom": (0.35, 0, 0), "jib": (0.2, 0, 0)}
+CENTERS = {"foot": (0, 0, 0.05), "mast": (0, 0, 0.3), "boom": (0.35, 0, 0), "jib": (0.2, 0, 0)}
 
 
 def stored(opened: SequenceRenderer, folder: Path, index: int = 0) -> Sequence:
@@ -145,13 +145,13 @@ def test_normals_of_boxes_are_their_axes(crane: Sequence) -> None:
 @pytest.mark.gl
 def test_coordinates_of_boxes_are_on_their_sides(crane: Sequence) -> None:
     names = crane.meta.part_names
-    half, centre = (np.array([d[n] for n in names], float) for d in (HALVES, CENTRES))
+    half, center = (np.array([d[n] for n in names], float) for d in (HALVES, CENTERS))
     np.testing.assert_allclose(crane.state.coordinate_box,
-                               np.stack([centre - half, centre + half], axis=1), atol=1e-9)
+                               np.stack([center - half, center + half], axis=1), atol=1e-9)
     for t in range(len(crane)):
         on = crane.part[t] > 0
         p = crane.part[t][on] - 1
-        side = np.abs(crane.coordinates[t][on] - centre[p]) / half[p]
+        side = np.abs(crane.coordinates[t][on] - center[p]) / half[p]
         np.testing.assert_allclose(side.max(axis=1), 1, atol=5e-5)
         assert np.isnan(crane.coordinates[t][~on]).all()
 

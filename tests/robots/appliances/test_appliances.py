@@ -230,18 +230,18 @@ def test_no_two_colours_lie_in_one_plane(category: str, count: int) -> None:
                 height = np.round(corners[flat, 0, axis], 5)
                 for level in np.unique(height):
                     faces = flat[height == level]
-                    inside = centre_inside(corners[faces][:, :, others])
+                    inside = center_inside(corners[faces][:, :, others])
                     for i, j in np.argwhere(inside & (who[faces] != who[faces][:, None])):
                         a, b = shapes[who[faces[i]]], shapes[who[faces[j]]]
                         assert a.finish.color == b.finish.color, (number, a.name, b.name)
 
 
-def centre_inside(triangles: np.ndarray) -> np.ndarray:
-    """[N N] whether the centre of triangle i is inside of triangle j, of triangles [N 3 2]."""
-    centre, turns = triangles.mean(1)[:, None], list[np.ndarray]()
+def center_inside(triangles: np.ndarray) -> np.ndarray:
+    """[N N] whether the center of triangle i is inside of triangle j, of triangles [N 3 2]."""
+    center, turns = triangles.mean(1)[:, None], list[np.ndarray]()
     for k in range(3):
         a, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
-        arm = centre - a
+        arm = center - a
         turns.append(edge[:, 0] * arm[..., 1] - edge[:, 1] * arm[..., 0])
     return (np.min(turns, axis=0) > 1e-7) | (np.max(turns, axis=0) < -1e-7)
 

@@ -83,7 +83,7 @@ def test_keypoints_are_craves(model: ArticulatedModel) -> None:
 
 
 def test_keypoints_lie_on_the_surface(model: ArticulatedModel) -> None:
-    """Where an annotator would see them; the joints' centres and the grip have none."""
+    """Where an annotator would see them; the joints' centers and the grip have none."""
     poses = forward_kinematics(model, np.zeros(5))
     for name, part, point in zip(
             model.keypoint_names[3:], model.keypoint_part[3:], model.keypoint[3:], strict=True):

@@ -33,7 +33,7 @@ def at_rest(model: ArticulatedModel) -> np.ndarray:
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Between two sets of triangles [F 3 3], in any order: of corners and of centres, both ways."""
+    """Between two sets of triangles [F 3 3], in any order: of corners and of centers, both ways."""
     pairs = [(a.reshape(-1, 3), b.reshape(-1, 3)), (a.mean(1), b.mean(1))]
     return max(float(cKDTree(x).query(y)[0].max()) for pair in pairs for x, y in (pair, pair[::-1]))
 
