@@ -124,4 +124,5 @@ def _packages() -> Iterator[str]:
         try:
             yield f"ok    {name} {version(name)}"
         except PackageNotFoundError:
-            yield f"none  {name}: pip install '.[{extra}]' if you want it"
+            yield (f"none  {name}: {Path(sys.executable).name} -m pip install {name}, if you want "
+                   f"it (in a checkout, '.[{extra}]' has all of its kind)")

@@ -337,11 +337,14 @@ def test_fetch_says_where_the_files_are(capsys: Lines, monkeypatch: pytest.Monke
 
 
 @pytest.mark.gl
-def test_doctor_is_content_with_this_machine(capsys: Lines) -> None:
+def test_doctor_is_content_with_this_machine(
+    capsys: Lines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(EXTRAS, "no-such-package", "learn")
     assert main(["doctor"]) == 0
     said = capsys.readouterr().out
     assert re.search(r"^  ok +drew and checked a frame in .*OpenGL", said, re.MULTILINE)
-    assert "ur5" in said
+    assert "ur5" in said and "-m pip install no-such-package, if you want it" in said
     for name in (*PACKAGES, *EXTRAS):
         assert re.search(rf"^  (ok|none)  +{name}[ :]", said, re.MULTILINE), name
 

@@ -90,7 +90,7 @@ def render_sequence(config: RenderConfig, index: int = 0) -> Sequence:
         The sequence, its images as arrays.
 
     Raises:
-        ConfigError: if a value of the config is invalid.
+        ConfigError: if a value of the config is invalid, or the index is negative.
         ModelError: if the robot cannot be loaded.
         RenderError: if this machine cannot render.
 
@@ -102,6 +102,8 @@ def render_sequence(config: RenderConfig, index: int = 0) -> Sequence:
     """
     from .sequence_renderer import SequenceRenderer
 
+    if index < 0:
+        raise ConfigError(f"there is no sequence {index}; the first is 0")
     renderer = SequenceRenderer(config)
     try:
         return renderer.render(index).in_memory()

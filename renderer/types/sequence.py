@@ -121,7 +121,7 @@ class State:
     track_part: NDArray[np.int64] | None = None
     """[N] part number of each tracked point"""
     track_query: NDArray[np.int64] | None = None
-    """[N] frame in which the point was chosen: there it is the centre of a pixel"""
+    """[N] frame in which the point was chosen: there it is the center of a pixel"""
     track_world: Array | None = None
     """[T N 3] m"""
     track_image: Array | None = None
@@ -254,7 +254,11 @@ class Sequence:
 
     def frame(self, t: int) -> Frame:
         """Return frame t; -1 is the last. Raises IndexError beyond."""
-        t = range(self.meta.frames)[t]
+        frames = range(self.meta.frames)
+        if not -len(frames) <= t < len(frames):
+            raise IndexError(f"there is no frame {t}; {self.meta.name} has {len(frames)}, from 0 "
+                             f"to {frames[-1]} (-1 is the last)")
+        t = frames[t]
         step, before = (t if t + 1 < self.meta.frames else None), (t - 1 if t > 0 else None)
         return Frame(
             rgb=self.rgb[t],

@@ -63,6 +63,10 @@ def load_robot(
         >>> robot.joint_names
         ('rotation', 'base', 'elbow', 'wrist', 'gripper')
     """
+    given: object = name
+    if not isinstance(given, str | Path):
+        raise ModelError(f"{str(given)[:60]!a} is no robot; give a name or the path of a file, as "
+                         "text or Path")
     folders = {key: Path(folder) for key, folder in (packages or {}).items()}
     if is_file(name):
         with hash_files() as hashes:

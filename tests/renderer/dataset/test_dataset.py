@@ -304,6 +304,18 @@ def test_a_sequence_of_another_kind_is_refused(
     assert "\n" not in str(caught.value)
 
 
+def test_what_is_not_there_is_named(tmp_path: Path) -> None:
+    (sequence,) = gcbench.open_dataset(bench_data.make_dataset(tmp_path / "arm", 1))
+    frames = len(sequence)
+    for number in (frames, -frames - 1):
+        with pytest.raises(IndexError, match=f"^there is no frame {number}; .* from 0 to "):
+            sequence.frame(number)
+    with pytest.raises(gcbench.ConfigError, match=r"^there is no sequence -1; the first"):
+        gcbench.render_sequence(CONFIG, -1)
+    with pytest.raises(gcbench.ModelError, match=r"^'5' is no robot; give a name or the path"):
+        gcbench.load_robot(5)  # type: ignore[arg-type]
+
+
 def test_arrays_are_described_in_a_line_and_compared_by_identity(tmp_path: Path) -> None:
     dataset = gcbench.open_dataset(bench_data.make_dataset(tmp_path / "arm", 1))
     sequence, model = dataset[0], gcbench.load_robot("owi535")
