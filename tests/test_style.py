@@ -88,7 +88,7 @@ IRREGULAR = {
 
 NOT_PARTICIPLES = {
     "embed", "exceed", "feed", "heading", "mapping", "need", "proceed", "seed", "speed", "string",
-    "tiling",
+    "tiling", "training",
 }
 """Words that end like one."""
 
