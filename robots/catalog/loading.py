@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import cast
 
 from ...errors import ModelError
 from ..appliances import GENERATED, appliance_folder, appliance_model
@@ -63,9 +64,8 @@ def load_robot(
         >>> robot.joint_names
         ('rotation', 'base', 'elbow', 'wrist', 'gripper')
     """
-    given: object = name
-    if not isinstance(given, str | Path):
-        raise ModelError(f"{str(given)[:60]!a} is no robot; give a name or the path of a file, as "
+    if not isinstance(cast("object", name), str | Path):
+        raise ModelError(f"{str(name)[:60]!a} is no robot; give a name or the path of a file, as "
                          "text or Path")
     folders = {key: Path(folder) for key, folder in (packages or {}).items()}
     if is_file(name):
