@@ -8,7 +8,7 @@ import hashlib
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -28,6 +28,8 @@ KNOWLEDGE: tuple[Knowledge, ...] = get_args(Knowledge)
 LABEL = "one line of 1 to 200 printable characters without @"
 """What the name, the version and the training of a method must be."""
 _MAX_SCORES = 2**30  # bytes of a score table
+_LARGEST, _FARTHEST = 1e12, 1e20
+"""Largest value of a metric, and of `axis_distance`, which a very short screw makes large."""
 
 SequenceName = Annotated[str, msgspec.Meta(pattern=r"^[0-9]{6,18}\Z")]
 """Name of a sequence in its dataset, such as 000007."""
@@ -86,7 +88,10 @@ class Attribution:
 
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(Result))
+_KEY = ("sequence", "joint", "metric", "frame")
+"""Columns that no two lines of one table share."""
 _ERROR = re.compile(".*_error|error|displacement")
+_AGAIN = "delete the table, and run the same `gcbench eval` or `gcbench score` again"
 
 
 @dataclass(frozen=True)
@@ -147,8 +152,16 @@ def to_table(columns: Mapping[str, Sequence[Any]]) -> pandas.DataFrame:
     })  # fmt: skip
 
 
-def read_scores(path: Path) -> pandas.DataFrame:
-    """Read a table of scores. Raises DatasetError that names the line that is invalid."""
+def read_scores(
+    path: Path, shared: Mapping[str, str] | None = None, sequences: Collection[str] | None = None
+) -> pandas.DataFrame:
+    """Read a table of scores.
+
+    With `shared`, all lines have these texts in the columns of these names; with `sequences`, all
+    are of one of these.
+
+    Raises DatasetError that names the line that is invalid, or the score that is there twice.
+    """
     data = io.BytesIO(read_bounded(path, _MAX_SCORES, DatasetError))
     lines = csv.reader(io.TextIOWrapper(data, "utf-8", "replace", newline=""), strict=True)
     columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
@@ -161,12 +174,37 @@ def read_scores(path: Path) -> pandas.DataFrame:
                 raise ValueError(f"{len(cells)} cells instead of {len(COLUMNS)}")
             tree = dict(zip(COLUMNS, cells, strict=True))
             result = msgspec.convert(tree, Result, strict=False)
-            if not math.isfinite(result.value) and result.metric != "sigma":
-                raise ValueError(f"$.value: {tree['value']} is not a finite number")
-            if _ERROR.fullmatch(result.metric) and result.unit not in ("deg", "m"):
-                raise ValueError(f"$.unit: {result.metric} is in deg or m, got {result.unit!r}")
+            _check(result, shared or {}, sequences)
             for kept, x in zip(columns.values(), vars(result).values(), strict=True):
                 kept.append(texts.setdefault(x, x) if isinstance(x, str) else x)
     except (ValueError, csv.Error) as error:
         raise DatasetError(f"{path}: line {lines.line_num}: {error}") from error
-    return to_table(columns)
+    table = to_table(columns)
+    twice = table[table.duplicated([*_KEY])]
+    if len(twice):
+        sequence, joint, metric, frame = (twice.iloc[0][name] for name in _KEY)
+        what = metric + f" of joint {joint}" * bool(joint) + f" at frame {frame}" * int(frame >= 0)
+        raise DatasetError(f"{path}: two lines have {what} in sequence {sequence}; {_AGAIN}")
+    return table
+
+
+def _check(
+    result: Result, shared: Mapping[str, str], sequences: Collection[str] | None
+) -> None:
+    """Raise ValueError if a line of a table is not one that `write_scores` has written."""
+    value, metric, kind = result.value, result.metric, result.joint_type
+    if not math.isfinite(value) and metric != "sigma":
+        raise ValueError(f"$.value: {value} is not a finite number")
+    largest = _FARTHEST if metric == "axis_distance" else _LARGEST
+    if value > largest and metric != "sigma":
+        raise ValueError(f"$.value: {value:g} is larger than {largest:g}")
+    if _ERROR.fullmatch(metric) and result.unit not in ("deg", "m"):
+        raise ValueError(f"$.unit: {metric} is in deg or m, got {result.unit!r}")
+    if _ERROR.fullmatch(metric) and kind and (result.unit == "m") != (kind == "prismatic"):
+        unit = "m" if kind == "prismatic" else "deg"
+        raise ValueError(f"$.unit: {metric} of a {kind} joint is in {unit}, got {result.unit!r}")
+    for name, text in shared.items():
+        if getattr(result, name) != text:
+            raise ValueError(f"$.{name}: it is not {text!r} as in run.json; {_AGAIN}")
+    if sequences is not None and result.sequence not in sequences:
+        raise ValueError(f"$.sequence: {result.sequence} is not in run.json; {_AGAIN}")

@@ -88,8 +88,16 @@ class RunFolder:
         return self.path / ESTIMATES / f"{sequence}.zip"
 
     def scores(self) -> pandas.DataFrame:
-        """Read the scores by column. Raises DatasetError if they are missing or damaged."""
-        first = read_scores(self.path / SCORES)
+        """Read the scores by column. Raises DatasetError if they are missing or damaged, or are not
+        those of the run."""
+        run = read_run(self.path / RUN)  # as it is stored, without a label
+        row = run.row
+        shared = {
+            "method": row.name, "version": row.version, "inputs": row.inputs,
+            "knowledge": row.knowledge, "oracles": "+".join(row.oracles),
+            "training": row.training, "dataset": run.dataset,
+        }  # fmt: skip
+        first = read_scores(self.path / SCORES, shared, {*run.sequences})
         if not self.others:
             return first
         tables = [first, *(other.scores() for other in self.others)]

@@ -62,7 +62,8 @@ def test_the_frame_holds_every_score(tmp_path: Path) -> None:
     for dataset in ("ur5", "iiwa14"):
         folder = run_folder(tmp_path, ROW, dataset)
         write_run(folder, dataclasses.replace(RUN, dataset=dataset))
-        write_scores(folder / SCORES, [RESULT, dataclasses.replace(RESULT, frame=3, value=2e-7)])
+        line = dataclasses.replace(RESULT, dataset=dataset, training=ROW.training)
+        write_scores(folder / SCORES, [line, dataclasses.replace(line, frame=3, value=2e-7)])
     frame = Results(tuple(find_runs(tmp_path))).frame
     assert tuple(frame.columns) == COLUMNS
     assert len(frame) == 4
@@ -79,6 +80,8 @@ def test_the_frame_holds_every_score(tmp_path: Path) -> None:
     ("pan,1,", f"pan,{'9' * 400},", r"line 3: .* - at `\$.joint_index`"),
     (",deg,", ",rad,", r"line 3: Invalid enum value 'rad' - at `\$.unit`"),
     (",deg,", ",s,", r"line 3: \$.unit: final_error is in deg or m, got 's'"),
+    (",deg,", ",m,", r"line 3: \$.unit: final_error of a revolute joint is in deg, got 'm'"),
+    ("0.123456789", "1e308", r"line 3: \$.value: 1e\+308 is larger than 1e\+12"),
     ("method,", "methods,", "line 1: the first line is not method,"),
     (",ok", "", "line 3: 18 cells instead of 19"),
     ("000002", "&amp;", r"line 3: Expected `str` matching regex .* - at `\$.sequence`"),
@@ -89,6 +92,38 @@ def test_a_damaged_table_names_its_line(tmp_path: Path, old: str, new: str, mess
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(GcbenchError, match=message):
         read_results(path)
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({}, r"two lines have final_error of joint pan in sequence 000000; delete the table, and run"),
+    ({"method": "icp"}, r"line [0-9]+: \$\.method: it is not 'gcpose' as in run\.json; delete"),
+    ({"version": "9"}, r"\$\.version: it is not '1\.0' as in run\.json"),
+    ({"inputs": "rgb"}, r"\$\.inputs: it is not 'rgbd'"),
+    ({"knowledge": "free"}, r"\$\.knowledge: it is not 'axes'"),
+    ({"oracles": "true-parts"}, r"\$\.oracles: it is not ''"),
+    ({"training": "x"}, r"\$\.training: it is not 'none'"),
+    ({"dataset": "oven"}, r"\$\.dataset: it is not 'ur5'"),
+    ({"sequence": "000077"}, r"\$\.sequence: 000077 is not in run\.json; delete the table"),
+])  # fmt: skip
+def test_lines_that_are_not_those_of_the_run_are_refused(
+    tmp_path: Path, change: dict[str, str], message: str
+) -> None:
+    path = write_results(tmp_path, GCPOSE, 0.01, sequences=3, joints=("pan", "lift"))
+    lines = read_results(path / SCORES)
+    first = next(line for line in lines if line.metric == "final_error")
+    write_scores(path / SCORES, [*lines, dataclasses.replace(first, **change)])
+    (run,) = find_runs(tmp_path)
+    with pytest.raises(DatasetError, match=message) as error:
+        run.scores()
+    assert "\n" not in str(error.value)
+
+
+def test_a_very_short_screw_is_no_damage(tmp_path: Path) -> None:
+    path = tmp_path / "scores.csv"
+    far = dataclasses.replace(RESULT, metric="axis_distance", value=1.7e18, unit="m")
+    sure = dataclasses.replace(RESULT, metric="sigma", value=float("inf"))
+    write_scores(path, [far, sure])
+    assert [line.value for line in read_results(path)] == [1.7e18, float("inf")]
 
 
 @pytest.mark.parametrize("name", ["run.json", "scores.csv"])
