@@ -31,7 +31,7 @@ class Leaderboard:
     """Rank of each line in its group, see `shared_ranks`; 0 of a line that lacks sequences, and of
     a line on other sequences than most of its group."""
     unfinished: tuple[RunFolder, ...]
-    """Runs without scores: stopped, or still running."""
+    """Runs without final errors: stopped, or still running, or with a table that lacks them."""
     published: tuple[paper.PublishedCell, ...] = paper.PUBLISHED
     """Numbers of papers, which stand beside the lines and are not ranked."""
 
@@ -113,8 +113,8 @@ def build_leaderboard(
     """
     folders = list(folders)
     scored = without_copies(f for f in folders if (f.path / SCORES).exists())
-    lines = [line for folder in scored
-             for line in _mark_partial(lines_of(folder, folder.scores()))]
+    lines_by_run = [_mark_partial(lines_of(folder, folder.scores())) for folder in scored]
+    lines = [line for mine in lines_by_run for line in mine]
     first: dict[tuple[str, str], Line] = {}
     for line in lines:
         like = first.setdefault(line.group, line)
@@ -132,7 +132,8 @@ def build_leaderboard(
         line.dataset.rpartition("/")[0], paper.paper_order(line.robot), *line.group,
         line.summary.mean, line.row.folder, line.published,
     ))  # fmt: skip
-    unfinished = tuple(f for f in folders if not (f.path / SCORES).exists())
+    empty = [f for f, mine in zip(scored, lines_by_run, strict=True) if not mine]
+    unfinished = (*(f for f in folders if not (f.path / SCORES).exists()), *empty)
     differences: dict[tuple[int, int], Difference] = {}
     board = Leaderboard(tuple(lines), differences, (), unfinished)
     ranked: set[int] = set()

@@ -602,6 +602,22 @@ def test_parts_of_a_row_are_joined(tmp_path: Path) -> None:
     assert paths == ["one", "two"]
 
 
+def test_a_table_without_final_errors_is_unfinished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_results(tmp_path, ICP, 0.01)
+    write_scores(path / SCORES, [
+        r for r in read_results(path / SCORES) if r.metric != "final_error"])
+    with pytest.raises(GcbenchError, match="no scores in .*icp .*: 6 of 6 sequences estimated"):
+        report([tmp_path], tmp_path / "out", progress=False)
+    write_results(tmp_path, GCPOSE, 0.01)
+    report([tmp_path], tmp_path / "out", pictures=False)
+    said = "not in the report: icp (rgbd, axes) on ur5, seed 7: 6 of 6 sequences estimated and none"
+    assert said in " ".join(capsys.readouterr().err.split())
+    data = data_of(tmp_path / "out" / "index.html")
+    assert [row[0] for row in data["failures"]] == ["icp (rgbd, axes)"]
+
+
 def test_a_copy_may_have_another_name_and_another_order(tmp_path: Path) -> None:
     """The seed is a part of the name where the results hold another dataset of the same name."""
     write_results(tmp_path / "a", GCPOSE, 0.01)
