@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from functools import reduce
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from ...errors import DatasetError
 from ...renderer.scene import differences as config_differences
 from ..results import Row, Run, RunFolder
 from .statistics import SequenceJoint
+
+if TYPE_CHECKING:
+    import pandas
 
 _OF_MACHINE = ("peak_memory", "seconds", "seconds_per_frame")
 _SAME_MOTION = 1e-3
@@ -32,9 +37,11 @@ def without_copies(folders: Iterable[RunFolder]) -> list[RunFolder]:
     """Keep one of several folders with the same row and scores, also of other machines, and join
     folders with the same row on other sequences.
 
-    Raises DatasetError if the scores differ, or if two datasets of one title differ.
+    Folders may share some sequences. Their order does not matter.
+
+    Raises DatasetError if the scores of a sequence differ, or if two datasets of one title differ.
     """
-    kept: dict[tuple[Row, str], RunFolder] = {}
+    same: dict[tuple[Row, str], dict[Path, RunFolder]] = {}
     first: dict[str, RunFolder] = {}
     for folder in folders:
         run, title = folder.run, dataset_title(folder.run)
@@ -44,15 +51,30 @@ def without_copies(folders: Iterable[RunFolder]) -> list[RunFolder]:
                 f"{like.path} and {folder.path} are on two datasets of one name ({changes[0]}); "
                 "report them separately"
             )
-        other = kept.setdefault((run.row, title), folder)
-        if other is not folder and not {*other.run.sequences} & {*run.sequences}:
-            kept[run.row, title] = other.join(folder)
-        elif other.path != folder.path and not _same_scores(other, folder):
-            raise DatasetError(
-                f"{other.path} and {folder.path} are the same row with other scores; give one a "
-                "label: --label NAME=RESULTS_FOLDER"
-            )
-    return list(kept.values())
+        same.setdefault((run.row, title), {}).setdefault(folder.path, folder)
+    return [reduce(_merge, (mine[path] for path in sorted(mine))) for mine in same.values()]
+
+
+def _merge(kept: RunFolder, folder: RunFolder) -> RunFolder:
+    """Return a run with the sequences of another folder that it lacks."""
+    there, more = {*kept.run.sequences}, {*folder.run.sequences}
+    if not there & more:
+        return kept.join(folder, folder.run.sequences)
+    a, b = kept.scores(), folder.scores()
+    scored, found = (_scored(table) for table in (a, b))
+    if wrong := _different_sequences(a, b, scored & found):
+        others = f" and {len(wrong) - 3} more" * (len(wrong) > 3)
+        raise DatasetError(
+            f"{kept.estimate_path(wrong[0]).parents[1]} and {folder.path} are the same row with "
+            f"other scores of the sequences {', '.join(wrong[:3])}{others}; give one a label: "
+            "--label NAME=RESULTS_FOLDER"
+        )
+    taken = (found - scored) | (more - there)
+    return kept.join(folder, [n for n in folder.run.sequences if n in taken]) if taken else kept
+
+
+def _scored(table: pandas.DataFrame) -> set[str]:
+    return {*table["sequence"][table["metric"] == "final_error"]}
 
 
 def _dataset_differences(one: Run, other: Run) -> list[str]:
@@ -85,11 +107,22 @@ def have_equal_motions(
                        _SAME_MOTION, 0.1 * _SAME_MOTION)
 
 
-def _same_scores(one: RunFolder, other: RunFolder) -> bool:
-    """Whether two runs have the same scores, except for the order of lines, speed and rounding of
-    the machine, and the name that the dataset has beside others."""
-    tables = (folder.scores() for folder in (one, other))
-    a, b = (table[~table["metric"].isin(_OF_MACHINE)].sort_values(_ORDER) for table in tables)
+def _different_sequences(
+    one: pandas.DataFrame, other: pandas.DataFrame, names: set[str]
+) -> list[str]:
+    """Return which of the sequences have other scores in two tables."""
+    a, b = (table[table["sequence"].isin(names) & ~table["metric"].isin(_OF_MACHINE)]
+            for table in (one, other))
+    if _are_equal(a, b):
+        return []
+    return [name for name in sorted(names)
+            if not _are_equal(a[a["sequence"] == name], b[b["sequence"] == name])]
+
+
+def _are_equal(one: pandas.DataFrame, other: pandas.DataFrame) -> bool:
+    """Whether two tables have the same scores, except for the order of lines, the rounding of the
+    machine, and the name that the dataset has beside others."""
+    a, b = (table.sort_values(_ORDER) for table in (one, other))
     return len(a) == len(b) and all(
         np.allclose(a[name], b[name], 1e-6, 1e-9, True) if name == "value"
         else name in _OF_FILES or np.array_equal(a[name], b[name]) for name in a)

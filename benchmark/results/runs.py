@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -100,21 +100,31 @@ class RunFolder:
         first = read_scores(self.path / SCORES, shared, {*run.sequences})
         if not self.others:
             return first
-        tables = [first, *(other.scores() for other in self.others)]
+        tables = [first[~first["sequence"].isin(_names(self.others))]]
+        for other in self.others:
+            table = other.scores()
+            tables.append(table[table["sequence"].isin(other.run.sequences)])
         return to_table({name: [x for table in tables for x in table[name]] for name in COLUMNS})
 
-    def join(self, other: RunFolder) -> RunFolder:
-        """Return the run with the sequences of another folder, which has none of its own."""
+    def join(self, other: RunFolder, sequences: Sequence[str]) -> RunFolder:
+        """Return the run with these sequences of another folder, in place of its own of the same
+        names."""
+        other = replace(other, run=replace(other.run, sequences=tuple(sequences)))
         one, two = self.run, other.run
         environments = [e for e in two.environments if e not in one.environments]
         run = replace(
-            one, sequences=(*one.sequences, *two.sequences), digests={**one.digests, **two.digests},
+            one, sequences=tuple(dict.fromkeys((*one.sequences, *two.sequences))),
+            digests={**one.digests, **two.digests},
             environments=(*one.environments, *environments))
         return replace(self, run=run, others=(*self.others, other))
 
     def results(self) -> list[Result]:
         """Read the scores, one object for each. Raises DatasetError as `scores`."""
         return [Result(*cells) for cells in self.scores().itertuples(index=False)]
+
+
+def _names(folders: Iterable[RunFolder]) -> set[str]:
+    return {name for folder in folders for name in folder.run.sequences}
 
 
 def run_folder(results: Path, row: Row, dataset: str) -> Path:

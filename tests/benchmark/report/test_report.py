@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import itertools
 import json
 import re
 import shutil
@@ -575,7 +576,9 @@ def test_copies_of_a_row_count_once_and_others_need_a_label(tmp_path: Path) -> N
     (line,) = read_leaderboard([tmp_path / "a", tmp_path / "copy"]).lines
     assert line.run.path.is_relative_to(tmp_path / "a")
     write_results(tmp_path / "b", GCPOSE, 0.02)
-    with pytest.raises(GcbenchError, match="same row with other scores; give one a label: --label"):
+    with pytest.raises(GcbenchError, match=(
+            "same row with other scores of the sequences 000000, 000001, 000002 and 3 more; give "
+            "one a label: --label")):
         read_leaderboard([tmp_path / "a", tmp_path / "b"])
     label = f"theirs={tmp_path / 'b'}"
     for folders in ([tmp_path / "a", tmp_path / "b"], [tmp_path / "a"]):
@@ -602,13 +605,55 @@ def test_parts_of_a_row_are_joined(tmp_path: Path) -> None:
     assert paths == ["one", "two"]
 
 
+def test_parts_that_overlap_are_joined_in_any_order(tmp_path: Path) -> None:
+    whole = write_results(tmp_path / "whole", GCPOSE, 0.01)
+    run, scores = read_run(whole / RUN), read_results(whole / SCORES)
+
+    def write_part(name: str, part: tuple[str, ...]) -> Path:
+        path = write_results(tmp_path / name, GCPOSE, 0.01)
+        write_run(path, dataclasses.replace(run, sequences=part))
+        write_scores(path / SCORES, [r for r in scores if r.sequence in part])
+        return path
+
+    last = write_part("c", run.sequences[2:])
+    write_part("a", run.sequences[:3])
+    write_part("b", run.sequences[3:])
+    folders = [tmp_path / name for name in "abc"]
+    (same,) = read_leaderboard([tmp_path / "whole"]).lines
+    for order in itertools.permutations(folders):
+        (line,) = read_leaderboard(order).lines
+        assert {name: value for name, value in vars(line).items() if name != "run"} == {
+            name: value for name, value in vars(same).items() if name != "run"}
+        assert {*line.run.run.sequences} == {*run.sequences} and not line.extent
+    changed = [dataclasses.replace(r, value=r.value + (r.sequence == "000004"))
+               for r in read_results(last / SCORES) if r.metric != "seconds_per_frame"]
+    write_scores(last / SCORES, changed)
+    said = r"/b/.* and .*/c/.* are the same row with other scores of the sequences 000004; give"
+    for order in itertools.permutations(folders):
+        with pytest.raises(GcbenchError, match=said):
+            read_leaderboard(order)
+
+
+def test_a_copy_without_final_errors_takes_those_of_another(tmp_path: Path) -> None:
+    for name in "a", "b":
+        path = write_results(tmp_path / name, GCPOSE, 0.01)
+        scores = read_results(path / SCORES)
+        left = [r for r in scores if r.metric != "final_error" or (name == "a") != (
+            r.sequence > "000002")]
+        write_scores(path / SCORES, left)
+    write_results(tmp_path / "whole", GCPOSE, 0.01)
+    (line,) = read_leaderboard([tmp_path / "b", tmp_path / "a"]).lines
+    (same,) = read_leaderboard([tmp_path / "whole"]).lines
+    assert (line.error, line.summary, line.extent) == (same.error, same.summary, "")
+
+
 def test_a_table_without_final_errors_is_unfinished(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write_results(tmp_path, ICP, 0.01)
     write_scores(path / SCORES, [
         r for r in read_results(path / SCORES) if r.metric != "final_error"])
-    with pytest.raises(GcbenchError, match="no scores in .*icp .*: 6 of 6 sequences estimated"):
+    with pytest.raises(GcbenchError, match=r"no scores in .*icp .*: 6 of 6 sequences estimated"):
         report([tmp_path], tmp_path / "out", progress=False)
     write_results(tmp_path, GCPOSE, 0.01)
     report([tmp_path], tmp_path / "out", pictures=False)
