@@ -167,7 +167,8 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
         ],
         "pairs": {
             f"{a} {b}": {"mean": _short(d.mean), "low": _short(d.ci_low), "high": _short(d.ci_high),
-                         "sequences": _common(lines[a], lines[b])}
+                         "sequences": _common(lines[a], lines[b]),
+                         "significant": d.is_significant}
             for (a, b), d in board.differences.items()
         },
         "pcp_columns": [

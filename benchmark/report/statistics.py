@@ -20,7 +20,13 @@ SEED = 0
 """Seed of the bootstrap: a table is a function of its results."""
 MIN_CLUSTERS = 5
 """Smallest number of sequences (or objects) of an interval; fewer say too little."""
+EXACT_CLUSTERS = 12
+"""Largest number of sequences (or objects) for which a test takes all changes of signs."""
+FLIPS = 9999
+"""Random changes of signs of a test of more of them."""
 _LEVEL = 0.95
+_SIGNIFICANT = 0.05
+"""A difference is significant if the p of its test is smaller."""
 _AT_ONCE = 2**21  # drawn numbers in memory
 _ROUNDING = 2e-5
 """Differences below this, deg or m, are none: published errors are rounded."""
@@ -128,11 +134,13 @@ class Difference:
     mean: float
     ci_low: float
     ci_high: float
+    p: float = 1.0
+    """Of the test that the mean is zero, see `sign_flip_test`."""
 
     @property
     def is_significant(self) -> bool:
-        """Whether the interval leaves out zero; too few clusters have no interval."""
-        return self.clusters >= MIN_CLUSTERS and (self.ci_low > 0.0 or self.ci_high < 0.0)
+        """Whether the test rejects that the mean is zero; up to five clusters cannot do so."""
+        return self.p < _SIGNIFICANT
 
 
 def paired_difference(
@@ -149,7 +157,31 @@ def paired_difference(
     delta[np.abs(delta) < _ROUNDING] = 0.0
     groups = [(cluster or {}).get(p, p[0]) for p in common]
     low, high = bootstrap_mean(delta, groups, rng)
-    return Difference(len(common), len(set(groups)), float(delta.mean()), low, high)
+    p = sign_flip_test(delta, groups)
+    return Difference(len(common), len(set(groups)), float(delta.mean()), low, high, p)
+
+
+def sign_flip_test(value: ArrayLike, cluster: Sequence[Hashable]) -> float:
+    """Return the two-sided p of the test that [N] values have the mean zero.
+
+    If two rows are equally good, the differences of a cluster have either sign with the same
+    probability: p is the share of the changes of the signs of whole clusters with a mean as far
+    from zero. All 2^n are taken for up to EXACT_CLUSTERS clusters, else FLIPS random ones, which
+    depend on nothing but n, and the observed one.
+    """
+    number = {key: k for k, key in enumerate(dict.fromkeys(cluster))}
+    sums = np.bincount([number[key] for key in cluster], np.asarray(value, np.float64))
+    n = len(sums)
+    least = abs(float(sums.sum())) - 1e-12 * float(np.abs(sums).sum())  # rounding is no difference
+    if n <= EXACT_CLUSTERS:
+        flips = np.arange(2**n)[:, None] >> np.arange(n) & 1
+        return float((np.abs((1 - 2 * flips) @ sums) >= least).mean())
+    rng, found = np.random.default_rng(SEED), 1
+    chunk = max(1, _AT_ONCE // n)
+    for k in range(0, FLIPS, chunk):
+        flips = rng.integers(0, 2, (min(chunk, FLIPS - k), n), np.int8)
+        found += int((np.abs((1.0 - 2.0 * flips) @ sums) >= least).sum())
+    return found / (FLIPS + 1)
 
 
 def compare_rows(

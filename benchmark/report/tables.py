@@ -19,9 +19,10 @@ _STARRED = " * With the better of the two signs of each joint: none is known or 
 _CAPTION = (
     "Error of each scored joint at the last frame: mean over all pairs of sequence and joint, "
     "with its 95 % interval (bootstrap by sequence, or by object where there are several; none for "
-    f"fewer than {MIN_CLUSTERS}). The rank is 1 + the number of rows that paired differences on "
-    "the same sequences show to be better; rows on other sequences than most have none. A failed "
-    "joint counts as no motion. "
+    f"fewer than {MIN_CLUSTERS}; of few sequences it is too narrow). The rank is 1 + the number of "
+    "rows that paired differences on the same sequences show to be better (sign-flip test, p below "
+    "0.05, not corrected for the number of comparisons); rows on other sequences than most have "
+    "none. A failed joint counts as no motion. "
     "(best sign): the better of the two signs of each joint, where none is known or returned."
 )
 

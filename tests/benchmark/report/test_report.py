@@ -199,6 +199,7 @@ def test_ranks_and_differences_are_those_of_the_statistics(results: Path, tmp_pa
     for (a, b), d in found.items():
         assert pairs[f"{a} {b}"]["mean"] == pytest.approx(d.mean, rel=1e-4)
         assert (pairs[f"{a} {b}"]["low"] > 0) == (d.ci_low > 0)
+        assert pairs[f"{a} {b}"]["significant"] == d.is_significant
 
 
 def test_one_sequence_ranks_nothing(tmp_path: Path) -> None:

@@ -43,12 +43,12 @@ FILM = PIXEL.replace("png;", "png;name=film;")
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("results")
-    for dataset in ("mini/ur5", "mini/iiwa14"):
-        write_results(folder, GCPOSE, 0.002, dataset, seed=1)
-        write_results(folder, NOISY, 0.004, dataset, seed=2)
-        write_results(folder, FREE, 0.008, dataset, seed=3)
-        write_results(folder, ICP, 0.05, dataset, seed=4, failing=(2,), reason=HOSTILE)
-        write_results(folder, STILL, None, dataset)
+    for dataset, n in ("mini/ur5", 6), ("mini/iiwa14", 8):
+        write_results(folder, GCPOSE, 0.002, dataset, n, seed=1)
+        write_results(folder, NOISY, 0.004, dataset, n, seed=2)
+        write_results(folder, FREE, 0.008, dataset, n, seed=3)
+        write_results(folder, ICP, 0.05, dataset, n, seed=4, failing=(2,), reason=HOSTILE)
+        write_results(folder, STILL, None, dataset, n)
     path = write_results(folder, ORACLE, 0.02, "mini/ur5", seed=5)
     by = Attribution(f"A. Author {HOSTILE}".replace("\u2028", ""), "https://example.org/p", "2024")
     write_run(path, dataclasses.replace(read_run(path / RUN), attribution=by))
