@@ -61,7 +61,7 @@ def _merge(kept: RunFolder, folder: RunFolder) -> RunFolder:
     if not there & more:
         return kept.join(folder, folder.run.sequences)
     a, b = kept.scores(), folder.scores()
-    scored, found = (_scored(table) for table in (a, b))
+    scored, found = (_scored_names(table) for table in (a, b))
     if wrong := _different_sequences(a, b, scored & found):
         others = f" and {len(wrong) - 3} more" * (len(wrong) > 3)
         raise DatasetError(
@@ -73,7 +73,7 @@ def _merge(kept: RunFolder, folder: RunFolder) -> RunFolder:
     return kept.join(folder, [n for n in folder.run.sequences if n in taken]) if taken else kept
 
 
-def _scored(table: pandas.DataFrame) -> set[str]:
+def _scored_names(table: pandas.DataFrame) -> set[str]:
     return {*table["sequence"][table["metric"] == "final_error"]}
 
 

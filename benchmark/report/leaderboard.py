@@ -30,6 +30,9 @@ class Leaderboard:
     ranks: tuple[int, ...]
     """Rank of each line in its group, see `shared_ranks`; 0 of a line that lacks sequences, and of
     a line on other sequences than most of its group."""
+    repeated: frozenset[int]
+    """Positions of published lines whose method is also among the user's ranked rows of the group:
+    they have a rank, and do not count in the ranks of others."""
     unfinished: tuple[RunFolder, ...]
     """Runs without final errors: stopped, or still running, or with a table that lacks them."""
     published: tuple[paper.PublishedCell, ...] = paper.PUBLISHED
@@ -135,21 +138,32 @@ def build_leaderboard(
     empty = [f for f, mine in zip(scored, lines_by_run, strict=True) if not mine]
     unfinished = (*(f for f in folders if not (f.path / SCORES).exists()), *empty)
     differences: dict[tuple[int, int], Difference] = {}
-    board = Leaderboard(tuple(lines), differences, (), unfinished)
+    board = Leaderboard(tuple(lines), differences, (), frozenset(), unfinished)
     ranked: set[int] = set()
+    repeated: set[int] = set()
     for mine in board.groups.values():
         usual_here = _usual_sequences([lines[k] for k in mine])
         mine = [k for k in mine if _is_whole(lines[k]) and lines[k].sequences == usual_here]
         ranked |= {*mine}
+        repeated |= _find_repeated(lines, mine)
         found = compare_rows([(lines[k].error, lines[k].cluster) for k in mine])
         differences |= {(mine[a], mine[b]): d for (a, b), d in found.items()}
-    ranks = shared_ranks(len(lines), differences)
-    return replace(board, lines=_name_extents(lines, ranked),
+    ranks = shared_ranks(len(lines), differences, repeated)
+    return replace(board, lines=_name_extents(lines, ranked), repeated=frozenset(repeated),
                    ranks=tuple(r * (k in ranked) for k, r in enumerate(ranks)))
 
 
 def _have_equal_motions(one: Line, other: Line) -> bool:
     return have_equal_motions(one.conditions["displacement"], other.conditions["displacement"])
+
+
+def _find_repeated(lines: Sequence[Line], positions: Sequence[int]) -> set[int]:
+    """Return which of these lines are published rows of a method that the user has measured too."""
+    def method(k: int) -> Row:
+        return replace(lines[k].row, training="")
+
+    own = {method(k) for k in positions if not lines[k].published}
+    return {k for k in positions if lines[k].published and method(k) in own}
 
 
 def _is_whole(line: Line) -> bool:

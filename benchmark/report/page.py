@@ -162,7 +162,8 @@ def _page_data(board: Leaderboard, pictures: Sequence[Picture]) -> dict[str, Any
         "facts": _facts(lines),
         "groups": [_group([lines[k] for k in mine]) for mine in groups.values()],
         "lines": [
-            {**_line(k, line, label, list(groups).index(line.group)), "ranked": board.ranks[k] > 0}
+            {**_line(k, line, label, list(groups).index(line.group)), "ranked": board.ranks[k] > 0,
+             "repeated": k in board.repeated}
             for k, (line, label) in enumerate(zip(lines, board.labels, strict=True))
         ],
         "pairs": {

@@ -6,7 +6,7 @@ sequence, or the object's instance. Randomness is an argument; every list keeps 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,16 +200,21 @@ def compare_rows(
     return found
 
 
-def shared_ranks(number: int, differences: Mapping[tuple[int, int], Difference]) -> list[int]:
+def shared_ranks(
+    number: int, differences: Mapping[tuple[int, int], Difference],
+    uncounted: Collection[int] = (),
+) -> list[int]:
     """Return the rank of each of `number` rows: 1 + the number of significantly better rows.
 
+    Rows that are `uncounted` have a rank, but no other row loses one to them.
     Two rows without a significant difference can have different ranks, where a third row is better
     than one of them only. There is no correction for the number of comparisons.
     """
     ranks = [1] * number
     for (a, b), difference in differences.items():
-        if difference.is_significant:
-            ranks[a if difference.mean > 0.0 else b] += 1
+        worse, better = (a, b) if difference.mean > 0.0 else (b, a)
+        if difference.is_significant and better not in uncounted:
+            ranks[worse] += 1
     return ranks
 
 

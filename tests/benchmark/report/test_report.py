@@ -748,6 +748,38 @@ def test_rows_on_other_sequences_than_most_have_no_rank(tmp_path: Path) -> None:
     assert (alone.labels, alone.ranks) == (["icp · rgbd · axes"], (1,))
 
 
+def test_a_method_counts_once_in_the_ranks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one's own row and as a published row, it would take two ranks from each worse row."""
+    for dataset in "mini/ur5", "mini/oven":
+        write_results(tmp_path / "mine", GCPOSE, 0.001, dataset, sequences=8)
+        write_results(tmp_path / "mine", STILL, None, dataset, sequences=8)
+        published = dataclasses.replace(GCPOSE, training="said otherwise")
+        write_results(tmp_path / "theirs", published, 0.001, dataset, sequences=8, seed=1)
+        write_results(tmp_path / "theirs", ICP, 0.01, dataset, sequences=8)
+    theirs = [dataclasses.replace(line, published="2026-01-01", extent="n = 8")
+              for line in read_leaderboard([tmp_path / "theirs"]).lines]
+    monkeypatch.setattr(leaderboard, "published_lines", lambda *_: theirs)
+    board = read_leaderboard([tmp_path / "mine"], published=tmp_path)
+    found = [(line.row.method, bool(line.published), rank)
+             for line, rank in zip(board.lines, board.ranks, strict=True)]
+    assert sorted(found) == sorted(2 * [
+        ("gcpose", False, 1), ("gcpose", True, 1), ("icp", True, 2), ("hold-still", False, 3)])
+    assert {s.label: s.mean_rank for s in suite_scores(board)}["hold-still"] == 3
+    assert {board.lines[k].row.training for k in board.repeated} == {"said otherwise"}
+    report([tmp_path / "mine"], tmp_path / "out", progress=False)
+    shown = data_of(tmp_path / "out" / "index.html")["lines"]
+    assert [line["repeated"] for line in shown] == [
+        k in board.repeated for k in range(len(board.lines))]
+    monkeypatch.undo()
+    alone = [line for line in theirs if line.row.method == "gcpose"]
+    shutil.rmtree(tmp_path / "mine/gcpose_rgbd_axes")
+    monkeypatch.setattr(leaderboard, "published_lines", lambda *_: alone)
+    board = read_leaderboard([tmp_path / "mine"], published=tmp_path)
+    assert sorted(board.ranks) == [1, 1, 2, 2] and not board.repeated
+
+
 def test_two_seeds_stand_side_by_side(tmp_path: Path) -> None:
     config = {"robot": "ur5", "seed": 8, "frames": 5}
     write_results(tmp_path / "a", GCPOSE, 0.01)
