@@ -12,7 +12,7 @@ from .labels import name_versions
 from .leaderboard import Leaderboard
 from .lines import Line
 from .statistics import MIN_CLUSTERS, ErrorSummary, best_half
-from .suite_scores import suite_scores
+from .suite_scores import SuiteScore, suite_scores
 
 MISSING = "–"
 _STARRED = " * With the better of the two signs of each joint: none is known or returned."
@@ -53,28 +53,35 @@ class Table:
 
 
 def suite_tables(board: Leaderboard) -> list[Table]:
-    """Return a table for each suite: one score of each row over all datasets, best first."""
+    """Return a table for each suite: one score of each row over its datasets, best first."""
     scores = suite_scores(board)
-    return [
-        Table(
-            f"All datasets of {suite}" if suite else "All datasets",
-            "Mean over the datasets of rank and of mean final error, with the 95 % interval of the "
-            "error (bootstrap by sequence in each dataset; none where a dataset has fewer than "
-            f"{MIN_CLUSTERS} sequences). The error is that of joints that turn; the rank counts "
-            "joints that slide as well. Only rows on the same datasets can be compared. A row "
-            "whose datasets were measured with several versions of its method names them.",
-            ("method", "datasets", "mean rank", "mean (deg)", "95 % interval"), "lrrrr",
-            tuple(
-                TableRow((
-                    s.label, f"{s.datasets} of {s.of}",
-                    MISSING if math.isnan(s.mean_rank) else f"{s.mean_rank:.2f}",
-                    format_error(s.mean), format_interval(s.interval),
-                ))
-                for s in scores if s.suite == suite
-            ),
-        )
-        for suite in dict.fromkeys(s.suite for s in scores)
-    ]
+    return [_suite_table([s for s in scores if s.suite == suite],
+                         len({line.dataset for line in board.lines if _suite(line) == suite}))
+            for suite in dict.fromkeys(s.suite for s in scores)]
+
+
+def _suite_table(scores: Sequence[SuiteScore], number: int) -> Table:
+    """Return the table of a suite with results on a number of datasets."""
+    suite, of = scores[0].suite, scores[0].of
+    title = f"{number} of the {of} datasets" if number < of else "All datasets"
+    return Table(
+        title + f" of {suite}" * bool(suite),
+        "Mean over the datasets of rank and of mean final error, with the 95 % interval of the "
+        "error (bootstrap by sequence in each dataset, with equal draws for twins; none where a "
+        f"dataset has fewer than {MIN_CLUSTERS} sequences). The error is that of joints that turn; "
+        "the rank counts joints that slide as well. Only rows on the same datasets can be "
+        "compared. A row whose datasets were measured with several versions of its method names "
+        "them. (best sign): the better of the two signs of a joint, on some of the datasets.",
+        ("method", "datasets", "mean rank", "mean (deg)", "95 % interval"), "lrrrr",
+        tuple(
+            TableRow((
+                s.label + " (best sign)" * s.best_sign, f"{s.datasets} of {s.of}",
+                MISSING if math.isnan(s.mean_rank) else f"{s.mean_rank:.2f}",
+                format_error(s.mean), format_interval(s.interval),
+            ))
+            for s in scores
+        ),
+    )
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:

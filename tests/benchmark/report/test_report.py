@@ -11,6 +11,7 @@ import re
 import shutil
 from pathlib import Path
 
+import gcbench
 import numpy as np
 import pytest
 from gcbench import GcbenchError
@@ -39,10 +40,11 @@ from gcbench.benchmark.report.gallery import (
 from gcbench.benchmark.report.leaderboard import build_leaderboard, read_leaderboard
 from gcbench.benchmark.report.page import FILES, report
 from gcbench.benchmark.report.statistics import paired_difference, pcp, shared_ranks, summarize
-from gcbench.benchmark.report.suite_scores import suite_scores
+from gcbench.benchmark.report.suite_scores import suite_scores, suite_sizes
 from gcbench.benchmark.report.tables import format_error, paper_tables
 from gcbench.benchmark.results.rows import Attribution, Row, write_scores
 from gcbench.benchmark.results.runs import RUN, SCORES, find_runs, read_run, write_run
+from gcbench.benchmark.run.suite import read_suite
 from PIL import Image
 
 from ...support.fake_results import (
@@ -825,6 +827,35 @@ def test_a_row_on_fewer_datasets_comes_last(tmp_path: Path) -> None:
     scores = suite_scores(read_leaderboard([tmp_path]))
     assert [(s.label.split(" ")[0], s.datasets, s.of) for s in scores] == [
         ("icp", 2, 2), ("gcpose", 1, 2)]
+
+
+def test_the_score_of_a_suite_says_what_it_is_of(tmp_path: Path) -> None:
+    for dataset in "standard/ur5", "standard/oven":
+        write_results(tmp_path, STILL, None, dataset)
+        write_results(tmp_path, GCPOSE, 0.01, dataset)
+    board = read_leaderboard([tmp_path])
+    assert {(s.datasets, s.of, s.is_complete) for s in suite_scores(board)} == {(2, 8, False)}
+    shown = leaderboard_text(board).splitlines()
+    assert shown[0] == "2 of the 8 datasets of standard"
+    cells = [re.split("  +", line)[:2] for line in shown[2:4]]
+    assert cells == [["gcpose · rgbd · axes", "2 of 8"], ["hold-still (best sign)", "2 of 8"]]
+    folder = Path(str(gcbench.__file__)).parent / "benchmark/suites"
+    suites = [read_suite(path.stem) for path in folder.glob("*.toml")]
+    assert suite_sizes() == {suite.title: len(suite.datasets) for suite in suites}
+
+
+def test_twins_get_the_same_draws(tmp_path: Path) -> None:
+    """Errors on two datasets with one scene are alike: their mean is less exact than that of two
+    others."""
+    widths: list[float] = []
+    for name, twin in ("twins", "ur5"), ("others", "ur5-textured"):
+        for dataset, of in ("ur5", "ur5"), ("ur5-textured", twin):
+            config = {"robot": dataset, "seed": 7, "frames": 5, "twin_of": of}
+            write_results(tmp_path / name, GCPOSE, 0.05, f"mini/{dataset}", 20, config=config)
+        board = read_leaderboard([tmp_path / name])
+        ((low, high),) = [s.interval or (0.0, 0.0) for s in suite_scores(board)]
+        widths.append(high - low)
+    assert 1.2 < widths[0] / widths[1] < 1.7
 
 
 def test_a_suite_row_of_several_versions_names_them(tmp_path: Path) -> None:
