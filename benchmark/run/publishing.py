@@ -28,6 +28,7 @@ from ...renderer.scene import (
     parse_config,
 )
 from ...robots.model import joint_screws
+from ..methods import method_identity
 from ..protocol import shape_of, truth_digest, truth_of
 from ..report import (
     PUBLISHED_ROWS,
@@ -45,6 +46,7 @@ from ..report import (
 )
 from ..results import Run, RunFolder, Stored, find_runs, read_stored
 from .datasets import ALL, select
+from .submissions import SOURCE
 from .suite import SuiteDataset, builtin_datasets
 
 _LARGEST = {"displacement": 1e-5, "screw": 1e-4, "origin": 1e-4}
@@ -60,7 +62,8 @@ def publish(results: Sequence[Path], folder: Path = PUBLISHED_ROWS) -> list[Path
 
     Raises:
         DatasetError: If there are no such results, a run is not finished, its data are missing,
-            changed or not those of the suite, or its sequences differ in frames or joints.
+            changed or not those of the suite, its sequences differ in frames or joints, or the
+            same version of the method is published with another source or training.
     """
     require_local(folder, "--to")
     datasets = builtin_datasets()
@@ -91,15 +94,16 @@ def _publish(found: RunFolder, entry: SuiteDataset, folder: Path) -> Path:
     stored = [read_stored(found.estimate_path(name), shape_of(data[name]))
               for name in run.sequences]
     truth = _add_truth(found, data, folder)
-    write_record(truth_path(folder, run.dataset), truth)
     path = row_path(folder, run.row, run.dataset)
     new = _pack(run, stored, truth)
-    if path.exists():
-        old = read_row(path, folder, {})
+    old = read_row(path, folder, {}) if path.exists() else None
+    if old:
+        _compare(old, new, found)
         new = _join(old, new)
-        if lost := len({*old.run.sequences} - {*new.run.sequences}):
-            say(f"{path}: replaces a row of version {old.run.row.version} that had {lost} more "
-                "sequences; run them as well, and publish again")
+    write_record(truth_path(folder, run.dataset), truth)
+    if old and (lost := len({*old.run.sequences} - {*new.run.sequences})):
+        say(f"{path}: replaces a row of version {old.run.row.version} that had {lost} more "
+            "sequences; run them as well, and publish again")
     write_record(path, score_published(new, truth))
     return path
 
@@ -114,9 +118,24 @@ def _pack(run: Run, stored: Sequence[Stored], truth: PublishedTruth) -> Publishe
     )
 
 
+def _compare(old: PublishedRow, new: PublishedRow, found: RunFolder) -> None:
+    """Raise DatasetError if two rows have the same version, but other code or training."""
+    if old.run.row.version != new.run.row.version:
+        return
+    for name, a, b in (
+        ("source", *(method_identity(row.run.source) for row in (old, new))),
+        ("training", old.run.row.training, new.run.row.training),
+    ):
+        if a != b:
+            raise DatasetError(
+                f"{found.path}: version {new.run.row.version} of {new.run.row.title} is published "
+                f"with the {name} {a!r}, and this one has {b!r}; raise the version of the method, "
+                "or give it another name, and evaluate it again")
+
+
 def _join(old: PublishedRow, new: PublishedRow) -> PublishedRow:
-    """Add the sequences of `new` to `old`, if the method is the same; else return `new`."""
-    if (old.run.row, old.run.source) != (new.run.row, new.run.source):
+    """Add the sequences of `new` to `old`, if the version is the same; else return `new`."""
+    if old.run.row != new.run.row:
         return new
     both = {name: (row, k) for row in (old, new) for k, name in enumerate(row.run.sequences)}
     names = tuple(sorted(both, key=int))
@@ -154,12 +173,15 @@ def _without_folder(value: str) -> str:
 def _command(run: Run) -> str:
     """Return the command that measures a row on a suite."""
     row, (source, _, query) = run.row, run.source.partition("?")
-    words = ["gcbench", "eval", "--method", source + "".join(row.name.partition("@")[1:])]
-    for name, value in parse_qsl(query):
-        words += [f"--{name}", *value.split()]
     suite, _, dataset = run.dataset.rpartition("/")
-    words += ["--suite", suite.partition("-")[0], "--datasets", dataset]
-    words += ["--inputs", row.inputs, "--knowledge", row.knowledge]
+    of = ["--suite", suite.partition("-")[0], "--datasets", dataset]
+    if run.source == SOURCE:  # the file says its inputs and its knowledge
+        words = ["gcbench", "score", "--predictions", "predictions.csv", *of]
+    else:
+        words = ["gcbench", "eval", "--method", source + "".join(row.name.partition("@")[1:])]
+        for name, value in parse_qsl(query):
+            words += [f"--{name}", *value.split()]
+        words += [*of, "--inputs", row.inputs, "--knowledge", row.knowledge]
     return shlex.join([*words, "--sequences", _ranges([int(name) for name in run.sequences])])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -124,6 +125,36 @@ def test_sequences_are_added_to_a_row_of_the_same_version(
     said = "replaces a row of version 0 that had 2 more sequences"
     assert said in " ".join(capsys.readouterr().err.split())
     assert len(read_row(path, parts, {}).run.sequences) == 3, "another version is replaced"
+
+
+def test_another_method_of_the_same_version_replaces_nothing(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    (run,) = evaluated("hold-still", "results").runs
+    folder = tmp_path / "published"
+    (path,) = publish([tmp_path / "results"], folder)
+    before = path.read_bytes(), truth_path(folder, "small/arm").read_bytes()
+    other = dataclasses.replace(run.run, source="/home/me/other.py:Still")
+    trained = dataclasses.replace(
+        run.run, row=dataclasses.replace(run.run.row, training="supervised: x"))
+    for changed, said in (other, "the source 'hold-still', and this one has 'other.py:Still'"), (
+            trained, "the training 'none', and this one has 'supervised: x'"):
+        write_run(run.path, changed)
+        with pytest.raises(GcbenchError, match=re.escape(said) + "; raise the version") as error:
+            publish([tmp_path / "results"], folder)
+        assert "\n" not in str(error.value)
+    assert before == (path.read_bytes(), truth_path(folder, "small/arm").read_bytes())
+
+
+def test_published_predictions_have_a_command_that_scores(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    (run,) = evaluated("hold-still", "results").runs
+    write_run(run.path, dataclasses.replace(run.run, source="predictions"))
+    folder = tmp_path / "published"
+    (path,) = publish([tmp_path / "results"], folder)
+    assert read_row(path, folder, {}).command == (
+        "gcbench score --predictions predictions.csv --suite small --datasets arm --sequences 0-5")
 
 
 def test_the_check_finds_changed_estimates_scores_and_truth(
