@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import re
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
@@ -299,11 +300,19 @@ def _identity(run: Run, other: Run) -> dict[str, Any]:
     row = run.row
     common = run.digests.keys() & other.digests.keys()
     return json.loads(dump_json({
-        "version": row.version, "training": row.training, "source": method_identity(run.source),
+        "version": row.version, "training": row.training,
+        "source": _without_folder(method_identity(run.source)),
         "config": run.config, "truth": {name: run.digests[name] for name in sorted(common)},
         "content of the file": {f"--{name}": run.files[name]
                                 for name in sorted(run.files.keys() & other.files.keys())},
     }))
+
+
+def _without_folder(source: str) -> str:
+    """Return the source of a method with the name of its file in place of the path, which depends
+    on the current folder."""
+    name, mark, options = source.partition("?")
+    return re.split(r"[/\\]", name)[-1] + mark + options
 
 
 def _is_done(job: Job, sequence: str, retry: Sequence[Status]) -> bool:

@@ -237,6 +237,22 @@ def test_another_version_does_not_mix(data: Path, tmp_path: Path) -> None:
     assert run(data, results, "Good", retry=("ok",)).estimated == 3
 
 
+@pytest.mark.parametrize("folder", ["", "../", "/elsewhere/", "C:\\me\\"])
+def test_the_same_file_by_another_path_continues(
+    data: Path, tmp_path: Path, folder: str
+) -> None:
+    results = tmp_path / "results"
+    (found,) = run(data, results, "Good").runs
+    path = found.path / "run.json"
+    tree = json.loads(path.read_text())
+    name = tree["source"].rpartition("/")[2]
+    path.write_text(json.dumps({**tree, "source": folder + name}))
+    assert run(data, results, "Good").estimated == 0
+    path.write_text(json.dumps({**tree, "source": folder + "other_" + name}))
+    with pytest.raises(GcbenchError, match=r"something else \(source: .*choose another --results"):
+        run(data, results, "Good")
+
+
 def test_estimates_of_nobody_knows_what_are_refused(data: Path, tmp_path: Path) -> None:
     results = tmp_path / "results"
     (folder,) = run(data, results, "Good").runs
