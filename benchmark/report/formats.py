@@ -29,7 +29,7 @@ _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
     "%": r"\%", "_": r"\_", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
     "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}",
-    '"': r"\textquotedbl{}", "'": r"\textquotesingle{}", "`": r"\textasciigrave{}",
+    '"': "''", "'": r"\textquotesingle{}", "`": r"\textasciigrave{}",
     "-": "{-}", "±": r"$\pm$", "°": r"$^{\circ}$", "·": r"$\cdot$", "–": "--", "’": "'",
 }
 

@@ -81,7 +81,7 @@ def read_leaderboard(
     `published` is a folder of published rows, see `build_leaderboard`.
 
     Raises:
-        ConfigError: If a label is not of this form.
+        ConfigError: If a label is not of this form, or a file is a table of scores.
         DatasetError: If there are no scores, if two folders hold the same row with other scores, or
             if two datasets of one name and seed differ.
     """
@@ -92,6 +92,9 @@ def read_leaderboard(
             raise ConfigError(f"--label {label}: expected NAME=RESULTS_FOLDER")
         named[Path(folder).resolve()] = name
     files = [path for path in results if path.suffix.lower() == ".csv"]
+    if scores := [path for path in files if path.name == SCORES]:
+        raise ConfigError(f"{scores[0]} is a table of scores; give its results folder, as in "
+                          "`gcbench report results`")
     folders = [r for r in results if r not in files]
     folders += [path for path in named if path not in [r.resolve() for r in folders]]
     runs = [_add_label(run, named.get(folder.resolve(), ""))

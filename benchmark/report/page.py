@@ -92,7 +92,7 @@ def report(
         paper's form as CSV.
 
     Raises:
-        ConfigError: If a label is not of this form.
+        ConfigError: If a label is not of this form, or a file is a table of scores.
         DatasetError: If there are no scores or they cannot be combined, or `out` is not writable.
 
     Example:

@@ -165,6 +165,7 @@ def read_published(path: Path) -> tuple[PublishedCell, ...]:
     text = read_bounded(path, _MAX_BYTES, DatasetError).decode("utf-8-sig", errors="replace")
     lines = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     out: list[PublishedCell] = []
+    seen: set[tuple[str, str, int]] = set()
     try:
         columns, known = lines.fieldnames or (), _Line.__dataclass_fields__
         if not {"method", "robot", "mean"} <= {*columns} <= {*known}:
@@ -177,6 +178,10 @@ def read_published(path: Path) -> tuple[PublishedCell, ...]:
             line = msgspec.convert(given, _Line, strict=False)
             if not (is_label(line.method) and is_label(line.robot)):
                 raise ValueError("a name is not printable, or has over 200 characters or an @")
+            key = line.method, line.robot, line.joint
+            if key in seen:
+                raise ValueError(f"{line.method} on {line.robot} is there twice; leave one out")
+            seen.add(key)
             table = 2 if line.joint else 1 if line.robot in OBJECTS else 3
             out.append(PublishedCell(
                 table, line.method, line.robot, line.joint, line.mean, line.std, line.pcp5))

@@ -440,6 +440,8 @@ def test_papers_numbers_on_what_nobody_measured_are_told(
     ("method,robot,mean,pcp5\nA,ur5,1,101", r"line 2: .*\$\.pcp5"),
     ("method,robot,mean\n,ur5,1", r"line 2: .*method"),
     ("", "line 0: the first line names columns"),
+    ("method,robot,mean\nA,ur5,1\nA,ur5,2", "line 3: A on ur5 is there twice; leave one out"),
+    ("method,robot,mean,joint\nA,ur5,1,\nA,ur5,2,0", "line 3: A on ur5 is there twice"),
 ])  # fmt: skip
 def test_wrong_numbers_of_papers_are_refused(tmp_path: Path, text: str, said: str) -> None:
     file = tmp_path / "papers.csv"
@@ -532,6 +534,7 @@ def test_escapes() -> None:
         r"a\_b 50\% \{x\} \textbackslash{}y \textasciitilde{} \textasciicircum{} \$ \# \& "
         r"\textbar{}\textless{}\textgreater{}")
     assert escape_latex("0.1 ± 0.2° · – é 世") == r"0.1 $\pm$ 0.2$^{\circ}$ $\cdot$ -- é ?"
+    assert escape_latex('a "b"') == "a ''b''", "no other quote is in the encoding OT1"
     assert escape_latex("a\\\nb") == r"a\textbackslash{} b"
     assert escape_markdown("a|b\n<i> *x* _y_ http://z www.z") == (
         r"a\|b &lt;i&gt; \*x\* \_y\_ http&#58;//z www&#46;z")
@@ -546,6 +549,13 @@ def test_no_results_are_told_in_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(error.value) and not (tmp_path / "out").exists()
     with pytest.raises(GcbenchError, match="gcbench eval"):
         report([tmp_path / "nowhere"], tmp_path / "out")
+
+
+def test_a_table_of_scores_is_no_results_folder(tmp_path: Path) -> None:
+    path = write_results(tmp_path / "r", GCPOSE, 0.01)
+    with pytest.raises(GcbenchError, match=r"scores\.csv is a table of scores; give its results f"):
+        report([path / SCORES], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_unfinished_run_is_told_and_left_out(tmp_path: Path) -> None:
