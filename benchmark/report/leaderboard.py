@@ -57,6 +57,12 @@ class Leaderboard:
         return [f"{f.run.row.title} on {dataset_title(f.run)}: {count_estimates(f)}"
                 for f in self.unfinished]
 
+    def describe_unranked(self) -> list[str]:
+        """Return a line for each row of the user that has no rank."""
+        return [f"{label} on {line.dataset}: it is on other sequences than most rows, or lacks some"
+                for line, label, rank in zip(self.lines, self.labels, self.ranks, strict=True)
+                if not (rank or line.published)]
+
     @property
     def labels(self) -> list[str]:
         """Label of each line, see `label_rows`."""
@@ -113,7 +119,8 @@ def build_leaderboard(
 ) -> Leaderboard:
     """Summarize and compare runs, and the published rows of a folder beside them.
 
-    Published rows are scored on the same sequences as most of the runs, if they have them. Those on
+    Published rows are scored on the same sequences as most of the runs, if they have them; of those
+    of equally many runs, on what the most published rows have. Those on
     other datasets than the runs, or on other motions, are left out; without runs, all are shown.
     Raises DatasetError as `read_leaderboard` does, and if a published file is damaged.
     """
@@ -129,7 +136,7 @@ def build_leaderboard(
                 f"{like.run.path} and {line.run.path} are on two datasets of one name (their "
                 "motions differ); report them separately")
     if published is not None:
-        usual = {dataset: _usual_sequences([line for line in lines if line.dataset == dataset])
+        usual = {dataset: _most_frequent([line for line in lines if line.dataset == dataset])
                  for dataset in {line.dataset for line in lines}}
         lines += [line for line in published_lines(published, usual) if not first or (
             (like := first.get(line.group)) and _have_equal_motions(like, line)
@@ -174,16 +181,24 @@ def _is_whole(line: Line) -> bool:
     return bool(line.published) or not line.extent
 
 
-def _usual_sequences(lines: Sequence[Line]) -> frozenset[str]:
-    """Return the sequences of most lines of one dataset: of the user's own, if there are any.
+def _most_frequent(lines: Sequence[Line]) -> list[frozenset[str]]:
+    """Return the sequences of most lines of one dataset: of the user's own, if there are any. Those
+    of equally many lines are all returned, the most sequences first.
 
     Those that do not suffice for an interval count only if all are such.
     """
     whole = [line for line in lines if _is_whole(line)]
     own = [line for line in whole if not line.published]
     number = Counter(line.sequences for line in own or whole)
-    return max(number, default=frozenset[str](), key=lambda names: (
-        len(names) >= MIN_CLUSTERS, number[names], len(names), sorted(names)))
+    order = {names: (len(names) >= MIN_CLUSTERS, count) for names, count in number.items()}
+    return sorted((names for names in order if order[names] == max(order.values())),
+                  key=lambda names: (len(names), sorted(names)), reverse=True)
+
+
+def _usual_sequences(lines: Sequence[Line]) -> frozenset[str]:
+    """Return the first of the most frequent sequences that the most published lines have."""
+    published = Counter(line.sequences for line in lines if line.published)
+    return max(_most_frequent(lines), default=frozenset[str](), key=lambda names: published[names])
 
 
 def _mark_partial(lines: Sequence[Line]) -> list[Line]:

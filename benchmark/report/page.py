@@ -119,6 +119,8 @@ def write_report(
     if progress:
         for line in board.describe_unfinished():
             say(f"not in the report: {line}")
+        for line in board.describe_unranked():
+            say(f"without a rank: {line}")
         if robots := board.robots_without_results:
             say(f"not in the report: numbers of papers on {', '.join(robots)}, on which there are "
                 "no results")

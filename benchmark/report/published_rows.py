@@ -189,26 +189,30 @@ def published_files(folder: Path) -> list[Path]:
 
 
 def published_lines(
-    folder: Path, sequences: Mapping[str, frozenset[str]] | None = None
+    folder: Path, sequences: Mapping[str, Sequence[frozenset[str]]] | None = None
 ) -> list[Line]:
     """Read the lines of all published rows of a folder.
 
     With `sequences` by the name of the dataset, only rows on these datasets are read. They are
-    scored on these sequences alone, if they have them all.
+    scored on the first of these sets of sequences that the most rows have, if they have it.
 
     Raises DatasetError if a file is damaged, or the folder holds no row.
     """
     truths: dict[str, PublishedTruth] = {}
-    rows: dict[str, list[tuple[Path, PublishedRow]]] = {}
+    found: dict[str, list[tuple[Path, PublishedRow]]] = {}
     for path in published_files(folder):
         dataset = f"{path.parts[-2]}/{path.stem}"
-        if sequences and dataset not in sequences:
-            continue
-        row = read_row(path, folder, truths)
-        chosen = (sequences or {}).get(dataset)
-        if chosen and chosen < {*row.run.sequences}:
-            row = score_published(_select(row, chosen), truths[dataset])
-        rows.setdefault(path.parts[-3] + "/" + path.parts[-2], []).append((path, row))
+        if not sequences or dataset in sequences:
+            found.setdefault(dataset, []).append((path, read_row(path, folder, truths)))
+    rows: dict[str, list[tuple[Path, PublishedRow]]] = {}
+    for dataset, there in found.items():
+        names = [{*row.run.sequences} for _, row in there]
+        chosen = max((sequences or {}).get(dataset, ()), default=frozenset[str](),
+                     key=lambda some, names=names: sum(some <= mine for mine in names))
+        for path, row in there:
+            if chosen and chosen < {*row.run.sequences}:
+                row = score_published(_select(row, chosen), truths[dataset])
+            rows.setdefault(path.parts[-3] + "/" + path.parts[-2], []).append((path, row))
     out: list[Line] = []
     for mine in rows.values():
         n = name_count([len(row.run.sequences) for _, row in mine])

@@ -792,6 +792,35 @@ def test_a_method_counts_once_in_the_ranks(
     assert sorted(board.ranks) == [1, 1, 2, 2] and not board.repeated
 
 
+def test_of_equally_frequent_sequences_those_of_published_rows_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_results(tmp_path / "mine", GCPOSE, 0.01, "mini/ur5", sequences=5)
+    write_results(tmp_path / "mine", STILL, None, "mini/ur5", sequences=8)
+    write_results(tmp_path / "theirs", ICP, 0.02, "mini/ur5", sequences=5)
+    board = read_leaderboard([tmp_path / "mine"])
+    assert dict(zip(board.labels, board.ranks, strict=True)) == {
+        "gcpose · rgbd · axes · n = 5": 0, "hold-still": 1}
+    theirs = [dataclasses.replace(line, published="2026-01-01", extent="n = 5")
+              for line in read_leaderboard([tmp_path / "theirs"]).lines]
+    asked = list[dict[str, list[frozenset[str]]]]()
+
+    def find(_: Path, sequences: dict[str, list[frozenset[str]]]) -> list[leaderboard.Line]:
+        asked.append(sequences)
+        return theirs
+
+    monkeypatch.setattr(leaderboard, "published_lines", find)
+    board = read_leaderboard([tmp_path / "mine"], published=tmp_path)
+    assert dict(zip(board.labels, board.ranks, strict=True)) == {
+        "gcpose · rgbd · axes": 1, "icp · rgbd · axes · published, n = 5": 1,
+        "hold-still · n = 8": 0}
+    assert [len(names) for names in asked[0]["mini/ur5"]] == [8, 5]
+    report([tmp_path / "mine"], tmp_path / "out", pictures=False)
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.count("without a rank") == 1
+    assert "without a rank: hold-still · n = 8 on mini/ur5: it is on other sequences" in said
+
+
 def test_two_seeds_stand_side_by_side(tmp_path: Path) -> None:
     config = {"robot": "ur5", "seed": 8, "frames": 5}
     write_results(tmp_path / "a", GCPOSE, 0.01)

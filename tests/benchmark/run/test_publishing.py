@@ -321,6 +321,19 @@ def test_a_published_row_is_scored_on_the_sequences_of_ones_own(
     assert theirs.summary.sequences == 5 and theirs.drift == pytest.approx(mine.drift, rel=1e-5)
 
 
+@pytest.mark.ci
+def test_published_rows_are_scored_on_the_sequences_that_most_of_them_have(
+    evaluated: Callable[..., Results], tmp_path: Path
+) -> None:
+    evaluated("hold-still", "theirs", "0-2")
+    evaluated("constant-velocity", "theirs")
+    publish([tmp_path / "theirs"], tmp_path / "published")
+    few, many = (frozenset(f"{k:06d}" for k in range(n)) for n in (3, 6))
+    for sets, n in ([many, few], 3), ([many], 6), ([few], 3):
+        lines = published_lines(tmp_path / "published", {"small/arm": sets})
+        assert [len(line.sequences) for line in lines] == [n, 3], "the first is constant-velocity"
+
+
 def test_published_rows_stand_only_beside_runs_on_the_same_dataset(
     evaluated: Callable[..., Results], tmp_path: Path
 ) -> None:
