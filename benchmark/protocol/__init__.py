@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from .metrics import PCP5, PCP_DEGREES, pcp_thresholds
+from .metrics import PCP5, PCP_DEGREES, has_axis, is_covered, pcp_thresholds
 from .observations import ORACLES, Allocate, are_compatible, observe
 from .scoring import AXES_KNOWN, score_motion, score_sequence, shape_of
 from .truth import Truth, truth_digest, truth_of
 
 __all__ = [
     "AXES_KNOWN", "ORACLES", "PCP5", "PCP_DEGREES", "Allocate", "Truth", "are_compatible",
-    "observe", "pcp_thresholds", "score_motion", "score_sequence", "shape_of", "truth_digest",
-    "truth_of",
+    "has_axis", "is_covered", "observe", "pcp_thresholds", "score_motion", "score_sequence",
+    "shape_of", "truth_digest", "truth_of",
 ]

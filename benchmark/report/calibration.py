@@ -38,6 +38,11 @@ class Calibration:
     large_told: float | None
     """Share of these that are not reliable."""
 
+    @property
+    def large_reliable(self) -> int:
+        """Reliable pairs with an error of more than 10 deg or 10 cm."""
+        return round(self.large * (1.0 - (self.large_told or 0.0)))
+
 
 def calibrate(
     error_of: Mapping[SequenceJoint, float], scores: Mapping[str, Mapping[SequenceJoint, float]],

@@ -28,6 +28,8 @@ CURVE_THRESHOLDS: Mapping[str, tuple[float, ...]] = {
 SECONDARY = ("mean_error", "step_error", "axis_direction", "axis_distance", "within_sigma",
              "reliable", "part_miou", "peak_memory", "seconds_per_frame")  # fmt: skip
 """Metrics that a line shows as a mean over the joints (or sequences) that have them."""
+OPTIONAL = ("within_sigma", "reliable", "axis_direction", "axis_distance")
+"""Those of them that a method may leave out, for some joints too."""
 CONDITIONS = ("displacement", "pixels", "distance")
 """Metrics of the truth that errors are shown against; scores of earlier versions lack the last two.
 """
@@ -78,6 +80,8 @@ class Line(Score):
     """What the bootstrap draws: the sequence or object instance of each (sequence, joint)."""
     conditions: Mapping[str, Mapping[SequenceJoint, float]]
     """Value of each of CONDITIONS of each (sequence, joint) that has one."""
+    answers: Mapping[str, int]
+    """Number of (sequence, joint) pairs with each metric of OPTIONAL that the scores contain."""
     published: str = ""
     """Date of a published row, a reference beside the user's own; else empty."""
     extent: str = ""
@@ -163,6 +167,8 @@ def _line(
                if np.isfinite(x).any()},
         calibration=calibrate(error, value, unit),
         sign="+".join(sorted({*finals["sign"]} - {""})),
+        answers={metric: int(np.isfinite(means[metric]).sum()) for metric in OPTIONAL
+                 if metric in means},
         conditions={metric: value.get(metric, {}) for metric in CONDITIONS},
         failed=dict(zip(failed["sequence"], failed["status"], strict=True)),
     )

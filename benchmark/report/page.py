@@ -233,7 +233,9 @@ def _line(number: int, line: Line, label: str, group: int) -> dict[str, Any]:
         "failed": len(line.failed),
         "drift": [float(f"{x:.5g}") for x in line.drift],
         "curve": [float(f"{x / 100:.5g}") for x in line.curve],
-        "calibration": None if line.calibration is None else asdict(line.calibration),
+        "answers": dict(line.answers),
+        "calibration": None if line.calibration is None else {
+            **asdict(line.calibration), "large_reliable": line.calibration.large_reliable},
     }
 
 

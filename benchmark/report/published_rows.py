@@ -35,7 +35,7 @@ from ...renderer.runtime import (
 )
 from ...renderer.types import Estimate
 from ...robots.files import write_atomically
-from ..protocol import Truth, score_motion
+from ..protocol import Truth, has_axis, is_covered, score_motion
 from ..results import Result, Row, Run, RunFolder, Status, Stored, to_table
 from .lines import CONDITIONS, Line, Score, lines_of, name_count
 from .statistics import SequenceJoint
@@ -248,9 +248,27 @@ def _lines(row: PublishedRow, path: Path, truth: PublishedTruth, n: str) -> Iter
         yield Line(
             run=RunFolder(path, run), robot=Path(str(truth.config.get("robot", ""))).stem,
             error=error, cluster={pair: cluster[pair[0]] for pair in error}, conditions=conditions,
+            answers=_count_answers(row, truth, joints),
             published=row.date, extent=n,
             **vars(score),
         )
+
+
+def _count_answers(row: PublishedRow, truth: PublishedTruth, joints: list[int]) -> dict[str, int]:
+    """Return `Line.answers` of some joints, without scoring the estimates again."""
+    a, kinds = row.arrays, np.array(truth.joint_types)[joints]
+    screws = a["screw"].astype(np.float64)
+    given = np.array([status == "ok" for status in row.status])[:, None]
+    covered = np.stack([is_covered(moved, len(truth.joint_names)) for moved in a["displacement"]])
+    told = (a["reliable"] >= 0).any(1, keepdims=True)
+    found = {
+        "within_sigma": (covered & (a["sigma"][:, -1] >= 0))[:, joints],
+        "reliable": np.broadcast_to(told, covered.shape)[:, joints],
+        "axis_direction": np.stack([has_axis(s[:, :3]) for s in screws])[:, joints],
+        "axis_distance": np.stack([has_axis(s) for s in screws])[:, joints]
+        & (kinds != "prismatic"),
+    }
+    return {name: n for name, which in found.items() if (n := int((which & given).sum()))}
 
 
 def read_row(path: Path, folder: Path, truths: dict[str, PublishedTruth]) -> PublishedRow:

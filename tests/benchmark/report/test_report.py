@@ -1030,8 +1030,14 @@ def test_errors_are_compared_with_their_standard_deviations_and_flags(tmp_path: 
     assert found.large == sum(
         e > 10 for (name, _), e in sure.error.items() if name != "000003")
     assert found.large_told == pytest.approx(sum(e > 10 for e in first) / found.large)
+    sure_large = sum(e > 10 for (name, joint), e in sure.error.items()
+                     if joint != "pan" and name != "000003")
+    assert found.large_reliable == sure_large > 0
+    assert sure.answers == {"within_sigma": 3 * 59, "reliable": 3 * 59} and not still.answers
     report([tmp_path], tmp_path / "out", progress=False)
     data = data_of(tmp_path / "out" / "index.html")
+    assert data["lines"][0]["calibration"]["large_reliable"] == sure_large
+    assert data["lines"][0]["answers"] == sure.answers
     assert [line["calibration"] is None for line in data["lines"]] == [False, True]
     assert data["lines"][0]["reliable"] == pytest.approx(2 / 3)
 

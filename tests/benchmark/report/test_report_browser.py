@@ -358,6 +358,9 @@ def test_calibration_is_shown_of_rows_that_tell_their_errors(page: Any, results:
     assert (len(lines), paths.count(), rows.count()) == (5, 4, 4), "hold-still tells nothing"
     cells = rows.first.locator("td").all_text_contents()
     assert cells[0] == f"{100 * lines[0].means['within_sigma']:.1f} %"
+    assert cells[6] == str(lines[0].calibration.large_reliable)
+    icp = [row.text_content() or "" for row in rows.all() if "icp" in (row.text_content() or "")]
+    assert [row.count("% of 21 joints") for row in icp] == [2], "one sequence of 8 failed"
     assert cells[1:3] == ["66.7 %", f"{format_error(lines[0].calibration.reliable_error)}°"]
     page.locator("#legend button").first.click()
     assert (paths.count(), rows.count()) == (3, 4)

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,8 +15,10 @@ import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
 from gcbench.benchmark.methods.registry import options_of, with_options
+from gcbench.benchmark.protocol.scoring import score_motion
 from gcbench.benchmark.protocol.truth import truth_of
 from gcbench.benchmark.report.leaderboard import build_leaderboard, read_leaderboard
+from gcbench.benchmark.report.lines import OPTIONAL
 from gcbench.benchmark.report.published_rows import (
     PUBLISHED_ROWS,
     pack_truth,
@@ -389,6 +392,21 @@ def test_a_damaged_file_is_one_error(evaluated: Callable[..., Results], tmp_path
         published_lines(folder)
     with pytest.raises(GcbenchError, match="no published rows"):
         published_lines(tmp_path / "none")
+
+
+def test_published_rows_say_of_how_many_joints_they_tell_more() -> None:
+    """Counted without scoring the estimates again, as the scores of the estimates say."""
+    seen: set[str] = set()
+    for line in published_lines(PUBLISHED_ROWS, {"standard/oven": []}):
+        row = read_row(line.run.path, PUBLISHED_ROWS, {})
+        truth = read_truth(truth_path(PUBLISHED_ROWS, "standard/oven"))
+        found = Counter(
+            r.metric for name, stored in zip(row.run.sequences, row.unpack_estimates(), strict=True)
+            for r in score_motion(truth.of(name), stored, line.run.run, name)
+            if r.metric in OPTIONAL)
+        assert line.answers == found, line.run.path
+        seen |= {*found}
+    assert seen == {*OPTIONAL}
 
 
 @pytest.mark.ci
