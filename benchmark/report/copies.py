@@ -111,12 +111,12 @@ def _different_sequences(
     one: pandas.DataFrame, other: pandas.DataFrame, names: set[str]
 ) -> list[str]:
     """Return which of the sequences have other scores in two tables."""
-    a, b = (table[table["sequence"].isin(names) & ~table["metric"].isin(_OF_MACHINE)]
+    a, b = (table.loc[table["sequence"].isin(names) & ~table["metric"].isin(_OF_MACHINE), :]
             for table in (one, other))
     if _are_equal(a, b):
         return []
     return [name for name in sorted(names)
-            if not _are_equal(a[a["sequence"] == name], b[b["sequence"] == name])]
+            if not _are_equal(a.loc[a["sequence"] == name, :], b.loc[b["sequence"] == name, :])]
 
 
 def _are_equal(one: pandas.DataFrame, other: pandas.DataFrame) -> bool:

@@ -133,7 +133,7 @@ def lines_of(folder: RunFolder, scores: pandas.DataFrame) -> list[Line]:
         name.str.len(),
     ))]
     finals = scores[scores["metric"] == "final_error"]
-    return [_line(folder, unit, finals[finals["unit"] == unit], scores)
+    return [_line(folder, unit, finals.loc[finals["unit"] == unit, :], scores)
             for unit in sorted({*finals["unit"]})]
 
 
@@ -158,7 +158,7 @@ def _line(
         error=error,
         cluster=dict(zip(_pairs(finals), finals["cluster"], strict=True)),
         joints=tuple(
-            JointScore(name, index, _summary(finals[finals["joint"] == name], covered, unit))
+            JointScore(name, index, _summary(finals.loc[finals["joint"] == name, :], covered, unit))
             for index, name in sorted({*zip(finals["joint_index"], finals["joint"], strict=True)})
         ),
         drift=(0.0, *(float(np.mean(errors.to_numpy())) for _, errors in drift)),

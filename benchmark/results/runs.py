@@ -223,7 +223,7 @@ class Results:
         rows: list[tuple[object, ...]] = [
             ("dataset", "method", "inputs", "knowledge", "sequences", "mean error", "median")]
         frame = self.frame
-        final = frame[frame["metric"] == "final_error"]
+        final = frame.loc[frame["metric"] == "final_error", :]
         names = ["dataset", "method", "version", "inputs", "knowledge", "unit"]
         for key, group in final.groupby(names, sort=False):
             dataset, method, version, inputs, knowledge, unit = key
