@@ -17,7 +17,7 @@ from ..networks.torch_runtime import Tensor, nn, torch
 from .config import AbbatematteoTraining
 from .joint_images import JointImages, joint_numbers
 from .object_task import ObjectTask
-from .task import Scores, reduce_precision
+from .task import Samples, Scores, reduce_precision
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,12 @@ class AbbatematteoTask(ObjectTask):
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> JointImages:
         c = self.config
-        samples = JointImages(folders, c.seed, c.dropped, c.views)
-        bounds = cast("MixtureDensityNetwork", network).bounds
-        bounds.copy_(torch.from_numpy(samples.bounds()))
-        return samples
+        return JointImages(folders, c.seed, c.dropped, c.views)
+
+    def take_ranges(self, network: nn.Module, samples: Samples) -> None:
+        if isinstance(samples, JointImages):
+            bounds = cast("MixtureDensityNetwork", network).bounds
+            bounds.copy_(torch.from_numpy(samples.bounds()))
 
     def loss(self, network: nn.Module, batch: list[Tensor], progress: float) -> Tensor:
         depth, numbers = batch

@@ -105,7 +105,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     with lock_folder(config.out):
         remove_leftovers(config.out)
         if config.steps:
-            keep_options(config, has_checkpoint(config.out))
+            keep_options(config, given, has_checkpoint(config.out))
         at = read_checkpoint(config.out, network, run.optimizer)
         _cut_log(run.log, at.step)
         if config.steps:
@@ -116,6 +116,7 @@ def train(task: TrainingTask) -> dict[str, Scores]:
                 run.held_out.extend([] if run.held_out else further)
             samples = task.open_samples(data, network)
             if not at.step:
+                task.take_ranges(network, samples)
                 run.measure(at)  # what does not fit is told now, not after the first steps
             at = _train_steps(run, samples, at)
         return run.measure(at)

@@ -88,7 +88,10 @@ class TrainingTask(ABC):
 
     @abstractmethod
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
-        """Return the samples of datasets; the network may take the ranges of the data."""
+        """Return the samples of datasets."""
+
+    def take_ranges(self, network: nn.Module, samples: Samples) -> None:  # noqa: B027
+        """Give a network that has made no steps what it keeps of the ranges of the data."""
 
     def count_steps(self, samples: Samples) -> int:
         """Return the number of steps."""
