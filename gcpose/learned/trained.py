@@ -3,6 +3,7 @@
 # pyright: basic
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,8 @@ class Trained:
     objects: str
     """What it has learned from, such as "dishwasher, oven"."""
     label: str
-    """The same with the width, for the name of a row."""
+    """The same with the width, for the name of a row; `net=` and a hash of the tensors tell
+    networks apart that do not come with gcbench."""
     features: str = ""
     """Name of the network whose features it began with; empty if it began at random."""
 
@@ -69,7 +71,17 @@ def load_trained(
     notes = read_notes(path)
     objects = notes.get("objects", "unknown objects")[:100]
     label = objects.replace(", ", "+") + (f" width={width}" if width < published else "")
+    if path.resolve().parent != TRAINED.resolve():
+        label += f" net={_hash_tensors(tensors)[:8]}"
     return Trained(network, find_device(device), objects, label, notes.get("features", "")[:100])
+
+
+def _hash_tensors(tensors: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256()
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {tensor.dtype} {list(tensor.shape)}\n".encode())
+        digest.update(tensor.contiguous().reshape(-1).view(torch.uint8).numpy())
+    return digest.hexdigest()
 
 
 def find_weights(method: str, weights: str, recipe: str) -> Path:

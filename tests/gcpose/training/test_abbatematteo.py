@@ -218,7 +218,7 @@ def test_the_command_trains_and_eval_takes_the_weights(
 
     weights = out / "abbatematteo.safetensors"
     method = load_method(with_options("abbatematteo", {"weights": str(weights)}))
-    assert method.name == "abbatematteo arm width=8"
+    assert method.name.startswith("abbatematteo arm width=8 net=")
     seen = observe(open_dataset(data)[0], "rgbd", "free")
     estimate = method.estimate(seen)
     assert estimate.displacement.shape == (4, 1) and estimate.displacement[0, 0] == 0

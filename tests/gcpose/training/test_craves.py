@@ -203,7 +203,7 @@ def test_perfect_maps_give_the_displacement(
     pixels = [pinhole.project(INTRINSICS, apply(camera, fit.points(q)))[:, :2] for q in motion]
     write_weights(tmp_path / "w.safetensors", StackedHourglass(16), {"objects": "owi535"})
     method: Any = load_method(with_options("craves", {"weights": str(tmp_path / "w.safetensors")}))
-    assert method.name == "craves owi535 width=16"
+    assert method.name.startswith("craves owi535 width=16 net=")
 
     def look(image: np.ndarray, center: np.ndarray, side: float) -> craves.Look:
         crop = place_crop(center, side)

@@ -176,7 +176,7 @@ def test_the_command_trains_and_the_method_returns_deviations(tmp_path: Path) ->
     weights = out / "dustnet.safetensors"
     assert read_notes(weights) == {"objects": "arm"}
     method = load_method(with_options("dustnet", {"weights": str(weights)}))
-    assert method.name == "dustnet arm width=8"
+    assert method.name.startswith("dustnet arm width=8 net=")
     seen = observe(open_dataset(data)[0], "rgbd", "free")
     estimate = method.estimate(seen)  # 4 frames by a network for 3
     assert estimate.displacement.shape == (4, 1) and estimate.displacement[0, 0] == 0

@@ -286,7 +286,7 @@ def test_the_command_trains_and_eval_takes_the_weights(
     capsys.readouterr()
 
     method = load_method(with_options("screwnet", {"weights": str(weights)}))
-    assert method.name == "screwnet arm width=8"
+    assert method.name.startswith("screwnet arm width=8 net=")
     assert method.training == "supervised: depth video of arm"
     seen = observe(open_dataset(data)[0], "rgbd", "free")
     estimate = method.estimate(seen)
