@@ -95,7 +95,10 @@ class ScrewNetTask(ObjectTask):
         return min(self.config.frames, open_dataset(folder).config.frames)
 
     def measure(self, network: nn.Module, folder: Path) -> Scores:
-        """Return the mean errors, and the mean motion: the error of an estimate of none."""
+        """Return the mean errors, and the mean motion: the error of an estimate of none.
+
+        The error of the line is a mean over the joints that turn; without one, it is left out.
+        """
         frames = self.frames_of(folder)
         videos = DepthVideos([folder], frames, self.config.seed)
         finder = cast("DepthVideoNetwork", network)
@@ -109,18 +112,23 @@ class ScrewNetTask(ObjectTask):
                 loss = float(self.criterion(finder, output, true))
                 rows.append(_errors(self.screws(finder, output), true, loss))
         names = "angle", "slide", "direction", "line", "loss", "true angle", "true slide"
-        mean: dict[str, float] = dict(zip(names, np.mean(rows, axis=0).tolist(), strict=True))
+        columns = {name: column[~np.isnan(column)] if name == "line" else column
+                   for name, column in zip(names, np.transpose(rows), strict=True)}
+        mean = {name: float(np.mean(column)) for name, column in columns.items() if len(column)}
         still = {"angle": mean.pop("true angle"), "slide": mean.pop("true slide")}
         return {self.name: mean, "hold-still": still}
 
 
 def _errors(found: Tensor, true: Tensor, loss: float) -> np.ndarray:
-    """The means over frames of screws [1 K 8]: deg, m, deg, m, the loss, deg, m."""
-    l = found[..., :3] / found[..., :3].norm(dim=-1, keepdim=True).clamp(min=1e-6)
-    m = found[..., 3:6]
+    """The means over frames of screws [1 K 8]: deg, m, deg, m (NaN of a slide), the loss, deg, m.
+    """
+    length = found[..., :3].norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    l, m = found[..., :3] / length, found[..., 3:6] / length
     angle = (found[..., 6] - true[..., 6]).abs().rad2deg()
     direction = (l * true[..., :3]).sum(-1).clamp(-1, 1).acos().rad2deg()
     line = line_distance(l, m, true[..., :3], true[..., 3:6])
+    if not true[..., 3:6].any():  # a slide has no line
+        line = torch.full_like(line, torch.nan)
     slide = (found[..., 7] - true[..., 7]).abs()
     values = [angle, slide, direction, line]
     return np.array([*(float(v.mean()) for v in values), loss,

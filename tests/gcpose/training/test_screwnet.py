@@ -28,7 +28,7 @@ from gcbench.gcpose.networks.abbatematteo import MixtureDensityNetwork  # noqa: 
 from gcbench.gcpose.networks.depth_images import fit_depth  # noqa: E402
 from gcbench.gcpose.networks.screwnet import ScrewNet  # noqa: E402
 from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
-from gcbench.gcpose.training import loop  # noqa: E402
+from gcbench.gcpose.training import loop, screwnet_task  # noqa: E402
 from gcbench.gcpose.training.screwnet_task import ScrewNetTask  # noqa: E402
 from gcbench.gcpose.training.screws import (  # noqa: E402
     DepthVideos,
@@ -215,6 +215,32 @@ def test_a_short_training_learns_and_a_shuffled_video_is_worse(tmp_path: Path) -
     # by seed: 0.1 to 0.35 of no motion, and 1.4 to 8.5 times as much for the shuffled video
     assert error([0, 1, 2, 3, 4]) < 0.6 * np.abs(angle).mean()
     assert error([4, 2, 3, 1, 0]) > 1.1 * error([0, 1, 2, 3, 4])
+
+
+def test_errors_of_a_screw_do_not_depend_on_its_length_and_a_slide_has_no_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true = screws(0)
+    shifted = true.clone()
+    shifted[..., 3:6] += torch.linalg.cross(true.new_tensor([0.3, -0.1, 0.2]).expand(1, 6, 3),
+                                            true[..., :3])
+    error = screwnet_task._errors(shifted, true, 0.0)
+    longer = shifted.clone()
+    longer[..., :6] *= 0.6
+    assert error[3] > 0.1
+    assert np.allclose(screwnet_task._errors(longer, true, 0.0), error, atol=1e-4)
+
+    task = ScrewNetTask(options(dataset(tmp_path / "d", 2), tmp_path / "out"))
+    network = ScrewNet(8).eval()
+    assert {"angle", "slide", "direction", "line", "loss"} == set(
+        task.measure(network, tmp_path / "d")["screwnet"])
+
+    def slide(*_: Any) -> Any:
+        return np.array([[0.0, 0, 1, 0, 0, 0, 0, 0.2]] * 3)
+
+    monkeypatch.setattr("gcbench.gcpose.training.screws.relative_screws", slide)
+    found = task.measure(network, tmp_path / "d")["screwnet"]
+    assert set(found) == {"angle", "slide", "direction", "loss"}
 
 
 # -- runs -------------------------------------------------------------------------------------
