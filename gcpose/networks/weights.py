@@ -6,6 +6,7 @@ Files may come from anywhere: only tensors are read, never objects or code.
 # pyright: basic
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +90,8 @@ def write_weights(
 ) -> None:
     """Write the tensors of a network, and notes on them, to a safetensors file, atomically.
 
-    With `half`, filters and matrices are written in half precision.
+    Equal tensors and notes give equal files; a file that holds them is not written again. With
+    `half`, filters and matrices are written in half precision.
     """
     large = {k for k, p in network.named_parameters() if half and p.ndim > 1}
     tensors = {k: v.half() if k in large else v for k, v in network.state_dict().items()}
@@ -99,12 +101,25 @@ def write_weights(
 def _write_tensors(
     path: Path, tensors: dict[str, Tensor], notes: Mapping[str, str] | None = None
 ) -> None:
-    data = save({k: v.detach().cpu().contiguous() for k, v in tensors.items()},
-                dict(notes) if notes else None)
+    data = _sort_notes(save({k: v.detach().cpu().contiguous() for k, v in tensors.items()},
+                            dict(notes) if notes else None))
     try:  # safetensors would raise an error of its own on a full disk
-        write_atomically(path, data)
+        if not (path.is_file() and path.read_bytes() == data):
+            write_atomically(path, data)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from error
+
+
+def _sort_notes(data: bytes) -> bytes:
+    """Return a safetensors file with its notes in order: safetensors writes them in any."""
+    end = 8 + int.from_bytes(data[:8], "little")
+    header = json.loads(data[8:end])
+    if "__metadata__" not in header:
+        return data
+    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+    text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + data[end:]
 
 
 @dataclass(frozen=True)

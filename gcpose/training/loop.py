@@ -60,16 +60,19 @@ class _Run:
 
     def write(self, at: Checkpoint, **record: Any) -> None:
         """Append a line to the log."""
-        line = json.dumps(_finite({"step": at.step, "seconds": round(at.seconds, 1), **record}))
         with self.log.open("a") as file:
-            file.write(line + "\n")
+            file.write(_log_line(at, record))
 
     def measure(self, at: Checkpoint) -> dict[str, Scores]:
-        """Return and log the errors on the held-out data, by dataset; draw the curves."""
+        """Return the errors on the held-out data, by dataset; log those that are new (a run that is
+        done may be called again), and draw the curves."""
         out: dict[str, Scores] = {}
+        there = set(self.log.read_text().splitlines(keepends=True)) if self.log.exists() else ()
         for folder in self.held_out:
             out[str(folder)] = scores = self.task.measure(self.network.eval(), folder)
-            self.write(at, held_out=str(folder), **scores)
+            record = {"held_out": str(folder), **scores}
+            if _log_line(at, record) not in there:
+                self.write(at, **record)
         write_curves(self.log, self.task.config.out / "curves.html", self.task.name)
         return out
 
@@ -224,6 +227,10 @@ def _batches(
         if len(said) == 1:
             raise
         raise type(error)(said[-1].partition(": ")[2]) from None
+
+
+def _log_line(at: Checkpoint, record: dict[str, Any]) -> str:
+    return json.dumps(_finite({"step": at.step, "seconds": round(at.seconds, 1), **record})) + "\n"
 
 
 def _finite(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from ...support.one_joint import dataset
 torch = pytest.importorskip("torch", reason="training needs PyTorch")
 
 from gcbench.gcpose.networks.abbatematteo import CONFIGURATION  # noqa: E402
-from gcbench.gcpose.networks.weights import read_tensors  # noqa: E402
+from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
 from gcbench.gcpose.training import loop  # noqa: E402
 from gcbench.gcpose.training.abbatematteo_task import AbbatematteoTask  # noqa: E402
 
@@ -27,6 +28,32 @@ def options(data: Path, out: Path, steps: int = 1) -> AbbatematteoTraining:
 
 def bounds(out: Path) -> list[float]:
     return read_tensors(out / "abbatematteo.safetensors")["bounds"][:, CONFIGURATION].tolist()
+
+
+def test_a_run_that_is_done_writes_nothing_when_it_is_called_again(tmp_path: Path) -> None:
+    data, out = dataset(tmp_path / "d", 1), tmp_path / "out"
+    begun = replace(options(data, out), held_out=(data,))
+    loop.train(AbbatematteoTask(begun))
+    names = "abbatematteo.safetensors", "checkpoint.safetensors", "options.json"
+    before = [(out / name).stat() for name in names], (out / "log.jsonl").read_bytes()
+    assert loop.train(AbbatematteoTask(begun)) == loop.train(AbbatematteoTask(begun))
+    after = [(out / name).stat() for name in names], (out / "log.jsonl").read_bytes()
+    assert after[1] == before[1]
+    assert [x.st_ino for x in after[0]] == [x.st_ino for x in before[0]]
+    loop.train(AbbatematteoTask(replace(begun, half=True)))
+    assert (out / names[0]).stat().st_size < 0.6 * before[0][0].st_size
+    more = dataset(tmp_path / "e", 2)
+    loop.train(AbbatematteoTask(replace(begun, held_out=(data, more))))
+    assert len((out / "log.jsonl").read_text().splitlines()) == 1 + before[1].count(b"\n")
+
+
+def test_files_of_weights_are_the_same_to_the_bit_with_their_notes(tmp_path: Path) -> None:
+    network, notes = torch.nn.Linear(3, 2), {str(k): "ä" * k for k in (3, 1, 5, 4, 2)}
+    for k in range(6):
+        write_weights(tmp_path / f"{k}.safetensors", network, notes)
+    assert len({path.read_bytes() for path in tmp_path.iterdir()}) == 1
+    assert read_notes(tmp_path / "0.safetensors") == notes
+    assert torch.equal(read_tensors(tmp_path / "0.safetensors")["weight"], network.weight)
 
 
 def change_config(folder: Path, **values: object) -> None:
