@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import ConfigError
+from ...renderer.runtime import plural
 from ...renderer.scene import CameraConfig, ImageConfig, RandomizationConfig, RenderConfig
-from ..networks.hourglass import StackedHourglass
+from ...renderer.types import Meta
+from ..networks.hourglass import KEYPOINTS, StackedHourglass
 from ..networks.keypoint_crops import (
     cut_crop,
     find_peaks,
@@ -66,6 +68,13 @@ class CravesTask(TrainingTask):
                                   width=_WIDTH, height=_HEIGHT, keep_unobservable=True,
                                   layers=("keypoints",), randomization=ranges)
             yield PlannedDataset(f"owi535-{seed}", render, count, held_out)
+
+    def describe_misfit(self, meta: Meta) -> str:
+        """Return that a sequence does not have the keypoints, or ""."""
+        if len(meta.keypoint_names) == KEYPOINTS:
+            return ""
+        return (f"has {plural(len(meta.keypoint_names), 'keypoint')}, and craves learns "
+                f"{KEYPOINTS}; render with --robot owi535 --layers keypoints")
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         return KeypointImages(folders, self.config)

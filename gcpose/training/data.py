@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DatasetError
-from ...renderer.dataset import open_dataset
+from ...renderer.dataset import open_dataset, read_meta, sequence_paths
 from ...renderer.generate import render_dataset
-from ...renderer.runtime import address, exists, list_folder
+from ...renderer.runtime import address, exists, list_folder, plural, say
 from ...renderer.scene import (
     CameraConfig,
     ImageConfig,
@@ -23,11 +24,13 @@ from ...renderer.scene import (
     RenderConfig,
     TexturesConfig,
 )
+from ...renderer.types import Meta
 from ...robots.appliances import CATEGORIES
 from ...robots.catalog import load_robot
 from .config import RecipeConfig, TrainConfig
 
 _FEW = 12  # datasets
+_READERS = 8  # sequences that are read at a time
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,7 @@ def find_datasets(paths: tuple[Path, ...]) -> list[Path]:
     """Return the paths that are datasets, and the datasets in the other folders.
 
     Raises:
-        DatasetError: If there is no dataset at a path.
+        DatasetError: If there is no dataset at a path, or one has no sequences.
     """
     out: list[Path] = []
     for path in paths:
@@ -140,6 +143,9 @@ def find_datasets(paths: tuple[Path, ...]) -> list[Path]:
         if not found:
             raise DatasetError(f"{address(path)}: there is no dataset; render one with "
                                "`gcbench render`")
+        if empty := [p for p in found if not sequence_paths(p)]:
+            raise DatasetError(f"{address(empty[0])} has no sequences; render some, or leave it "
+                               "out")
         out += found
     return out
 
@@ -156,6 +162,41 @@ def refuse_test_streams(paths: list[Path]) -> None:
                 f"{address(path)} is of the stream `test`, which suites score on; render training "
                 "data with --stream train"
             )
+
+
+def check_sequences(folders: list[Path], describe_misfit: Callable[[Meta], str]) -> None:
+    """Check that each sequence opens and fits a network; `describe_misfit` says why one does not.
+
+    Raises:
+        DatasetError: If a sequence does not; it names the file.
+    """
+    for folder in folders:
+        paths = sequence_paths(folder)
+        with ThreadPoolExecutor(_READERS) as pool:
+            for path, meta in zip(paths.values(), pool.map(read_meta, paths.values()), strict=True):
+                if problem := describe_misfit(meta):
+                    raise DatasetError(f"{address(path)} {problem}")
+
+
+def warn_of_leaks(held_out: list[Path], data: list[Path]) -> None:
+    """Say which held-out datasets have sequences that are learned from, at whatever path."""
+    learned_from = set[_SequenceId]().union(*map(_sequence_ids, data))
+    for path in held_out:
+        ids = _sequence_ids(path)
+        if shared := len(ids & learned_from):
+            which = f", {shared} of {plural(len(ids), 'sequence')}," * (shared < len(ids))
+            say(f"{address(path)}{which} is also learned from: its errors are not those of new "
+                "data")
+
+
+_SequenceId = tuple[str, str, int, str]
+
+
+def _sequence_ids(path: Path) -> set[_SequenceId]:
+    """Return what tells the sequences of a dataset from those of others."""
+    dataset = open_dataset(path)
+    c = dataset.config
+    return {(c.robot, c.stream, c.seed, name) for name in dataset.names}
 
 
 def draw_place(seed: int, number: int, count: int) -> tuple[np.random.Generator, int]:

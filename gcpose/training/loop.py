@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from ...errors import ConfigError, DatasetError, GcbenchError, MethodError
-from ...renderer.runtime import address, count_workers, defer_interrupts, require_local, say
+from ...renderer.runtime import count_workers, defer_interrupts, require_local, say
 from ...robots.files import lock_folder, remove_leftovers, write_atomically
 from ..networks.torch_runtime import find_device, nn, torch
 from ..networks.weights import (
@@ -31,7 +31,13 @@ from ..networks.weights import (
 )
 from .config import TrainConfig
 from .curves import write_curves
-from .data import find_datasets, refuse_test_streams, render_datasets
+from .data import (
+    check_sequences,
+    find_datasets,
+    refuse_test_streams,
+    render_datasets,
+    warn_of_leaks,
+)
 from .run_options import keep_options
 from .task import Samples, Scores, TrainingTask
 
@@ -103,7 +109,8 @@ def train(task: TrainingTask) -> dict[str, Scores]:
                find_datasets(config.held_out))
     given = find_datasets(config.data)
     refuse_test_streams(given)
-    _warn_of_leaks(run.held_out, given)
+    check_sequences([*given, *run.held_out], task.describe_misfit)
+    warn_of_leaks(run.held_out, given)
     config.out.mkdir(parents=True, exist_ok=True)
     with lock_folder(config.out):
         remove_leftovers(config.out)
@@ -114,9 +121,12 @@ def train(task: TrainingTask) -> dict[str, Scores]:
         if config.steps:
             data = given
             if not data:
-                data, further = render_datasets(config.out / "data", task.plan_data(), config)
-                _warn_of_leaks(run.held_out, data)
-                run.held_out.extend([] if run.held_out else further)
+                planned = [p for p in task.plan_data() if not (p.held_out and run.held_out)]
+                data, further = render_datasets(config.out / "data", planned, config)
+                warn_of_leaks(run.held_out, data)
+                run.held_out.extend(further)
+            if not run.held_out:
+                say("no errors will be measured: there is no --held-out dataset")
             samples = task.open_samples(data, network)
             if not at.step:
                 task.take_ranges(network, samples)
@@ -135,14 +145,6 @@ def _check_measuring(config: TrainConfig) -> None:
     if not has_checkpoint(config.out) and config.start_from is None:
         raise ConfigError(f"{config.out} has no run to measure; name its folder with --out, or "
                           "weights with --start-from")
-
-
-def _warn_of_leaks(held_out: list[Path], data: list[Path]) -> None:
-    """Say which held-out datasets are among those that are learned from."""
-    learned_from = {path.resolve() for path in data}
-    for path in held_out:
-        if path.resolve() in learned_from:
-            say(f"{address(path)} is also learned from: its errors are not those of new data")
 
 
 def _train_steps(run: _Run, samples: Samples, at: Checkpoint) -> Checkpoint:

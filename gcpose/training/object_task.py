@@ -10,7 +10,9 @@ from pathlib import Path
 
 from ...errors import ConfigError
 from ...renderer.dataset import open_dataset
+from ...renderer.runtime import plural
 from ...renderer.scene import RenderConfig
+from ...renderer.types import Meta
 from ...robots.appliances import CATEGORIES
 from ..networks.depth_images import DEPTH_HEIGHT
 from ..networks.torch_runtime import nn, torch
@@ -49,6 +51,14 @@ class ObjectTask(TrainingTask):
         if self.config.start_from is not None and self.config.start_from.suffix == ".safetensors":
             objects |= {*read_notes(self.config.start_from).get("objects", "").split(", ")} - {""}
         return {"objects": ", ".join(sorted(objects))}
+
+    def describe_misfit(self, meta: Meta) -> str:
+        """Return what a sequence lacks: one scored joint, or a layer."""
+        if len(meta.scored_joints) != 1:
+            return (f"has {plural(len(meta.scored_joints), 'scored joint')}; {self.name} learns "
+                    "from objects with one")
+        lacking = [layer for layer in self.layers if layer not in meta.layers]
+        return f"has no {lacking[0]}; render with --layers {lacking[0]}" if lacking else ""
 
     def make_optimizer(self, network: nn.Module) -> torch.optim.Optimizer:
         return torch.optim.Adam(network.parameters(), self.config.rate,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import DatasetError
 from ...renderer.dataset import Dataset, open_dataset
+from ...renderer.runtime import address
 from ...renderer.types import OCCLUDED, OUT_OF_IMAGE, Sequence
 from .config import AugmentationConfig, FlowTraining, LossConfig
 
@@ -78,7 +79,9 @@ class Pairs:
         self.config = config
         self._ends = np.cumsum([_steps(d) * len(d) * 2 for d in self.datasets], dtype=np.int64)
         if not self.datasets or not self._ends[-1]:
-            raise DatasetError("there are no pairs of frames in the datasets to learn from")
+            where = address(folders[0]) if folders else "the datasets"
+            raise DatasetError(f"there are no pairs of frames in {where}"
+                               + " and the others" * (len(folders) > 1))
 
     def __len__(self) -> int:
         return int(self._ends[-1])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from ...renderer.types import Meta
 from ..networks.torch_runtime import Tensor, nn, torch
 from ..networks.weights import read_weights
 from .config import CravesTraining, ObjectTraining, TrainConfig
@@ -85,6 +86,10 @@ class TrainingTask(ABC):
     @abstractmethod
     def plan_data(self) -> Iterator[PlannedDataset]:
         """Yield the datasets to render if none are given."""
+
+    def describe_misfit(self, meta: Meta) -> str:
+        """Return why the network cannot learn from a sequence, as "has ..."; "" if it can."""
+        return ""
 
     @abstractmethod
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:

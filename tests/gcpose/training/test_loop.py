@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -318,12 +319,20 @@ def test_held_out_data_that_do_not_fit_end_a_run_before_its_first_step(
     assert not (tmp_path / "out/checkpoint.safetensors").exists()
 
 
+def damage_state(path: Path) -> None:
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, b"no array" if name == "state.npz" else data)
+
+
 def test_errors_of_processes_that_prepare_samples_are_one_line(torch, tmp_path: Path) -> None:
     from gcbench.gcpose.training.flow_task import FlowTask
     from gcbench.gcpose.training.loop import train
 
     folder = to_learn_from(tmp_path / "d")
-    (folder / "sequences/000001.zip").write_bytes(b"PK no archive")
+    damage_state(folder / "sequences/000001.zip")  # what is read first is whole
     begun = replace(config(folder, tmp_path / "out", 8), held_out=(), workers=1)
     with pytest.raises(GcbenchError) as error:
         train(FlowTask(begun))

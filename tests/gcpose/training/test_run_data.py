@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from gcbench import GcbenchError
+from gcbench.__main__ import main
 from gcbench.gcpose.training.config import AbbatematteoTraining
 
 from ...support.one_joint import dataset
@@ -19,6 +20,7 @@ from gcbench.gcpose.networks.abbatematteo import CONFIGURATION  # noqa: E402
 from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
 from gcbench.gcpose.training import loop  # noqa: E402
 from gcbench.gcpose.training.abbatematteo_task import AbbatematteoTask  # noqa: E402
+from gcbench.gcpose.training.data import PlannedDataset, warn_of_leaks  # noqa: E402
 
 
 def options(data: Path, out: Path, steps: int = 1) -> AbbatematteoTraining:
@@ -106,3 +108,77 @@ def test_a_run_of_an_earlier_version_continues_and_keeps_the_ranges_of_its_data(
     assert bounds(out) == before
     loop.train(AbbatematteoTask(options(data, tmp_path / "new")))
     assert bounds(tmp_path / "new") != before
+
+
+@pytest.mark.parametrize("network", ["flow", "foreground", "screwnet", "abbatematteo"])
+@pytest.mark.parametrize("option", ["--data", "--held-out"])
+def test_a_dataset_without_sequences_is_refused_before_anything_is_written(
+    network: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = {"--data": dataset(tmp_path / "d", 1), "--held-out": dataset(tmp_path / "e", 1)}
+    shutil.rmtree(folders[option] / "sequences")
+    out = tmp_path / "out"
+    line = [f"{name}={folder}" for name, folder in folders.items()]
+    assert main(["train", network, *line, f"--out={out}", "--device=cpu"]) == 2
+    said = capsys.readouterr().err
+    assert f"{folders[option]} has no sequences; render some" in said and said.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("network", "said"), [
+    ("screwnet", "has 2 scored joints; screwnet learns from objects with one"),
+    ("dustnet", "has 2 scored joints; dustnet learns from objects with one"),
+    ("abbatematteo", "has 2 scored joints; abbatematteo learns from objects with one"),
+    ("craves", "has 0 keypoints, and craves learns 17; render with --robot owi535"),
+])
+def test_every_sequence_is_checked_before_the_first_step(
+    network: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, held, out = tmp_path / "d", tmp_path / "e", tmp_path / "out"
+    dataset(data, 2)
+    dataset(held, 1, ("pan", "lift"))
+    args = ["train", network, f"--data={data}", f"--out={out}", "--device=cpu"]
+    assert main([*args, f"--held-out={held}"]) == 2
+    first = data if network == "craves" else held
+    error = capsys.readouterr().err
+    assert f"{first}/sequences/000000.zip {said}" in error and error.count("\n") == 1
+    (data / "sequences/000001.zip").write_bytes(b"PK no archive")
+    if network != "craves":
+        assert main(args) == 2
+        assert f"{data}/sequences/000001.zip" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_sequences_under_another_name_are_told_as_learned_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, copy, other = dataset(tmp_path / "d", 2), tmp_path / "copy", dataset(tmp_path / "e", 2)
+    shutil.copytree(data, copy)
+    change_config(other, seed=8)
+    warn_of_leaks([copy, other], [data])
+    assert capsys.readouterr().err.splitlines() == [
+        f"gcbench: {copy} is also learned from: its errors are not those of new data"]
+    (data / "sequences/000001.zip").unlink()
+    warn_of_leaks([copy], [data])
+    assert f"{copy}, 1 of 2 sequences, is also learned" in capsys.readouterr().err
+
+
+def test_errors_are_measured_on_what_is_named_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No sequences are rendered that nobody uses, and a run without errors says so."""
+    held = dataset(tmp_path / "held", 1)
+    change_config(held, seed=8)
+    planned: list[bool] = []
+
+    def render(out: Path, plan: list[PlannedDataset], config: object) -> tuple[list[Path], ...]:
+        planned.extend(p.held_out for p in plan)
+        return [dataset(out / "d", 1)], []
+
+    monkeypatch.setattr(loop, "render_datasets", render)
+    begun = replace(options(held, tmp_path / "out"), data=(), held_out=(held,))
+    loop.train(AbbatematteoTask(begun))
+    assert planned == [False]
+    assert "no errors" not in capsys.readouterr().err
+    loop.train(AbbatematteoTask(options(held, tmp_path / "none")))
+    assert capsys.readouterr().err.count("no errors will be measured: ") == 1
