@@ -63,7 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code.
 
     0: success. 1: `verify` found an error, or no estimate of `eval` succeeded. 2: an error message,
-    or nothing can render (`doctor`). 130: Ctrl-C. 141: the reader of the output has closed it.
+    or nothing can render (`doctor`). 130: Ctrl-C. 141: the reader of the output has closed it. 143: SIGTERM
+    (`train` saves its state first).
     """
     if argv is None and sys.stderr is not None:
         faulthandler.enable()  # says where a library crashed
@@ -85,9 +86,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(" ".join(args[:words]), args[words:])
         sys.stdout.flush()  # raises BrokenPipeError here, if at all
         return code
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
+        from gcbench.renderer.runtime import TerminationError
+
         print("gcbench: stopped; run the same command again to continue", file=sys.stderr)
-        return 130
+        return 128 + (signal.SIGTERM if isinstance(stop, TerminationError) else signal.SIGINT)
     except BrokenPipeError:  # as in `gcbench robots | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE

@@ -177,11 +177,12 @@ def craves_images(
 
 
 def _train(name: str, args: Sequence[str]) -> tuple[object, int]:
-    from ..renderer.runtime import command_line
+    from ..renderer.runtime import command_line, interrupt_on_sigterm
     from .training.config import CONFIGS
 
     config = CONFIGS[name]
     options = command_line.parse_options(args, f"train {name}", config, config.__doc__)
     from .training.tasks import run_training
 
-    return run_training(options), 0
+    with interrupt_on_sigterm():
+        return run_training(options), 0

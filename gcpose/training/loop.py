@@ -9,6 +9,7 @@ k * batch on.
 from __future__ import annotations
 
 import json
+import signal
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -208,6 +209,10 @@ class _NumberedSamples(torch.utils.data.Dataset[tuple[torch.Tensor, ...]]):
         return tuple(map(torch.from_numpy, vars(self.samples.sample(number)).values()))
 
 
+def _leave_signals_to_the_parent(_: int) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a scheduler sends it to all processes
+
+
 def _batches(
     samples: Samples, config: TrainConfig, steps: range, device: torch.device
 ) -> Iterator[list[torch.Tensor]]:
@@ -220,6 +225,7 @@ def _batches(
         num_workers=workers,
         multiprocessing_context="spawn" if workers else None,
         prefetch_factor=4 if workers else None,
+        worker_init_fn=_leave_signals_to_the_parent,
     )
     try:
         for batch in loader:

@@ -1,4 +1,4 @@
-"""Ctrl-C at a moment that can bear it."""
+"""Ctrl-C at a moment that can bear it, and SIGTERM as Ctrl-C."""
 
 from __future__ import annotations
 
@@ -30,3 +30,37 @@ def defer_interrupts() -> Generator[None]:
             signal.signal(signal.SIGINT, handler)
     if waiting:
         signal.raise_signal(signal.SIGINT)
+
+
+class TerminationError(KeyboardInterrupt):
+    """A Ctrl-C that was a SIGTERM."""
+
+
+@contextmanager
+def interrupt_on_sigterm() -> Generator[None]:
+    """Treat the first SIGTERM in the block as Ctrl-C, and ignore further ones.
+
+    Schedulers and containers send it some time before they kill a process.
+
+    Raises:
+        TerminationError: In place of a KeyboardInterrupt, at the end of the block.
+    """
+    if threading.current_thread() is not threading.main_thread():  # only it may have handlers
+        yield
+        return
+    received: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        received.append(number)
+        if len(received) == 1:
+            signal.raise_signal(signal.SIGINT)  # which `defer_interrupts` defers
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if received:
+            raise TerminationError from None
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)

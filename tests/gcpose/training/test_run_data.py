@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
+import os
 import shutil
+import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from gcbench import GcbenchError
@@ -182,3 +186,28 @@ def test_errors_are_measured_on_what_is_named_only(
     assert "no errors" not in capsys.readouterr().err
     loop.train(AbbatematteoTask(options(held, tmp_path / "none")))
     assert capsys.readouterr().err.count("no errors will be measured: ") == 1
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_sigterm_saves_the_steps_that_are_made(
+    workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    data, out, step = dataset(tmp_path / "d", 1), tmp_path / "out", loop._train_step
+
+    def terminate(run: Any, batch: Any, at: int, steps: int) -> float:
+        if at == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+            for worker in multiprocessing.active_children():
+                os.kill(worker.pid or 0, signal.SIGTERM)
+        return step(run, batch, at, steps)
+
+    line = (f"train abbatematteo --data {data} --held-out {data} --out {out} --steps 9 --batch 2 "
+            f"--width 8 --device cpu --threads 1 --workers {workers}")
+    with monkeypatch.context() as patch:
+        patch.setattr(loop, "_train_step", terminate)
+        assert main(line.split()) == 143
+    assert "stopped; run the same command again" in capsys.readouterr().err
+    assert read_tensors(out / "checkpoint.safetensors")["at"][0] == 3  # the step is whole
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert main(line.split()) == 0
