@@ -63,8 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code.
 
     0: success. 1: `verify` found an error, or no estimate of `eval` succeeded. 2: an error message,
-    or nothing can render (`doctor`). 130: Ctrl-C. 141: the reader of the output has closed it. 143: SIGTERM
-    (`train` saves its state first).
+    or nothing can render (`doctor`). 130: Ctrl-C. 141: the reader of the output has closed it.
+    143: SIGTERM (`train` saves its state first).
     """
     if argv is None and sys.stderr is not None:
         faulthandler.enable()  # says where a library crashed

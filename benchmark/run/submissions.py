@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, DatasetError
-from ...renderer.runtime import ArraySpec, parse_npz, require_local, to_record
+from ...renderer.runtime import ArraySpec, parse_npz, require_local, say, to_record
 from ...renderer.types import Estimate
 from ...robots.files import read_bounded, write_atomically
 from ...robots.geometry import Array
+from ..methods import is_own
 from ..protocol import are_compatible
 from ..results import (
     LABEL,
@@ -42,7 +43,7 @@ from ..results import (
 from .datasets import SUITES, Selection, from_folders, from_suite
 from .jobs import describe_run, name_unwritable, prepare_job, with_free_name
 from .suite import read_suite
-from .targets import Target, describe_unscored, list_known, list_targets
+from .targets import Target, describe_degrees, describe_unscored, list_known, list_targets
 
 PREDICTIONS_FORMAT = """\
 expected a CSV
@@ -163,6 +164,8 @@ def score_predictions(config: ScoreConfig, progress: bool = True) -> Results:
             write_atomically(file, template(wanted).encode())
         return Results(())
     found = read_predictions(file, wanted)
+    if doubt := describe_degrees(found.displacement, wanted):
+        say(f"{file}: {doubt}")
     folders: list[RunFolder] = []
     for d in data:
         run = with_free_name(describe_run(found.row, SOURCE, d, {}), results)
@@ -283,6 +286,9 @@ def parse_header(header: Mapping[str, str]) -> Row:
     for key, value in header.items():
         if not is_label(value):
             raise ValueError(f"{key} is {_short(value)}, expected {LABEL}")
+    if is_own(name := header["method"].partition(" ")[0]):
+        raise ValueError(f"method is {_short(header['method'])}; {name} is a method of gcbench: "
+                         f"choose another name, such as my-{name}")
     row = to_record({"version": "1", **header}, Row, "the header")
     if not are_compatible(row.inputs, row.knowledge):
         raise ValueError(f"inputs {row.inputs} and knowledge {row.knowledge} do not go together")

@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from ...robots.geometry import Array
 from ..protocol import truth_of
 from .datasets import Data
+
+_LEAST_DOUBTED, _MOST_WITHOUT_LIMITS = 3 * np.pi, 4 * np.pi  # rad
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,26 @@ def describe_unscored(key: str, wanted: Mapping[str, Target]) -> str:
             if meta.observability.get("observable") is False:
                 return ("it is not scored, because its motion cannot be observed; leave it out, or "
                         "score it with --keep-unobservable")
+    return ""
+
+
+def describe_degrees(displacement: Mapping[str, Array], wanted: Mapping[str, Target]) -> str:
+    """Return a doubt whether displacements [T J] are in rad; empty if they may be.
+
+    A joint that turns has moved by more than 1.5 turns and beyond its limits, or by 2 turns.
+    """
+    for key, target in wanted.items():
+        largest = np.nan_to_num(np.abs(displacement[key])).max(axis=0, initial=0.0)
+        if (largest <= _LEAST_DOUBTED).all():
+            continue
+        meta = target.data.dataset[target.sequence].meta
+        for name, value in zip(target.names, largest, strict=True):
+            j = meta.joint_names.index(name)
+            limits = meta.joint_limits[j]
+            span = limits[1] - limits[0] if limits else _MOST_WITHOUT_LIMITS
+            if meta.joint_types[j] != "prismatic" and value > max(span, _LEAST_DOUBTED):
+                return (f"sequence {key}: joint {name} moves by {value:.4g}; are these degrees? "
+                        "displacements are in rad")
     return ""
 
 

@@ -166,6 +166,31 @@ def test_absolute_angles_are_refused(data: Path, tmp_path: Path) -> None:
     assert max(finals(score(file, data, tmp_path))) < 1e-6
 
 
+def test_displacements_in_degrees_are_doubted(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.csv"
+    file.write_text(csv_of(data, lambda q: q + 2 * np.pi))
+    score(file, data, tmp_path)
+    assert not capsys.readouterr().err
+    file.write_text(csv_of(data, np.degrees))
+    score(file, data, tmp_path)
+    said = capsys.readouterr().err
+    assert "are these degrees? displacements are in rad" in said and said.count("\n") == 1
+    assert f"{file}: sequence 000000: joint " in said
+
+
+@pytest.mark.parametrize("name", ["hold-still", "screwnet microwave width=16", "gcpose"])
+def test_predictions_do_not_take_the_name_of_a_method_of_gcbench(
+    data: Path, tmp_path: Path, name: str
+) -> None:
+    file = tmp_path / "mine.csv"
+    file.write_text(csv_of(data).replace("mine", name))
+    with pytest.raises(GcbenchError, match="is a method of gcbench: choose another name, such as"):
+        score(file, data, tmp_path)
+    assert not (tmp_path / "results").exists()
+
+
 def test_a_part_of_the_sequences_is_scored(data: Path, tmp_path: Path) -> None:
     file, results = tmp_path / "mine.csv", tmp_path / "results"
     text = csv_of(data)
@@ -202,15 +227,18 @@ def test_estimates_of_a_method_are_kept_under_the_name_with_the_seed(
     tree["config"]["seed"] = 8
     (other / "dataset.json").write_text(json.dumps(tree))
     file, results = tmp_path / "mine.csv", tmp_path / "results"
-    named = HEADER.replace("mine", "hold-still").replace("rgbd", "none").replace("free", "none")
+    named = HEADER.replace("rgbd", "none").replace("free", "none")
+    own = tmp_path / "own.py"
+    own.write_text("from gcbench.benchmark.methods.baselines import HoldStill\n"
+                   "class Own(HoldStill):\n    name = 'mine'\n")
     file.write_text(csv_of(data).replace(HEADER, named))
     score(file, data, tmp_path)
-    config = EvalConfig(method=("hold-still",), data=(other,), results=results, workers=1)
+    config = EvalConfig(method=(f"{own}:Own",), data=(other,), results=results, workers=1)
     (found,) = evaluate(config, progress=False).runs
     assert found.path.name == "arm-seed-8"
-    with pytest.raises(GcbenchError, match="arm-seed-8 holds estimates of hold-still"):
+    with pytest.raises(GcbenchError, match="arm-seed-8 holds estimates of mine"):
         score(file, other, tmp_path)
-    assert read_run(found.path / RUN).source == "hold-still" and found.results()
+    assert read_run(found.path / RUN).source == f"{own}:Own" and found.results()
     score(file, data, tmp_path)
 
 
