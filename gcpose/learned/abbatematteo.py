@@ -7,9 +7,8 @@ import numpy as np
 
 from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
-from ...robots.geometry import Array, move_screw, rotation_from_quaternion, transform
+from ...robots.geometry import Array, fit_depth, move_screw, rotation_from_quaternion, transform
 from ..networks.abbatematteo import AXIS, CONFIGURATION, POSE, MixtureDensityNetwork, mixture_width
-from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import torch
 from .trained import depth_of_one_joint, load_trained
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
-from ..networks.depth_images import fit_depth
+from ...robots.geometry import fit_depth
 from ..networks.depth_video import encoder_width
 from ..networks.dustnet import DustNet, recorded_frames
 from ..networks.torch_runtime import torch

@@ -7,8 +7,7 @@ import numpy as np
 
 from ...errors import MethodError
 from ...renderer.types import Estimate, Inputs, Knowledge, Observation
-from ...robots.geometry import Array
-from ..networks.depth_images import fit_depth
+from ...robots.geometry import Array, fit_depth
 from ..networks.depth_video import encoder_width
 from ..networks.screwnet import ScrewNet
 from ..networks.torch_runtime import torch

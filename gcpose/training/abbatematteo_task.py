@@ -10,9 +10,8 @@ from typing import cast
 import numpy as np
 
 from ...renderer.dataset import open_dataset
-from ...robots.geometry import Array, rotation_from_quaternion
+from ...robots.geometry import Array, fit_depth, rotation_from_quaternion
 from ..networks.abbatematteo import AXIS, CONFIGURATION, MixtureDensityNetwork
-from ..networks.depth_images import fit_depth
 from ..networks.torch_runtime import Tensor, nn, torch
 from .config import AbbatematteoTraining
 from .joint_images import JointImages, joint_numbers

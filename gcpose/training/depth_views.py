@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...renderer.types import Sequence
-from ...robots.geometry import Array, se3
-from ..networks.depth_images import fit_intrinsics
+from ...robots.geometry import Array, fit_intrinsics, se3
 from .config import ViewConfig
 
 SAME_VIEW = ViewConfig()

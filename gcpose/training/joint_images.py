@@ -15,13 +15,13 @@ from ...renderer.dataset import open_dataset
 from ...renderer.types import Sequence, Stack
 from ...robots.geometry import (
     Array,
+    fit_depth,
     inverse,
     move_screw,
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
 from ..networks.abbatematteo import AXIS, CONFIGURATION, GEOMETRY, POSE, RADIUS
-from ..networks.depth_images import fit_depth
 from .config import ViewConfig
 from .data import draw_place
 from .depth_views import (

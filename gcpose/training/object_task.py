@@ -14,7 +14,7 @@ from ...renderer.runtime import plural
 from ...renderer.scene import RenderConfig
 from ...renderer.types import Meta
 from ...robots.appliances import CATEGORIES
-from ..networks.depth_images import DEPTH_HEIGHT
+from ...robots.geometry import DEPTH_HEIGHT
 from ..networks.torch_runtime import nn, torch
 from ..networks.weights import read_notes
 from .config import ObjectTraining

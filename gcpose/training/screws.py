@@ -14,8 +14,7 @@ from ...errors import DatasetError
 from ...renderer.dataset import open_dataset
 from ...renderer.runtime import address
 from ...renderer.types import Sequence
-from ...robots.geometry import Array
-from ..networks.depth_images import fit_depth
+from ...robots.geometry import Array, fit_depth
 from ..networks.torch_runtime import Tensor, torch
 from .config import ViewConfig
 from .data import draw_place

@@ -24,20 +24,18 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import cv2
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DatasetError
-from ...robots.geometry import Array, quaternion_from_rotation
+from ...robots.geometry import Array, fit_depth, quaternion_from_rotation
 from ..dataset import Dataset
 from ..runtime import Archive, address
 from ..types import Sequence
 from .writer import SequenceRecord, Writer
 
-_FRAMES, _HEIGHT, _WIDTH = 16, 108, 192
-_UNIT = 12.0  # m
+_FRAMES = 16
 
 
 class ScrewNetData(Writer):
@@ -66,7 +64,7 @@ class ScrewNetData(Writer):
             "global_labels": _labels(sequence, joints[0]),
         }
         with h5py.File(self._objects / f"{archive.path.stem}.hdf5", "w") as file:
-            depth = np.stack([_fit(image) for image in sequence.depth[:_FRAMES]])
+            depth = fit_depth(np.stack(list(sequence.depth[:_FRAMES])))
             file.create_dataset("depth_imgs", data=depth, compression="gzip", compression_opts=1)
             for name, values in fields.items():
                 file.create_dataset(name, data=values)
@@ -87,19 +85,6 @@ class ScrewNetData(Writer):
                         one.copy("/", file, f"obj_{k:06d}")
             part.rename(whole)
         shutil.rmtree(self._objects)
-
-
-def _fit(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a depth image [H W] m as [108 192] in units of 12 m."""
-    height, width = depth.shape
-    factor = min(_WIDTH / width, _HEIGHT / height)
-    w, h = max(1, round(width * factor)), max(1, round(height * factor))
-    top, left = (_HEIGHT - h) // 2, (_WIDTH - w) // 2
-    small = cv2.resize(depth, (w, h), interpolation=cv2.INTER_NEAREST_EXACT)
-    out = np.zeros((_HEIGHT, _WIDTH), np.float32)
-    out[top : top + h, left : left + w] = small
-    out /= np.float32(_UNIT)
-    return out
 
 
 def _poses(transforms: Array) -> Array:

@@ -14,11 +14,11 @@ pytest.importorskip("torch", reason="training needs PyTorch")
 
 from gcbench.gcpose.learned.abbatematteo import camera_screw
 from gcbench.gcpose.networks.abbatematteo import CONFIGURATION, GEOMETRY, RADIUS
-from gcbench.gcpose.networks.depth_images import fit_depth, fit_intrinsics
 from gcbench.gcpose.training.config import ViewConfig
 from gcbench.gcpose.training.depth_views import View, draw_view, view_depth, view_screws
 from gcbench.gcpose.training.joint_images import JointImages, joint_numbers, view_numbers
 from gcbench.gcpose.training.screws import DepthVideos, relative_screws
+from gcbench.robots.geometry.depth_images import fit_depth, fit_intrinsics
 
 K = np.array([[150.0, 0.0, 95.5], [0.0, 150.0, 53.5], [0.0, 0.0, 1.0]])
 VIEWS = [draw_view(np.random.default_rng(seed), ViewConfig(8.0, (0.7, 1.4), seed % 2))

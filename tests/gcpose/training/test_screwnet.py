@@ -25,7 +25,6 @@ torch = pytest.importorskip("torch", reason="training needs PyTorch")
 
 from gcbench.gcpose.learned.screwnet import motion_of_screws  # noqa: E402
 from gcbench.gcpose.networks.abbatematteo import MixtureDensityNetwork  # noqa: E402
-from gcbench.gcpose.networks.depth_images import fit_depth  # noqa: E402
 from gcbench.gcpose.networks.screwnet import ScrewNet  # noqa: E402
 from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weights  # noqa: E402
 from gcbench.gcpose.training import loop, screwnet_task  # noqa: E402
@@ -39,6 +38,7 @@ from gcbench.gcpose.training.screws import (  # noqa: E402
     screw_loss,
 )
 from gcbench.gcpose.training.video_features import VideoFeatures  # noqa: E402
+from gcbench.robots.geometry.depth_images import fit_depth  # noqa: E402
 
 
 def options(data: Path, out: Path, steps: int = 3) -> ScrewNetTraining:

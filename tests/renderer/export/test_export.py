@@ -18,6 +18,7 @@ import tarfile
 import tracemalloc
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -27,7 +28,6 @@ import trimesh
 from gcbench import GcbenchError, open_dataset
 from gcbench.__main__ import main
 from gcbench.errors import DatasetError, StorageError
-from gcbench.gcpose.networks.depth_images import fit_depth
 from gcbench.renderer.dataset.reader import Dataset, select_sequences
 from gcbench.renderer.export import kitti as export_kitti
 from gcbench.renderer.export.bop_models import size_of
@@ -38,6 +38,7 @@ from gcbench.renderer.runtime.zip_archive import Archive, open_archive
 from gcbench.renderer.scene.config import RenderConfig
 from gcbench.renderer.types.sequence import Sequence
 from gcbench.robots.files.lock import lock_folder
+from gcbench.robots.geometry.depth_images import fit_depth
 
 from ...support import analytic, bench_data, one_joint
 
@@ -772,6 +773,19 @@ def pose(values: np.ndarray) -> np.ndarray:
     """[4 4] of x y z, qw qx qy qz."""
     return trimesh.transformations.translation_matrix(values[:3]) @ (
         trimesh.transformations.quaternion_matrix(values[3:]))
+
+
+def test_screwnet_images_are_those_that_our_networks_see(doors: Dataset, tmp_path: Path) -> None:
+    """Also where a pixel's centre is between two of the large image."""
+    h5py = pytest.importorskip("h5py")
+    from gcbench.renderer.export.screwnet import ScrewNetData
+
+    depth = np.random.default_rng(0).uniform(1, 3, (17, 288, 384)).astype(np.float32)
+    archive = SimpleNamespace(path=Path("000000.zip"))
+    sequence = dataclasses.replace(doors[0], depth=depth)
+    ScrewNetData(tmp_path, doors).add(sequence, archive)  # type: ignore[arg-type]
+    with h5py.File(tmp_path / "objects/000000.hdf5", "r") as file:
+        np.testing.assert_array_equal(file["depth_imgs"], fit_depth(depth[:16]))
 
 
 def test_screwnet(doors: Dataset, tmp_path: Path) -> None:

@@ -1,11 +1,11 @@
-"""Depth images as the learned baselines see them."""
+"""Depth images as the learned baselines, and the published code of ScrewNet, see them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...robots.geometry import Array
+from .transforms import Array
 
 DEPTH_WIDTH, DEPTH_HEIGHT = 192, 108
 """Size of the depth images, px."""
