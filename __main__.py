@@ -110,6 +110,12 @@ def _run(name: str, args: Sequence[str]) -> int:
     if name == "--completion":
         return _say(command_line.completion_script(COMMANDS, " ".join(args)))
     function = COMMANDS.get(name)
+    if function is None and (within := [k for k in COMMANDS if k.startswith(f"{name} ")]):
+        if args and args[0] in ("-h", "--help"):
+            lines = [f"  {k:18} {(COMMANDS[k].__doc__ or k).splitlines()[0]}" for k in within]
+            return _say("\n".join([f"usage: gcbench {name} NAME [OPTIONS]", "", *lines]))
+        given = " ".join([name, *args[:1]])
+        raise gb.ConfigError(f"no command {given!r}; there are {', '.join(within)}")
     if function is None:
         known = f"{suggestion(name, COMMANDS)}; there are {', '.join(COMMANDS)}"
         raise gb.ConfigError(f"no command {name!r}{known}")

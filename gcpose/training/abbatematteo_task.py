@@ -3,9 +3,10 @@
 # pyright: basic
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import ClassVar, cast
 
 import numpy as np
 
@@ -25,6 +26,8 @@ class AbbatematteoTask(ObjectTask):
 
     config: AbbatematteoTraining
     name: str = "abbatematteo"
+    units: ClassVar[Mapping[str, str]] = {
+        "displacement": "deg or m", "position": "deg or m", "axis": "deg"}
     layers: tuple[str, ...] = ("coordinates",)
 
     def make_network(self) -> nn.Module:

@@ -84,7 +84,8 @@ class TrainConfig:
     run that was stopped continues from there. Its --steps and --held-out may change, and how it is
     computed (--workers, --threads, --device); with other data or options it is refused."""
     start_from: Path | None = None
-    """Weights with which a new run begins (a run in OUT continues from its own); default: random
+    """Weights with which a new run begins (a run in OUT continues from its own): a file, or the
+    name of weights of this network that come with gcbench, such as microwave; default: random
     weights."""
     held_out: tuple[Path, ...] = ()  # Datasets on which the errors are measured.
     steps: int = 10_000  # 0 measures the errors without training.

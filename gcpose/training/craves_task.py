@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class CravesTask(TrainingTask):
     config: CravesTraining
     name: str = "craves"
     unit: str = "pck: share of errors within 0.2 of the keypoints' box; errors in px of the image"
+    units: ClassVar[Mapping[str, str]] = {"pck": "%", "pixels": "px", "median": "px"}
 
     def check_options(self) -> None:
         super().check_options()

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ...robots.files import write_atomically
@@ -24,8 +25,13 @@ Curve = Sequence[tuple[int, float]]
 """Values by step"""
 
 
-def write_curves(log: Path, page: Path, title: str) -> None:
-    """Draw the loss, and each error on held-out data, of a log over the steps."""
+def write_curves(
+    log: Path, page: Path, title: str, units: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Draw the loss, and each error on held-out data, of a log over the steps.
+
+    `units` are those of the errors, by name.
+    """
     charts: dict[str, dict[str, list[tuple[int, float]]]] = {}
     records: list[dict[str, Any]] = [json.loads(line) for line in log.read_text().splitlines()]
     folders = {str(record["held_out"]) for record in records if "held_out" in record}
@@ -41,7 +47,8 @@ def write_curves(log: Path, page: Path, title: str) -> None:
                 (step, float("nan" if loss is None else loss)))
         for name, scores in record.items() if folder else ():
             for metric, value in scores.items():
-                chart = charts.setdefault(f"{metric}, {folder}", {})
+                unit = f" ({units[metric]})" if metric in units else ""
+                chart = charts.setdefault(f"{metric}{unit}, {folder}", {})
                 chart.setdefault(name, []).append(
                     (step, float("nan" if value is None else value)))
     drawn = "\n".join(f"<h2>{escape(name)}</h2>\n{draw_chart(curves)}"

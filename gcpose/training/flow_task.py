@@ -3,9 +3,10 @@
 # pyright: basic
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,6 +30,8 @@ class FlowTask(TrainingTask):
     config: FlowTraining
     name: str = "raft"
     unit: str = "px on moving parts"
+    units: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("epe", "median", "bias", "bias_by_size", "speed"), "px")
     _checks: dict[Path, HeldOutPairs] = field(default_factory=dict)
 
     def check_options(self) -> None:

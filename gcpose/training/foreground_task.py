@@ -3,9 +3,10 @@
 # pyright: basic
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class ForegroundTask(TrainingTask):
     config: ForegroundTraining
     name: str = "foreground"
     unit: str = "iou: %, a mean over the sequences; worst: that of the worst tenth of them"
+    units: ClassVar[Mapping[str, str]] = {"iou": "%", "worst": "%"}
 
     def make_network(self) -> nn.Module:
         return ForegroundNet(FOREGROUND_CHANNELS)

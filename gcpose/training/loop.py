@@ -39,7 +39,7 @@ from .data import (
     render_datasets,
     warn_of_leaks,
 )
-from .run_options import keep_options
+from .run_options import keep_options, refuse_other_network
 from .task import Samples, Scores, TrainingTask
 
 _LOGGED = 20  # steps from one line of the log to the next
@@ -80,7 +80,8 @@ class _Run:
             record = {"held_out": str(folder), **scores}
             if _log_line(at, record) not in there:
                 self.write(at, **record)
-        write_curves(self.log, self.task.config.out / "curves.html", self.task.name)
+        write_curves(self.log, self.task.config.out / "curves.html", self.task.name,
+                     self.task.units)
         return out
 
 
@@ -115,6 +116,8 @@ def train(task: TrainingTask) -> dict[str, Scores]:
     config.out.mkdir(parents=True, exist_ok=True)
     with lock_folder(config.out):
         remove_leftovers(config.out)
+        if has_checkpoint(config.out):
+            refuse_other_network(config.out, task.name)
         if config.steps:
             keep_options(config, given, has_checkpoint(config.out))
         at = read_checkpoint(config.out, network, run.optimizer)

@@ -40,6 +40,8 @@ class ObjectTask(TrainingTask):
             raise ConfigError(f"--width {c.width}: give a multiple of 8 from 8 to 64")
         if unknown := sorted(set(c.classes) - set(CATEGORIES)):
             raise ConfigError(f"--classes {unknown[0]}: there are {', '.join(CATEGORIES)}")
+        if len(set(c.classes)) < len(c.classes):
+            raise ConfigError(f"--classes {' '.join(c.classes)}: give each class once")
         if not c.classes:
             raise ConfigError(f"--classes: give one or more of {', '.join(CATEGORIES)}")
 

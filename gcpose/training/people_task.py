@@ -3,8 +3,10 @@
 # pyright: basic
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,6 +30,8 @@ class PeopleTask(ForegroundTask):
     unit: str = ("%, means over the sequences; iou: overlap with a person; worst: that of the "
                  "worst tenth; lost: share of the object that is taken for a person; alone: the "
                  "same with no person in the images")
+    units: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("iou", "worst", "lost", "alone"), "%")
 
     def open_samples(self, folders: list[Path], network: nn.Module) -> Samples:
         return PeopleVideos(folders, self.config)

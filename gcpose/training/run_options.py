@@ -42,6 +42,13 @@ def keep_options(config: TrainConfig, data: list[Path], continues: bool) -> None
     write_atomically(path, dump_json({**mine, "datasets": now}))
 
 
+def refuse_other_network(out: Path, name: str) -> None:
+    """Raise ConfigError if a folder holds a run of another network than `name`."""
+    there = {path.stem for path in out.glob("*.safetensors")} - {"checkpoint"}
+    if there and name not in there:
+        raise ConfigError(f"{out} holds a run of {min(there)}; name another --out for {name}")
+
+
 def _refuse_other_data(out: Path, then: dict[str, Any], now: dict[str, str]) -> None:
     for folder in dict.fromkeys([*then, *now]):
         if then.get(folder) != now.get(folder):

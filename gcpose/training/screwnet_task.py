@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import ClassVar, cast
 
 import numpy as np
 
@@ -30,6 +30,8 @@ class ScrewNetTask(ObjectTask):
 
     config: ScrewNetTraining
     name: str = "screwnet"
+    units: ClassVar[Mapping[str, str]] = {
+        "angle": "deg", "slide": "m", "direction": "deg", "line": "m"}
 
     def check_options(self) -> None:
         super().check_options()

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from ...renderer.types import Meta
 from ..networks.torch_runtime import Tensor, nn, torch
@@ -57,6 +57,8 @@ class TrainingTask(ABC):
     """Of the network, and of its file of weights."""
     unit: str = ""
     """Of the errors on held-out data."""
+    units: ClassVar[Mapping[str, str]] = {}
+    """The same, by the name of the metric, for the headings of curves."""
 
     def check_options(self) -> None:
         """Raise ConfigError if options are out of range, or do not fit the network."""

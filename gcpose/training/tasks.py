@@ -3,6 +3,9 @@
 # pyright: basic
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 from ...errors import ConfigError
 from .abbatematteo_task import AbbatematteoTask
 from .config import (
@@ -24,6 +27,7 @@ from .people_task import PeopleTask
 from .screwnet_task import ScrewNetTask
 from .task import Scores, TrainingTask
 
+_WEIGHTS = Path(__file__).parents[1] / "weights"
 _TASKS: dict[type[TrainConfig], type[TrainingTask]] = {
     FlowTraining: FlowTask, ForegroundTraining: ForegroundTask, PeopleTraining: PeopleTask,
     ScrewNetTraining: ScrewNetTask, AbbatematteoTraining: AbbatematteoTask,
@@ -32,11 +36,31 @@ _TASKS: dict[type[TrainConfig], type[TrainingTask]] = {
 
 
 def task_of(config: TrainConfig) -> TrainingTask:
-    """Return the task of a network's options."""
+    """Return the task of a network's options.
+
+    Raises:
+        ConfigError: If there is no network with such options, or there are no such weights to
+            start from.
+    """
     kind = type(config)
     if kind not in _TASKS:
         raise ConfigError(f"{kind.__name__} are options of no network")
-    return _TASKS[kind](config)
+    task = _TASKS[kind](config)
+    start = config.start_from
+    if start is None or start.suffix or start.exists():
+        return task
+    return replace(task, config=replace(config, start_from=_find_start(str(start), task.name)))
+
+
+def _find_start(weights: str, network: str) -> Path:
+    """Return the file of weights that come with gcbench by their name."""
+    files = {file.stem.removeprefix(f"{network}-"): file
+             for pattern in (f"{network}-*", network)
+             for file in _WEIGHTS.glob(f"{pattern}.safetensors")}
+    if weights not in files:
+        raise ConfigError(f"no file and no weights of gcbench: {weights}; --start-from takes a "
+                          f"file, or one of {', '.join(sorted(files))}")
+    return files[weights]
 
 
 def run_training(config: TrainConfig) -> str:

@@ -23,5 +23,6 @@ __all__ = [
     "DEPTH_HEIGHT", "Array", "apply", "face_normals", "fit_depth", "fit_intrinsics",
     "hull_vertices", "inverse", "move_screw", "nearest_rotation", "pinhole",
     "prismatic_motion", "quaternion_from_rotation", "revolute_motion", "rotation_about",
-    "rotation_from_quaternion", "rotation_from_rpy", "se3", "smooth_corners", "transform", "valid_normals",
+    "rotation_from_quaternion", "rotation_from_rpy", "se3", "smooth_corners",
+    "transform", "valid_normals",
 ]

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from gcbench import GcbenchError
 from gcbench.__main__ import main
-from gcbench.gcpose.training.config import AbbatematteoTraining
+from gcbench.gcpose.training.config import CONFIGS, AbbatematteoTraining, FlowTraining
 
 from ...support.one_joint import dataset
 
@@ -25,6 +25,7 @@ from gcbench.gcpose.networks.weights import read_notes, read_tensors, write_weig
 from gcbench.gcpose.training import loop  # noqa: E402
 from gcbench.gcpose.training.abbatematteo_task import AbbatematteoTask  # noqa: E402
 from gcbench.gcpose.training.data import PlannedDataset, warn_of_leaks  # noqa: E402
+from gcbench.gcpose.training.tasks import task_of  # noqa: E402
 
 
 def options(data: Path, out: Path, steps: int = 1) -> AbbatematteoTraining:
@@ -211,3 +212,49 @@ def test_sigterm_saves_the_steps_that_are_made(
     assert read_tensors(out / "checkpoint.safetensors")["at"][0] == 3  # the step is whole
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
     assert main(line.split()) == 0
+
+
+def test_a_folder_with_a_run_of_another_network_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, out = dataset(tmp_path / "d", 1), tmp_path / "out"
+    loop.train(AbbatematteoTask(options(data, out)))
+    for steps in "0", "1":
+        line = (f"train screwnet --data {data} --held-out {data} --out {out} --steps {steps} "
+                "--width 8 --frames 4 --device cpu")
+        capsys.readouterr()
+        assert main(line.split()) == 2
+        said = capsys.readouterr().err
+        assert f"{out} holds a run of abbatematteo; name another --out for screwnet" in said
+
+
+def test_a_training_starts_from_weights_of_gcbench_by_their_name(tmp_path: Path) -> None:
+    def start(name: str) -> str | None:
+        config = AbbatematteoTraining(start_from=Path(name), out=tmp_path)
+        return str(task_of(config).config.start_from)
+
+    found = start("microwave")
+    assert found is not None and found.endswith("weights/abbatematteo-microwave.safetensors")
+    assert start("own.safetensors") == "own.safetensors"
+    flow = task_of(FlowTraining(start_from=Path("raft"))).config.start_from
+    assert flow is not None and flow.name == "raft.safetensors"
+    with pytest.raises(GcbenchError, match=r"no file and no weights of gcbench: fridge; .* oven"):
+        start("fridge")
+
+
+def test_curves_have_units(tmp_path: Path) -> None:
+    data, out = dataset(tmp_path / "d", 1), tmp_path / "out"
+    loop.train(AbbatematteoTask(replace(options(data, out), held_out=(data,))))
+    page = (out / "curves.html").read_text()
+    assert "<h2>axis (deg), d</h2>" in page and "<h2>loss, d</h2>" in page
+
+
+def test_the_networks_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "--help"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"  train {name} " in said for name in CONFIGS) and "usage: gcbench train" in said
+    for args in [], ["fridge"]:
+        assert main(["train", *args]) == 2
+        error = capsys.readouterr().err
+        assert f"no command {' '.join(['train', *args])!r}; there are train flow, " in error
+        assert "render" not in error and error.count("\n") == 1

@@ -459,7 +459,8 @@ def test_the_recipe_is_of_the_train_stream_and_holds_objects_out() -> None:
 @pytest.mark.parametrize(("args", "said"), [
     ("--views.mirror 2", "from 0 to 1"), ("--views.turn 90", "from 0 to 30"),
     ("--views.scale 2 1", "smaller number first"), ("--width 20", "multiple of 8"),
-    ("--classes fridge", "there are"), ("--dropped 1", "from 0 to 0.99"),
+    ("--classes fridge", "there are"), ("--classes oven oven", "give each class once"),
+    ("--dropped 1", "from 0 to 0.99"),
     ("--rate-decay 1.5", "from 0 to 1"), ("--freeze-features 2", "from 0 to 1"),
     ("--feature-views 2", "add --freeze-features 1"),
     ("--frames 1", "--frames 1: give a number of 2 or more"),
