@@ -140,7 +140,7 @@ def lines_of(folder: RunFolder, scores: pandas.DataFrame) -> list[Line]:
 def _line(
     folder: RunFolder, unit: str, finals: pandas.DataFrame, scores: pandas.DataFrame
 ) -> Line:
-    mine = scores[scores["joint"].isin({"", *finals["joint"]})]
+    mine = scores.loc[scores["joint"].isin({"", *finals["joint"]}), :]
     of = {str(metric): rows for metric, rows in mine.groupby("metric", observed=True)}
     value = {metric: dict(zip(_pairs(of[metric]), of[metric]["value"], strict=True))
              for metric in ("covered", "sigma", "reliable", *CONDITIONS) if metric in of}
