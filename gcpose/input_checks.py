@@ -15,6 +15,11 @@ _KINDS = ("revolute", "continuous", "prismatic")
 _TYPES = {"u": "uint8 (0 to 255)", "f": "floats", "b": "booleans", "biu": "integers",
           "fiu": "real numbers"}
 """Words for sets of kinds of data types."""
+_FIXES = {
+    "depth": ", in meters; of millimeters: depth.astype(numpy.float32) / 1000",
+    "mask": "; of integers: mask > 0"}
+"""What makes a known array right."""
+_MOST_DEPTH, _MOST_NOISE = 100.0, 1.0  # m; of half of the pixels, and its standard deviation
 _UNIT = 1e-3
 """Largest difference of the length of an axis from 1."""
 
@@ -24,7 +29,7 @@ def check_observation(observation: Observation) -> Observation:
 
     Raises:
         MethodError: If its arrays do not fit together, an axis is no unit vector, or the camera has
-            a skew.
+            a skew; or if depth cannot be in meters, or comes without rgb.
     """
     o = observation
     _check_joints(o)
@@ -34,7 +39,7 @@ def check_observation(observation: Observation) -> Observation:
     if images is None:
         return o
     _check_array("depth" if o.rgb is None else "rgb", images)
-    _check("times", o.times, (np.shape(o.times) or (len(images),))[:1], "fiu")
+    _check("times", o.times, (len(images),), "fiu")
     size = (len(o.times), *np.shape(images)[1:3])
     known: list[tuple[str, NDArray[Any] | None, str, tuple[int, ...]]] = [
         ("rgb", o.rgb, "u", (*size, 3)), ("depth", o.depth, "f", size),
@@ -50,9 +55,27 @@ def check_observation(observation: Observation) -> Observation:
         raise MethodError(f"gcpose needs rgb as uint8 (0 to 255), not {o.rgb.dtype}")
     if o.part is not None and o.part.max() > o.n_joints:
         raise MethodError(f"gcpose needs parts 0 to {o.n_joints}, not {o.part.max()}")
-    if o.depth is None or np.isfinite(o.depth).all():
+    if o.depth is None:
         return o
-    return replace(o, depth=np.where(np.isfinite(o.depth), o.depth, 0).astype(o.depth.dtype))
+    if o.rgb is None:
+        raise MethodError("gcpose needs rgb, also with depth")
+    finite = np.isfinite(o.depth)
+    if not finite.all():
+        o = replace(o, depth=np.where(finite, o.depth, 0).astype(o.depth.dtype))
+    _check_depth(o)
+    return o
+
+
+def _check_depth(o: Observation) -> None:
+    noise = o.depth_noise
+    if not (np.issubdtype(type(noise), np.number) and 0 <= noise < _MOST_NOISE):
+        raise MethodError(f"gcpose needs a depth_noise from 0 (exact) to {_MOST_NOISE:g} m, not "
+                          f"{noise}")
+    assert o.depth is not None
+    seen = o.depth[0][o.depth[0] > 0]
+    if seen.size and float(np.median(seen)) > _MOST_DEPTH:
+        raise MethodError(f"gcpose needs depth in meters, not {np.median(seen):g} for half of the "
+                          "pixels; divide millimeters by 1000")
 
 
 def _check_joints(o: Observation) -> None:
@@ -107,10 +130,11 @@ def _check(
         raise MethodError(f"gcpose needs {name} of shape {list(shape)}, not {array.dtype} "
                           f"{list(array.shape)}")
     if array.dtype.kind not in kinds:
-        raise MethodError(f"gcpose needs {name} as {_TYPES[kinds]}, not {array.dtype}")
+        raise MethodError(f"gcpose needs {name} as {_TYPES[kinds]}, not {array.dtype}"
+                          + _FIXES.get(name, ""))
 
 
 def _check_array(name: str, array: object) -> None:
     if not isinstance(array, np.ndarray):
         raise MethodError(f"gcpose needs {name} as one NumPy array, not {type(array).__name__}; "
-                          "numpy.stack makes one of a list")
+                          "numpy.array makes one of a list")

@@ -102,6 +102,9 @@ class GCPose:
     def estimate(self, observation: Observation, object_depth: float | None = None) -> Estimate:
         """Estimate the motion of one sequence (Sec. 3.2 to 3.4); zero where nothing moves.
 
+        With depth, the camera must stand still, and depth must be aligned with the images and taken
+        at the same time: this is not checked, and a wrong motion may be called reliable.
+
         Plain video has no unit of length, which joints that slide need. Known lines of axes give
         it; so does `object_depth`: the depth (z in the camera frame) of what moves in frame 0, m.
 
@@ -109,8 +112,9 @@ class GCPose:
             ConfigError: If `object_depth` is not a positive length.
             MethodError: If the video cannot be used, or the observation does not fit together.
         """
-        if object_depth is not None and not 0 < object_depth < np.inf:
-            raise ConfigError(f"object_depth={object_depth:g}: give a positive length, m")
+        if object_depth is not None and not (
+                np.issubdtype(type(object_depth), np.number) and 0 < object_depth < np.inf):
+            raise ConfigError(f"object_depth={object_depth}: give a positive length, m")
         with threadpool_limits(1, "blas"):  # on small matrices its threads only wait
             return self._estimate(check_observation(observation), object_depth)
 

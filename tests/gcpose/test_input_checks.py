@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gcbench import MethodError
+from gcbench import ConfigError, MethodError
 from gcbench.gcpose.input_checks import check_observation
 from gcbench.gcpose.method import GCPose
 from gcbench.renderer.types.observation import Observation
@@ -43,18 +43,24 @@ IMAGES = np.zeros((FRAMES, HEIGHT, WIDTH))
     ({"intrinsics": SKEW}, "without skew, not 26 px; undistort"),
     ({"intrinsics": 0 * INTRINSICS}, "focal lengths above 0"),
     ({"cam_from_world": np.full((4, 4), np.inf)}, "a finite cam_from_world"),
-    ({"times": np.arange(3.0)}, r"rgb of shape \[3, 180, 240, 3\], not uint8 \[8, "),
+    ({"times": np.arange(3.0)}, r"times of shape \[8\], not float64 \[3\]"),
     ({"depth": IMAGES[:5]}, r"depth of shape \[8, 180, 240\], not float64 \[5, "),
     ({"depth": IMAGES[:, ::2, ::2]}, r"depth of shape .* not float64 \[8, 90, 120\]"),
     ({"rgb": IMAGES}, r"rgb of shape \[8, 180, 240, 3\]"),
     ({"rgb": np.zeros((*IMAGES.shape, 3), np.uint16)}, r"rgb as uint8 \(0 to 255\), not uint16"),
     ({"rgb": np.zeros((*IMAGES.shape, 3))}, r"rgb as uint8 \(0 to 255\), not float64"),
     ({"rgb": [IMAGES[0].astype(np.uint8)] * FRAMES}, "rgb as one NumPy array, not list"),
-    ({"depth": list(IMAGES)}, "depth as one NumPy array, not list; numpy.stack "),
+    ({"depth": list(IMAGES)}, "depth as one NumPy array, not list; numpy.array "),
     ({"intrinsics": None}, r"needs intrinsics \[3, 3\]; they are missing"),
     ({"intrinsics": INTRINSICS.tolist()}, "intrinsics as one NumPy array, not list"),
     ({"times": None}, r"needs times \[8\]; they are missing"),
     ({"part": IMAGES.astype(np.uint8) + 3}, "parts 0 to 2, not 3"),
+    ({"depth": IMAGES + 1500.0}, "in meters, not 1500 .* divide millimeters by 1000"),
+    ({"depth": IMAGES.astype(np.uint16)}, r"not uint16, in meters; .*numpy.float32\) / 1000"),
+    ({"mask": IMAGES.astype(np.uint8)}, "mask as booleans, not uint8; of integers: mask > 0"),
+    ({"rgb": None}, "needs rgb, also with depth"),
+    *[({"depth_noise": wrong}, r"depth_noise from 0 \(exact\) to 1 m, not ")
+      for wrong in (-0.01, 20, np.nan, np.inf, None, "a")],
     ({"flow": IMAGES}, r"flow of shape \[7, 180, 240, 2\]"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused(
@@ -74,3 +80,9 @@ def test_depth_that_is_not_finite_is_no_surface(arm: Observation, value: float) 
     found = check_observation(other).depth
     assert found is not None and found.dtype == np.float32
     np.testing.assert_array_equal(found, zero.depth)
+
+
+@pytest.mark.parametrize("wrong", [0, -1.0, np.nan, "1.4"])
+def test_the_depth_of_an_object_is_a_positive_length(arm: Observation, wrong: Any) -> None:
+    with pytest.raises(ConfigError, match="give a positive length, m"):
+        GCPose().estimate(arm, wrong)
