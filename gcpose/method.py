@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..errors import ConfigError
+from ..errors import ConfigError, MethodError
 from ..renderer.types import Estimate, Inputs, Knowledge, Observation
 from ..robots.geometry import Array
 from .chain import JointPriors, joint_priors, screws_of
@@ -110,13 +110,18 @@ class GCPose:
 
         Raises:
             ConfigError: If `object_depth` is not a positive length.
-            MethodError: If the video cannot be used, or the observation does not fit together.
+            MethodError: If the video cannot be used, too little of what moves is seen, or the
+                observation does not fit together.
         """
         if object_depth is not None and not (
                 np.issubdtype(type(object_depth), np.number) and 0 < object_depth < np.inf):
             raise ConfigError(f"object_depth={object_depth}: give a positive length, m")
         with threadpool_limits(1, "blas"):  # on small matrices its threads only wait
-            return self._estimate(check_observation(observation), object_depth)
+            try:
+                return self._estimate(check_observation(observation), object_depth)
+            except np.linalg.LinAlgError as error:
+                raise MethodError("gcpose sees too little of what moves to estimate it "
+                                  f"({error}); use larger images") from error
 
     def find_focal_length(self, observation: Observation) -> float | None:
         """Return the focal length of the camera of a plain video of a door or a drawer, px, by its

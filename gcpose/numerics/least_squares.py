@@ -44,7 +44,7 @@ class Solver:
         """Solve matrix [... U U] @ step = vector [... U]; the step is 0 where frozen [U].
 
         Damping is computed from `diagonal` [... U], by default the matrix's: a Schur complement is
-        damped by the diagonal before the elimination. A singular matrix gives no step.
+        damped by the diagonal before the elimination.
         """
         if frozen is not None and frozen.any():
             free = np.flatnonzero(~frozen)
@@ -59,10 +59,7 @@ class Solver:
         each = np.arange(vector.shape[-1])
         damped = matrix.copy()
         damped[..., each, each] += self.damping * size + self.damping_floor
-        try:
-            out = np.linalg.solve(damped, vector[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            return np.zeros(vector.shape)
+        out = np.linalg.solve(damped, vector[..., None])[..., 0]
         if self.scaled:
             longest = np.abs(out).max(axis=-1, keepdims=True, initial=1e-12)
             return out * np.minimum(1.0, self.max_step / longest)

@@ -35,8 +35,10 @@ def find_lost_frames(evidence: RgbEvidence, hypothesis: VideoHypothesis) -> NDAr
 
 
 def find_doubtful_frames(evidence: RgbEvidence, hypothesis: VideoHypothesis) -> NDArray[np.bool_]:
-    """Return which frames [T] are lost, or contradicted by the straight edges of a door."""
-    return find_lost_frames(evidence, hypothesis) | judge_by_edges(evidence, hypothesis)[1]
+    """Return which frames [T] after frame 0 are lost, or contradicted by the straight edges of a
+    door."""
+    doubtful = find_lost_frames(evidence, hypothesis) | judge_by_edges(evidence, hypothesis)[1]
+    return doubtful & (np.arange(len(doubtful)) > 0)
 
 
 def frames_without_path(

@@ -58,27 +58,27 @@ def search_video(evidence: RgbEvidence) -> SearchResult | None:
         return None
     last = refine_last(evidence, [h for some in best for h in some])
     search = np.repeat(np.arange(len(best)), [len(some) for some in best])
-    first, scores, alone = choose_motion(last, search, s)
+    first, scores, agreed = choose_motion(last, search, s)
     if evidence.joints == 1 and find_doubtful_frames(evidence, last[first]).any():
         last, searches = thread_map(partial(relocalize, evidence), last), []  # others are lost too
-        first, scores, alone = choose_motion(last, search, s)
+        first, scores, agreed = choose_motion(last, search, s)
     others = [other for found in searches for other in compare_scores(found, map(score, found))]
     others += compare_scores(last, scores)
     others = [other for other in others if other[0] is not last[first].state]
-    return SearchResult(last[first], others, alone)
+    return SearchResult(last[first], others, len(best) > 1 and not agreed)
 
 
 def choose_motion(
     last: list[VideoHypothesis], search: NDArray[np.int64], settings: RgbSettings
 ) -> tuple[int, list[float], bool]:
-    """Return the index of the best of N motions, the scores of all, and whether there were several
-    searches of which no other has found it; `search` [N] tells which search found each."""
+    """Return the index of the best of N motions, the scores of all, and whether another search has
+    found it as well; `search` [N] tells which search found each."""
     s = settings
     agreeing = count_agreeing(np.stack([h.state.angle[-1] for h in last]), search, s.agreement)
     scores = [score_hypothesis(h, s) - s.score_agreement * n
               for h, n in zip(last, agreeing, strict=True)]
     first = int(np.argmin(scores))
-    return first, scores, bool(search.max() > 0 and agreeing[first] == 0)
+    return first, scores, bool(agreeing[first] > 0)
 
 
 def count_agreeing(

@@ -86,3 +86,12 @@ def test_depth_that_is_not_finite_is_no_surface(arm: Observation, value: float) 
 def test_the_depth_of_an_object_is_a_positive_length(arm: Observation, wrong: Any) -> None:
     with pytest.raises(ConfigError, match="give a positive length, m"):
         GCPose().estimate(arm, wrong)
+
+
+def test_a_motion_of_which_too_little_is_seen_is_refused(
+    arm: Observation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    singular = np.zeros((2, 2))
+    monkeypatch.setattr(GCPose, "_estimate", lambda *_: np.linalg.solve(singular, singular))
+    with pytest.raises(MethodError, match=r"too little of what moves .* use larger images"):
+        GCPose().estimate(arm)

@@ -106,7 +106,3 @@ def test_costs_are_squares_near_zero_and_grow(cost: Callable[[np.ndarray], np.nd
     square = np.geomspace(1e-6, 1e3, 100)
     assert cost(square[:1])[0] == pytest.approx(square[0], rel=1e-5)
     assert (np.diff(cost(square)) >= 0).all() and (cost(square) <= square).all()
-
-
-def test_a_singular_matrix_gives_no_step() -> None:
-    assert not Solver().step(np.zeros((3, 2, 2)), np.ones((3, 2))).any()

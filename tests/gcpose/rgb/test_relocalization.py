@@ -19,6 +19,7 @@ from gcbench.gcpose.rgb.points import InverseDepthPoints
 from gcbench.gcpose.rgb.relocalization import (
     displaced_by_edges,
     displaced_by_patches,
+    find_doubtful_frames,
     find_lost_frames,
     frames_without_path,
 )
@@ -91,6 +92,9 @@ def test_edges_link_frames_and_contradict_links(opened: VideoHypothesis) -> None
     assert not frames_without_path(evidence, opened, none).any()
     evidence.edges = edges_of(turn, 2)  # too few
     assert frames_without_path(evidence, opened, none)[1:].all()
+    evidence.edges = edges_of(turn + np.append(0.3, np.zeros(7)), 3)
+    doubtful = find_doubtful_frames(evidence, opened)  # edges contradict frame 0
+    assert not doubtful[0] and doubtful[1:].all()
     for each, lost in ((3, [7]), (2, [])):
         evidence.edges = edges_of(turn - np.append(np.zeros(7), 0.3), each)
         assert np.flatnonzero(frames_without_path(evidence, opened, every)).tolist() == lost
